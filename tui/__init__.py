@@ -1,1 +1,1 @@
-"""All that a person types or sees in a terminal."""
+"""Command line and screens of ``pfwd``: everything that is typed or shown in a terminal."""

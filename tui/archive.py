@@ -1,4 +1,8 @@
-"""``pfwd invert`` and ``diagnose`` over folders: by processes or a cluster, to lines or tables."""
+"""``pfwd invert`` and ``pfwd diagnose`` over folders, by processes or a cluster.
+
+An archive is any number of surveys and files. A source is one of them. Results are printed, or
+stored as tables in a folder (option ``--archive``).
+"""
 
 import argparse
 import contextlib
@@ -19,11 +23,11 @@ if TYPE_CHECKING:
     from pfwd.archive.work import Failure, Workers
 
 MAX_PRINTED_FAILURES = 20
-"""The first failures show the cause; all of them are in the tables."""
+"""Largest number of failures that are printed; all of them are in the tables."""
 
 
 def has_folder_of_files(paths: Sequence[str]) -> bool:
-    """Return whether one of the paths is a folder of files instead of a survey."""
+    """Return whether one of the paths is a folder that is not a survey."""
     if not any(map(os.path.isdir, paths)):
         return False
     from pfwd.files.folders import is_survey
@@ -32,11 +36,17 @@ def has_folder_of_files(paths: Sequence[str]) -> bool:
 
 
 def run_over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
-    """Invert or diagnose all named files and those below folders; 1 when one was refused.
+    """Invert or diagnose all named files and all files in named folders.
+
+    Returns
+    -------
+    int
+        1 if a file was refused, or there are none.
 
     Raises
     ------
     OptionError, SurveyError
+        If options contradict each other, or a path does not exist.
     """
     if args.plot:
         options_in_conflict = "--plot with a folder, --archive or --scheduler"
@@ -68,7 +78,7 @@ def _workers(args: argparse.Namespace, options: AnalysisOptions) -> "Workers":
 
 
 def _print_all(args: argparse.Namespace, options: AnalysisOptions, workers: "Workers") -> int:
-    """Print results in the order in which they are finished."""
+    """Print results in the order in which they are computed."""
     from pfwd.archive.run import invert_stream
 
     n_sources = n_failures = 0
@@ -133,7 +143,7 @@ def _summary_lines(summary: "Summary", *, diagnosed: bool) -> Iterator[str]:
 
 
 def _refuse_empty(args: argparse.Namespace, n_sources: int) -> bool:
-    """Report that nothing can be inverted, if there are no sources; return whether it is so."""
+    """Return whether there are no sources, and report it."""
     if n_sources:
         return False
     say(refusal(", ".join(args.files), "a survey, or files with drops in the folder", "none"))

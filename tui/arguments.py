@@ -1,18 +1,20 @@
-"""Types of argument values, and the arguments that several commands share.
+"""Types of option values, and options that several commands share.
 
-A type raises ArgumentTypeError with what it expected. Nothing heavy is imported here.
+A type is a function that converts the text of an option, and raises ArgumentTypeError if the text
+is not what it expects. A function ``add_...`` adds options to a parser. Nothing that takes long to
+import is imported here.
 """
 
 import argparse
 
 Arguments = argparse._ActionsContainer
-"""A parser or one of its groups."""
+"""Parser, or a group of options of a parser."""
 
 PLOT_FORMATS = (".pdf", ".png", ".svg")
 
 
 def integer(text: str) -> int:
-    """Return a whole number."""
+    """Convert a text to a whole number."""
     try:
         return int(text)
     except ValueError:
@@ -20,7 +22,7 @@ def integer(text: str) -> int:
 
 
 def count(text: str) -> int:
-    """Return a whole number of at least 1."""
+    """Convert a text to a whole number of at least 1."""
     value = integer(text)
     if value < 1:
         raise _refused("a whole number from 1", text)
@@ -28,7 +30,7 @@ def count(text: str) -> int:
 
 
 def number(text: str) -> float:
-    """Return a number."""
+    """Convert a text to a number."""
     try:
         return float(text)
     except ValueError:
@@ -36,7 +38,7 @@ def number(text: str) -> float:
 
 
 def not_negative(text: str) -> float:
-    """Return a finite number of at least 0."""
+    """Convert a text to a finite number of at least 0."""
     value = number(text)
     if not 0 <= value < float("inf"):
         raise _refused("a number >= 0", text)
@@ -44,7 +46,7 @@ def not_negative(text: str) -> float:
 
 
 def depth(text: str) -> float | str:
-    """Return a depth in m, or ``none`` or ``unknown``."""
+    """Convert a text to a depth in m, or return ``none`` (also for infinity) or ``unknown``."""
     if text in ("unknown", "none"):
         return text
     try:
@@ -55,7 +57,7 @@ def depth(text: str) -> float | str:
 
 
 def layers(text: str) -> int | str:
-    """Return a number of layers, or ``auto``."""
+    """Convert a text to a number of layers, or return ``auto``."""
     if text == "auto":
         return text
     try:
@@ -65,7 +67,7 @@ def layers(text: str) -> int | str:
 
 
 def thickness(text: str) -> tuple[float, ...] | str:
-    """Return thicknesses in m from the top, separated by commas, or ``unknown``."""
+    """Convert numbers separated by commas to thicknesses in m, or return ``unknown``."""
     if text == "unknown":
         return text
     try:
@@ -75,14 +77,14 @@ def thickness(text: str) -> tuple[float, ...] | str:
 
 
 def report_file(text: str) -> str:
-    """Return the name of a report."""
+    """Return a file name if it ends like a report."""
     if not text.lower().endswith((".html", ".pdf", ".xlsx")):
         raise _refused("a name ending in .html or .pdf, or in .xlsx with --template", text)
     return text
 
 
 def plot_file(text: str) -> str:
-    """Return the name of a picture."""
+    """Return a file name if its ending is one of `PLOT_FORMATS`."""
     if not text.lower().endswith(PLOT_FORMATS):
         raise _refused(f"a name ending in {', '.join(PLOT_FORMATS)}", text)
     return text
@@ -93,18 +95,25 @@ def _refused(expected: str, got: str) -> argparse.ArgumentTypeError:
 
 
 def add_json(parser: Arguments, per: str | None = None) -> None:
-    """Add ``--json``, which prints an object for each `per`, or one object in all."""
+    """Add ``--json``.
+
+    Parameters
+    ----------
+    parser : Arguments
+    per : str, optional
+        What one JSON object describes, as in "one JSON object per drop"; None: there is one object.
+    """
     each = "one JSON object" if per is None else f"one JSON object per {per}"
     parser.add_argument("--json", action="store_true", help=f"print {each}, in SI units")
 
 
 def add_expert_group(parser: argparse.ArgumentParser) -> Arguments:
-    """Add the group of options that everyday work does not need; call it last."""
+    """Add a group for options that everyday work does not need; it comes last in the help."""
     return parser.add_argument_group("expert options")
 
 
 def add_instrument(parser: argparse.ArgumentParser) -> None:
-    """Add what ``live`` and ``log`` both need: port, survey, setup, place and job."""
+    """Add the options that ``live`` and ``log`` share, such as port, survey, setup and point."""
     parser.add_argument(
         "url", metavar="URL", help="port of the instrument: /dev/ttyUSB0, COM3, socket://HOST:PORT"
     )
@@ -133,7 +142,7 @@ def add_instrument(parser: argparse.ArgumentParser) -> None:
 
 
 def add_changed_calibration(parser: Arguments) -> None:
-    """Add the permission to record with a new calibration."""
+    """Add the option to record with an instrument whose calibration has changed."""
     parser.add_argument(
         "--accept-calibration",
         action="store_true",
@@ -142,7 +151,7 @@ def add_changed_calibration(parser: Arguments) -> None:
 
 
 def add_job(parser: Arguments) -> None:
-    """Add the settings of a survey that ``live``, ``log`` and ``job`` store."""
+    """Add the settings of a survey that ``live``, ``log`` and ``job`` can change."""
     parser.add_argument(
         "--target",
         type=number,
@@ -160,7 +169,15 @@ def add_job(parser: Arguments) -> None:
 
 
 def add_analysis(parser: Arguments, expert: Arguments, *, diagnose: bool) -> None:
-    """Add how drops are analysed while they are measured or replayed."""
+    """Add the options for the analysis of drops while they are measured or replayed.
+
+    Parameters
+    ----------
+    parser, expert : Arguments
+        Parser, and its group of expert options.
+    diagnose : bool
+        Default of ``--diagnose``.
+    """
     parser.add_argument("--no-invert", action="store_true", help="record without a modulus")
     parser.add_argument(
         "--diagnose",
@@ -175,7 +192,7 @@ def add_analysis(parser: Arguments, expert: Arguments, *, diagnose: bool) -> Non
 
 
 def add_spare(parser: Arguments) -> None:
-    """Add the folder for drops that the survey cannot store."""
+    """Add the option for the spare folder, which takes drops that the survey cannot store."""
     parser.add_argument(
         "--spare",
         metavar="FOLDER",
@@ -185,7 +202,7 @@ def add_spare(parser: Arguments) -> None:
 
 
 def add_declared(parser: argparse.ArgumentParser) -> None:
-    """Add values that replace those of the files' headers."""
+    """Add the options that replace declarations in the headers of files."""
     group = parser.add_argument_group("declared values, in place of those in the files")
     group.add_argument("--header", metavar="FILE.toml", help="header keys in a file of their own")
     group.add_argument(
@@ -201,7 +218,9 @@ def add_declared(parser: argparse.ArgumentParser) -> None:
 
 
 def add_layers(parser: Arguments, default: str) -> None:
-    """Add number and thickness of the layers of the ground."""
+    """Add the options for number and thickness of the layers of the ground; `default` is for the
+    help.
+    """
     parser.add_argument(
         "--layers",
         type=layers,
@@ -219,7 +238,7 @@ def add_layers(parser: Arguments, default: str) -> None:
 
 
 def add_stored(parser: Arguments) -> None:
-    """Add whether results stored in the survey are read and written."""
+    """Add the options for results stored in the survey: compute again, do not store."""
     parser.add_argument(
         "--refit", action="store_true", help="compute again, even if the survey stores the result"
     )
@@ -227,7 +246,7 @@ def add_stored(parser: Arguments) -> None:
 
 
 def add_archive(parser: Arguments) -> None:
-    """Add the options for many files: tables as output, a cluster."""
+    """Add the options for many files: tables as output, computation on a cluster."""
     parser.add_argument(
         "--archive",
         metavar="OUT",
@@ -242,20 +261,20 @@ def add_archive(parser: Arguments) -> None:
 
 
 def add_seed(parser: Arguments) -> None:
-    """Add the seed of everything random."""
+    """Add the option for the seed of random numbers."""
     parser.add_argument(
         "--seed", type=integer, metavar="S", default=0, help="seed of random numbers (default: 0)"
     )
 
 
 def add_jobs(parser: Arguments) -> None:
-    """Add the number of processes."""
+    """Add the option for the number of processes."""
     parser.add_argument(
         "--jobs", type=count, metavar="N", default=1, help="number of processes (default: 1)"
     )
 
 
 def add_plot(parser: Arguments) -> None:
-    """Add the name of a picture."""
+    """Add the option for the file of a plot."""
     formats = ", ".join(PLOT_FORMATS)
     parser.add_argument("--plot", type=plot_file, metavar="FILE", help=f"draw a plot ({formats})")

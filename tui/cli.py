@@ -1,7 +1,7 @@
-"""The console command ``pfwd``: parse the arguments, run a command, return the exit status.
+"""Console command ``pfwd``: parses the arguments, runs a command, returns the exit status.
 
-Nothing heavy is imported here: ``pfwd --help`` has to answer at once. The module of a command is
-imported when the command is used.
+Modules that take long to import are not imported here, so that ``pfwd --help`` answers at once. The
+module of a command is imported when the command is used.
 """
 
 import atexit
@@ -23,25 +23,30 @@ SUCCESS, REFUSED, USAGE = 0, 1, 2
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run ``pfwd`` with arguments (default: those of the process) and return its exit status.
+    """Run ``pfwd`` and return its exit status.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments; None: those of the process.
 
     Returns
     -------
     int
-        0 done, also after SIGINT or SIGTERM; 1 data refused; 2 wrong usage.
+        0 done, also after SIGINT or SIGTERM; 1 data refused; 2 wrong usage; 3 device lost.
     """
-    # A letter that the console cannot show is replaced, not an error.
+    # A character that the console cannot show is replaced; otherwise printing it would raise.
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError):
             stream.reconfigure(errors=SPELLING)  # type: ignore[union-attr]
     command = ""
     # Warnings of plug-ins are printed at the end, as messages.
     warnings.simplefilter("ignore", pfwd_plugins.PluginWarning)
-    # On a disk without locks the file itself is the lock; a user need not know.
+    # On a disk without locks, filelock uses the existence of the file, which works as well.
     warnings.filterwarnings("ignore", message="flock not supported", category=UserWarning)
     try:
         with stopped_by_signals(), children_shielded():
-            # Parsing imports the module of the command, which must not be interrupted either.
+            # Within the block, because parsing imports the module of the command.
             args = build_parser().parse_args(argv)
             command = args.command
             if command is None:
@@ -54,8 +59,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         status = SUCCESS
     except Exception as err:
         if _is_closed_pipe(err):
-            # The reader needs no more. The buffer is discarded; Python would report an error when
-            # it ends.
+            # The program behind the pipe has ended. The rest of the output is discarded, because
+            # Python would report an error at its end.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return SUCCESS
         if os.environ.get("PFWD_DEBUG"):
@@ -64,14 +69,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         status = USAGE if isinstance(err, OptionError) else REFUSED
     for remark in pfwd_plugins.remarks():
         say(remark)
-    # Registered last, called first: an interrupt while Python ends would change the exit status
-    # though the work is finished.
+    # Registered last and therefore called first: an interrupt while Python ends would change the
+    # exit status although the work is finished.
     atexit.register(ignore_signals)
     return status
 
 
 def _is_closed_pipe(err: Exception) -> bool:
-    if os.name == "nt":  # where a closed pipe is an invalid argument
+    if os.name == "nt":  # Windows reports a closed pipe as an invalid argument
         return isinstance(err, OSError) and err.errno == errno.EINVAL
     return isinstance(err, BrokenPipeError)
 
@@ -83,5 +88,5 @@ def _explain(err: Exception, command: str) -> str:
         return f"{command}: {err.filename or 'input or output'}: {err.strerror or err}"
     return (
         f"{command}: an unexpected error, please report it: {type(err).__name__}: {err} "
-        "(PFWD_DEBUG=1 shows where)"
+        "(set PFWD_DEBUG=1 to see where)"
     )

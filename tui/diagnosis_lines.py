@@ -1,7 +1,7 @@
 """Text of diagnoses: what a modulus may be used for, the effects, and what to do in the field.
 
-`diagnosis_lines` describes a single point. `survey_lines` is a table of several points, a line for
-each, with the advice below it.
+`diagnosis_lines` describes one point. `survey_lines` is a table of several points with one line for
+each, followed by advice. "Before" is the fit of the base model alone, "after" the fit with effects.
 """
 
 import itertools
@@ -32,10 +32,10 @@ WIDTH, SCREEN_LINES = 120, 40
 shown below it if both fit the height."""
 
 MAX_EFFECTS_IN_TABLE = 2
-"""Number of effects of a point in the table of a survey; the strongest come first."""
+"""Largest number of effects of a point in the table; the strongest ones are shown."""
 
 MIN_COLUMN = 10
-"""Characters that a wrapped column of the table has at least."""
+"""Smallest width of a wrapped column of the table, characters."""
 
 _GAP = "  "
 """Blanks between two columns."""
@@ -58,20 +58,16 @@ _ACTIONS = {
 }
 
 _MIN_MODULUS_DIFFERENCE = 0.02
-"""Relative difference to the modulus at 100 kPa from which on both are shown."""
+"""Relative difference to the modulus at 100 kPa above which both are shown."""
 
 _MIN_ROUNDED_SHARE = 0.1
-"""Fraction from which on a percentage has no digits after the point."""
-
-_MAX_RATIO_FOR_WIDTH = 3.0
-"""Ratio of the ends of an interval up to which its width decides the digits; beyond it, the nearer
-end does, because the width would leave none."""
+"""Fraction above which a percentage has no decimals."""
 
 _MAX_PRINTED_RATIO = 1e4
-"""Ratio of the ends of an interval up to which they are shown for an undetermined modulus."""
+"""Largest ratio of the ends of an interval that is shown for an undetermined modulus."""
 
 _EVIDENCE_WORDS = ((5.0, "very strong"), (3.0, "strong"), (1.0, "positive"))
-"""Words for a log Bayes factor from a value on (Kass and Raftery 1995, section 3.2)."""
+"""Smallest log Bayes factor for each word (Kass and Raftery 1995, section 3.2)."""
 
 _PARAMETER_WORDS = {
     "kick": "additional velocity at liftoff",
@@ -81,7 +77,7 @@ _PARAMETER_WORDS = {
     "rest_stress": "stress at rest",
     "cap": "limit",
 }
-"""Texts for parameters whose JSON name says too little."""
+"""Names of parameters whose JSON key is not understandable."""
 
 
 def diagnosis_lines(
@@ -91,17 +87,17 @@ def diagnosis_lines(
     device_advice: bool = True,
     modulus: "PointModulus | Literal['unknown'] | None" = "unknown",
 ) -> list[str]:
-    """Return the diagnosis of a point as lines of text, in the units that people read.
+    """Return the diagnosis of a point as lines of text, in engineering units.
 
     Parameters
     ----------
     result : DiagnosisResult
     warnings : bool
-        Whether the warnings are among the lines; `diagnosis_warnings` has those of many points.
+        True: warnings are included; for several points `diagnosis_warnings` joins them.
     device_advice : bool
-        Whether device effects have their advice; `device_lines` has that of many points.
+        True: advice on device effects is included; for several points `device_lines` joins it.
     modulus : PointModulus or None, optional
-        Modulus in force at the point, where it is known.
+        Modulus to use at the point; None: there is none. "unknown": not known here.
     """
     drops = ", ".join(map(str, result.drops or ())) or "none"
     device = "" if result.device is None else f", device {clean(result.device)}"
@@ -138,13 +134,18 @@ def _verdict(result: DiagnosisResult) -> str:
 def use_sentence(
     result: DiagnosisResult, modulus: "PointModulus | Literal['unknown'] | None" = "unknown"
 ) -> str:
-    """Return what the modulus of a point may be used for; empty: there is no ground.
+    """Return a sentence that states what the modulus of a point may be used for.
 
     Parameters
     ----------
     result : DiagnosisResult
     modulus : PointModulus or None, optional
-        Modulus in force at the point, where it is known.
+        Modulus to use at the point; None: there is none. "unknown": not known here.
+
+    Returns
+    -------
+    str
+        Empty: the drops fell on a rig, which has no modulus.
     """
     after = result.after
     if after is None or after.modulus_interval_pa is None:
@@ -182,15 +183,15 @@ def _record_fault(modulus: "PointModulus | Literal['unknown'] | None") -> str | 
 def survey_lines(
     results: Sequence[DiagnosisResult], moduli: "Sequence[PointModulus | None]", width: int = WIDTH
 ) -> list[str]:
-    """Return a table of several points, a line a point, and the advice below it.
+    """Return a table of several points, one line for each, and the advice below it.
 
     Parameters
     ----------
     results : sequence of DiagnosisResult
     moduli : sequence of PointModulus or None
-        Modulus in force at each point.
+        Modulus to use at each point; None: there is none.
     width : int
-        Most characters of a line.
+        Largest number of characters of a line.
     """
     names = _names(results)
     diagnosed = [
@@ -219,7 +220,7 @@ def survey_lines(
 
 
 def _conditions(results: Sequence[DiagnosisResult]) -> list[str]:
-    """Return the conditions that the moduli of a table hold for; none without a plate."""
+    """Return the assumptions under which the moduli of a table are valid; empty: rigs only."""
     used = [result for result in results if result.plate_radius_m is not None]
     plates = dict.fromkeys(
         f"{word(PLATE_WORDS, result.plate)}, radius {_short(result.plate_radius_m)} m"
@@ -239,7 +240,7 @@ def _conditions(results: Sequence[DiagnosisResult]) -> list[str]:
 def _unusable_lines(
     points: "Sequence[tuple[str, DiagnosisResult, PointModulus | None]]", names: Sequence[str]
 ) -> list[str]:
-    """Return why moduli are not to be used, and the remedy, each sentence once with its points."""
+    """Return the reasons why moduli must not be used, each once with its points and the remedy."""
     where: dict[str, list[str]] = {}
     for name, result, modulus in points:
         fault = _record_fault(modulus)
@@ -256,26 +257,26 @@ _COLUMNS = ("point", "E, MPa (95 %)", "at stress, kPa", "use", "misfit")
 
 
 class PointCells(NamedTuple):
-    """Cells of a point in a table of diagnoses: `_COLUMNS`, then the three named at its end."""
+    """Cells of a point in a table of diagnoses."""
 
     point: str
     modulus: str
     """Modulus in force with its interval, MPa."""
     stress: str
-    """Stress at which a diagnosed modulus holds, kPa; else empty."""
+    """Stress at which a diagnosed modulus is valid, kPa; empty for a fitted modulus."""
     use: str
-    """Use that the modulus may be put to."""
+    """What the modulus may be used for."""
     misfit: str
     prediction_error: str
     """Error of the prediction of held-out parts; empty: nothing was held out."""
     effects: str
-    """Strongest effects of the point itself; those of the device are left out."""
+    """Strongest effects of the ground at the point; device effects are left out."""
     action: str
     """What to do with the modulus, or at the point."""
 
 
 def point_cells(name: str, result: DiagnosisResult, modulus: "PointModulus | None") -> PointCells:
-    """Return the cells of a point for a table of diagnoses.
+    """Return the cells of a point in a table of diagnoses.
 
     Parameters
     ----------
@@ -283,7 +284,7 @@ def point_cells(name: str, result: DiagnosisResult, modulus: "PointModulus | Non
         Name of the point in the table.
     result : DiagnosisResult
     modulus : PointModulus or None
-        Modulus in force at the point; None: there is none.
+        Modulus to use at the point; None: there is none.
     """
     after = result.after or FittedState()
     if _record_fault(modulus) is not None:
@@ -315,12 +316,15 @@ def point_cells(name: str, result: DiagnosisResult, modulus: "PointModulus | Non
 
 
 def table_lines(table: Sequence[Sequence[str]], width: int) -> list[str]:
-    """Return the lines of a table, its last two columns wrapped so that it has the fewest lines.
+    """Return the lines of a table whose last two columns are wrapped.
+
+    The width is divided between the two so that the table has the fewest lines.
 
     Parameters
     ----------
     table : sequence of rows of cells, the heading first
-    width : int, most characters of a line
+    width : int
+        Largest number of characters of a line.
     """
     rows = [[spelled(cell) for cell in row] for row in table]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -333,7 +337,7 @@ def table_lines(table: Sequence[Sequence[str]], width: int) -> list[str]:
 
 
 def _wrapped_rows(rows: Sequence[Sequence[str]], *last_widths: int) -> list[str]:
-    """Return the lines of a table whose last columns are wrapped to widths."""
+    """Return the lines of a table whose last columns are wrapped to the given widths."""
     fixed = len(last_widths)
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)][:-fixed]
     lines = []
@@ -350,12 +354,12 @@ def _wrapped_rows(rows: Sequence[Sequence[str]], *last_widths: int) -> list[str]
 
 
 def wrapped(text: str, width: int) -> list[str]:
-    """Return a text as lines; those that follow the first are indented."""
+    """Return a text as lines of at most `width` characters; all but the first are indented."""
     return textwrap.wrap(text, width, subsequent_indent="  ", break_on_hyphens=False)
 
 
 def _short_effect(effect: EffectResult) -> str:
-    """Return the name of an effect, with its depth where it has one."""
+    """Return the name of an effect, with its depth if its value is one."""
     name = _words(effect.name)
     if effect.unit == "m" and _is_finite(effect.value) and _is_finite(effect.sd):
         return f"{name} {rounded(effect.value, effect.sd)} m"
@@ -363,17 +367,17 @@ def _short_effect(effect: EffectResult) -> str:
 
 
 def _is_shared(effect: EffectResult) -> bool:
-    """Return whether an effect is one of the device that its points share."""
+    """Return whether an effect is a device effect with one value for all points of the device."""
     return effect.scope == "device" and not _is_finite(effect.evidence)
 
 
 def _in_force(modulus: "PointModulus") -> str:
-    """Return a modulus with its interval, in the unit of the column."""
+    """Return a modulus with its interval in MPa, without the unit."""
     return modulus_text(modulus.value, modulus.interval).replace(" MPa", "")
 
 
 def _summary(results: Sequence[DiagnosisResult], moduli: "Sequence[PointModulus | None]") -> str:
-    """Return the number of points for each use."""
+    """Return the number of points for each use of the modulus, as text."""
     uses = [
         USES["do-not-use"]
         if _record_fault(modulus) is not None
@@ -393,9 +397,9 @@ def _summary(results: Sequence[DiagnosisResult], moduli: "Sequence[PointModulus 
 
 
 def _advice_of_points(results: Sequence[DiagnosisResult]) -> list[str]:
-    """Return the advice of effects that belong to points, each once with its points.
+    """Return the advice on effects of the ground, each once with its points.
 
-    Points whose diagnosis is not to be used have a sentence of their own.
+    Points whose modulus must not be used are left out, because `_unusable_lines` has them.
     """
     names = _names(results)
     points: dict[tuple[str, str], list[str]] = {}
@@ -410,7 +414,7 @@ def _advice_of_points(results: Sequence[DiagnosisResult]) -> list[str]:
 
 
 def device_lines(results: Sequence[DiagnosisResult]) -> list[str]:
-    """Return the effects of the devices with their advice, each once with its points."""
+    """Return the effects of devices with their advice, each once with its points."""
     names = _names(results)
     points: dict[tuple[str, str], list[str]] = {}
     for name, result in zip(names, results, strict=True):
@@ -427,13 +431,13 @@ def device_lines(results: Sequence[DiagnosisResult]) -> list[str]:
 
 
 def _where(chosen: Sequence[str], names: Sequence[str]) -> str:
-    """Return points as ranges of all points."""
+    """Return names of points as text, with consecutive ones as ranges."""
     order = list(dict.fromkeys(names))
     return "all points" if len(set(chosen)) == len(order) else as_ranges(chosen, order)
 
 
 def undiagnosed_lines(results: Sequence[DiagnosisResult]) -> list[str]:
-    """Return a line with the points of which no drop can be used; the warnings say why."""
+    """Return a line with the points that have no usable drop; empty: all have one."""
     names = _names(results)
     empty = [name for name, result in zip(names, results, strict=True) if result.drops == ()]
     if not empty:
@@ -445,7 +449,7 @@ def undiagnosed_lines(results: Sequence[DiagnosisResult]) -> list[str]:
 
 
 def _names(results: Sequence[DiagnosisResult]) -> list[str]:
-    """Return the names of the points; with that of the file where there are several files."""
+    """Return the names of the points, with the file name if there are several files."""
     several = len({result.file for result in results}) > 1
     names = []
     for result in results:
@@ -455,7 +459,7 @@ def _names(results: Sequence[DiagnosisResult]) -> list[str]:
 
 
 def diagnosis_warnings(results: Sequence[DiagnosisResult]) -> list[str]:
-    """Return the warnings of diagnoses: each sentence once, with its points as ranges."""
+    """Return the warnings of diagnoses as lines, each once with its points."""
     names = _names(results)
     order = list(dict.fromkeys(names))
     warnings = [
@@ -472,7 +476,7 @@ def diagnosis_warnings(results: Sequence[DiagnosisResult]) -> list[str]:
 
 
 def diagnosis_line(point: str, result: DiagnosisResult) -> str:
-    """Return the diagnosis of a point that is being measured, in one line."""
+    """Return one line of text for a diagnosis of a point that is being measured."""
     after = result.after or FittedState()
     misfit = misfit_text(result)
     effects = ", ".join(_words(effect.name) for effect in result.effects or ())
@@ -483,7 +487,9 @@ def diagnosis_line(point: str, result: DiagnosisResult) -> str:
 
 
 def misfit_text(result: DiagnosisResult) -> str:
-    """Return the misfit of a diagnosis: the residual beyond the noise, in percent of the peak."""
+    """Return the misfit of a diagnosis as text: the residual beyond the noise, in percent of the
+    peak.
+    """
     return _percent(result.explained_to)
 
 
@@ -491,7 +497,9 @@ _PREDICTED = {"next": "next drop", "drop": "each drop", "sensor": "each sensor"}
 
 
 def _held_out(held: HeldOut | None) -> list[str]:
-    """Return the prediction errors of held-out parts, and every number fitted to them."""
+    """Return the prediction errors of held-out parts as lines, and the numbers that were fitted to
+    them.
+    """
     if held is None:
         return []
     subject = f"{_PREDICTED.get(held.mode or '', 'held-out part')} predicted"
@@ -521,7 +529,7 @@ def _held_out(held: HeldOut | None) -> list[str]:
 
 
 def _modulus(state: FittedState) -> str:
-    """Return the modulus with its interval; empty: no ground."""
+    """Return the modulus with its interval as text; empty: no modulus."""
     interval = state.modulus_interval_pa
     if interval is not None and state.is_undetermined:
         low, high = interval
@@ -545,7 +553,7 @@ def _state(state: FittedState) -> str:
 
 
 def _change(before: FittedState, after: FittedState) -> list[str]:
-    """Return the line with the change of the modulus, in the numbers that are shown."""
+    """Return a line with the change of the modulus; empty: a modulus is missing or undetermined."""
     first, last = before.modulus_pa, after.modulus_pa
     if (
         not _is_finite(first)
@@ -579,7 +587,7 @@ def _effect(effect: EffectResult, *, advice: bool) -> list[str]:
 
 
 def _evidence_text(evidence: float) -> str:
-    """Return the strength of the evidence for an effect in words."""
+    """Return the strength of the evidence for an effect, such as "strong evidence"."""
     words = (text for limit, text in _EVIDENCE_WORDS if evidence >= limit)
     return f"{next(words, 'weak')} evidence"
 
@@ -589,7 +597,7 @@ def _words(name: str | None) -> str:
 
 
 def _parameter(parameter: EffectParameter, effect: EffectResult) -> str:
-    """Return a parameter of an effect with its standard deviation."""
+    """Return a parameter of an effect with its standard deviation as text."""
     scale, unit = read_in(clean(parameter.unit))
     unit = f" {unit}" if unit else ""
     drop = "" if parameter.drop is None else f" (drop {parameter.drop})"
@@ -627,16 +635,17 @@ def show_diagnosis(
     device_advice: bool = True,
     modulus: "PointModulus | Literal['unknown'] | None" = "unknown",
 ) -> None:
-    """Print a diagnosis.
+    """Print the diagnosis of a point.
 
     Parameters
     ----------
     result : DiagnosisResult
     as_json : bool
+        True: as one JSON object.
     device_advice : bool
-        Whether the text has the advice about the device.
+        True: the text includes the advice on device effects.
     modulus : PointModulus or None, optional
-        Modulus in force at its point; by default that of the diagnosis by itself.
+        Modulus to use at the point. "unknown": it is derived from this diagnosis alone.
     """
     if modulus == "unknown":
         from pfwd.judging.verdicts import modulus_in_force

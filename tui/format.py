@@ -1,4 +1,4 @@
-"""Results as text: with units, no number cut, and safe to print."""
+"""Results of inversions as text with units; texts from files are cleaned of control characters."""
 
 import itertools
 import math
@@ -11,13 +11,13 @@ from pfwd.message_groups import as_ranges, group_messages
 from tui.output import clean, spelled
 
 NO_VALUE = "-"
-"""Cell of a table without a value."""
+"""Text of a cell without a value."""
 
 By = Literal["point", "drop"]
-"""Kind of table: a line for each point, or for each drop."""
+"""Rows of a table: one for each point, or one for each drop."""
 
 UNEXPLAINED = "UNEXPLAINED"
-"""Word for a residual above noise and model error: the modulus may be wrong."""
+"""Word for a residual above noise and model error, with which the modulus may be wrong."""
 
 MODEL_WORDS = {"layer": "soil on bedrock"}
 PLATE_WORDS = {
@@ -31,7 +31,7 @@ _METHOD_WORDS = {
     "least-squares": "least squares",
     "published": "published method",
 }
-"""Texts for values of the JSON output; other values are their own text."""
+"""Texts for values of the JSON output; a value without a text is shown as it is."""
 
 
 def point_lines(results: Sequence[DropResult]) -> list[str]:
@@ -40,8 +40,8 @@ def point_lines(results: Sequence[DropResult]) -> list[str]:
     Returns
     -------
     list of str
-        For each setting of the fit a table of the ground and one of pulse and fit, then the
-        rejected drops and the warnings. The tables fit 80 columns.
+        For each setting of the fit a table of ground properties and one of pulse and fit, then
+        rejected drops and warnings. The tables fit into 80 columns.
     """
     lines = []
     inverted = [result for result in results if not _is_rejected(result)]
@@ -68,13 +68,13 @@ def _is_rejected(result: DropResult) -> bool:
 def settings_lines(
     result: DropResult, models: Collection[str | None] | None = None
 ) -> tuple[str, ...]:
-    """Return the settings of the fit as lines, which are equal for drops that share a table.
+    """Return the settings of a fit as lines of text; drops with equal lines share a table.
 
     Parameters
     ----------
     result : DropResult
     models : collection of str, optional
-        Models of all drops of the table, where the best one differs from drop to drop.
+        Models of all drops of the table, if they differ from drop to drop.
     """
     model = " or ".join(word(MODEL_WORDS, text) for text in models or [result.model])
     return (
@@ -88,12 +88,12 @@ def settings_lines(
 
 
 def word(words: Mapping[str, str], value: str | None) -> str:
-    """Return the text for a value of the JSON output, or the value itself."""
+    """Return the text for a value of the JSON output; the value itself if it has no text."""
     return words.get(value or "", _text(value))
 
 
 def layer_lines(rows: Iterable[DropResult]) -> list[str]:
-    """Return a table of the layers of drops with more than one, and one modulus for all layers."""
+    """Return a table of the layers of drops with several layers, and one modulus for all layers."""
     lines = []
     layered = [row for row in rows if row.layers is not None and len(row.layers) > 1]
     layers = [(row, number) for row in layered for number in range(len(row.layers or ()))]
@@ -112,7 +112,7 @@ def layer_lines(rows: Iterable[DropResult]) -> list[str]:
 
 
 def _search_lines(rows: Sequence[DropResult]) -> list[str]:
-    """Return the faults of searches, each with its drops."""
+    """Return the drops whose search did not converge or ended at a bound, as lines."""
     order = [_text(row.drop) for row in rows]
     drops: dict[str, list[str]] = {}
     for row in rows:
@@ -130,7 +130,7 @@ def _search_lines(rows: Sequence[DropResult]) -> list[str]:
 def _message_lines(
     results: Iterable[DropResult], kind: str, messages: Iterable[tuple[DropResult, str]]
 ) -> list[str]:
-    """Return the messages about drops of a point, each once, with the drops as ranges."""
+    """Return messages about drops of a point as lines, each once with its drops."""
     order = list(dict.fromkeys(_text(result.drop) for result in results))
     lines = []
     for group in group_messages((_text(result.drop), text) for result, text in messages):
@@ -146,7 +146,14 @@ def _table(
 
 
 def aligned(cells: Sequence[Sequence[str]], text_columns: Collection[int] = ()) -> list[str]:
-    """Return the lines of a table; all but `text_columns` are aligned to the right."""
+    """Return the lines of a table, aligned to the right.
+
+    Parameters
+    ----------
+    cells : sequence of rows of texts
+    text_columns : collection of int
+        Indices of the columns that are aligned to the left.
+    """
     cells = [[spelled(cell) for cell in row] for row in cells]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     return [
@@ -160,10 +167,17 @@ def aligned(cells: Sequence[Sequence[str]], text_columns: Collection[int] = ()) 
 
 
 def _with_deviation(key: str, unit: str, scale: float = 1.0) -> Callable[[DropResult], str]:
-    """Return a function that shows ``<key>_<unit>`` over `scale` with its standard deviation.
+    """Return a function that shows a value of a result with its standard deviation.
 
-    The deviation is that of the noise. It shows no digits that the interval of the modulus or the
-    residual does not support.
+    The standard deviation is that of the noise. Both have no digits that the interval of the
+    modulus or the residual does not support.
+
+    Parameters
+    ----------
+    key, unit : str
+        The value is the field ``<key>_<unit>`` of the result.
+    scale : float
+        SI units in one shown unit.
     """
 
     def show(result: DropResult) -> str:
@@ -181,14 +195,24 @@ def _with_deviation(key: str, unit: str, scale: float = 1.0) -> Callable[[DropRe
 
 
 def modulus_and_ends(result: DropResult) -> tuple[str, str]:
-    """Return the modulus and its 95 % interval, MPa, with the digits that the interval supports."""
+    """Return the modulus and its 95 % interval as texts in MPa."""
     return value_and_ends(result.modulus_pa, result.modulus_interval_pa, 1e6)
 
 
 def value_and_ends(
     value: float | None, ends: tuple[float, float] | None, scale: float = 1.0
 ) -> tuple[str, str]:
-    """Return a value and its interval over `scale`; a value without one has three digits."""
+    """Return a value and its interval as two texts.
+
+    Parameters
+    ----------
+    value : float or None
+        None: the text is `NO_VALUE`.
+    ends : pair of float or None
+        None: the value has three digits, and the text of the interval is `NO_VALUE`.
+    scale : float
+        SI units in one shown unit.
+    """
     number = _finite(value, scale)
     if ends is None or not all(map(math.isfinite, ends)):
         return _short(number), NO_VALUE
@@ -207,7 +231,7 @@ def _interval(result: DropResult) -> str:
 
 
 def bedrock_depth(result: DropResult) -> str:
-    """Return the depth of bedrock with its interval, m; a declared depth has none."""
+    """Return the depth of bedrock as text in m, with its interval unless it is declared."""
     depth = _finite(result.bedrock_depth_m)
     ends = result.bedrock_depth_interval_m
     if depth is None or result.bedrock_depth_sd_m is None or ends is None:
@@ -217,19 +241,19 @@ def bedrock_depth(result: DropResult) -> str:
 
 
 def fit_word(result: DropResult) -> str:
-    """Return one word: whether the model explains the record."""
+    """Return "explained" if the model explains the record, else `UNEXPLAINED`."""
     if result.explained is None:
         return NO_VALUE
     return "explained" if result.explained else UNEXPLAINED
 
 
 def peak_load(result: DropResult) -> str:
-    """Return the measured peak load, kN; for results without it that of the half-sine."""
+    """Return the peak load as text in kN: the measured one, else that of the half-sine."""
     return _short(_finite(result.peak_load_or_half_sine_n, 1e3))
 
 
 def _peak_pressure(result: DropResult) -> str:
-    """Return the mean pressure under the plate at the peak load, kPa."""
+    """Return the mean pressure under the plate at the peak load as text in kPa."""
     load, radius = result.peak_load_or_half_sine_n, result.plate_radius_m
     if load is None or not radius:
         return NO_VALUE
@@ -241,7 +265,10 @@ def _layer(result: DropResult, number: int) -> LayerResult:
 
 
 def _layer_modulus(result: DropResult, number: int) -> tuple[str, str]:
-    """Return modulus and interval of a layer, MPa; no modulus if the subgrade is left open."""
+    """Return modulus and interval of a layer as texts in MPa.
+
+    The lowest layer has no modulus if the data do not determine it.
+    """
     layer = _layer(result, number)
     is_open = result.modulus_pa is None and number == len(result.layers or ()) - 1
     return value_and_ends(None if is_open else layer.modulus_pa, layer.modulus_interval_pa, 1e6)
@@ -287,7 +314,7 @@ _PULSE: dict[str, Callable[[DropResult], str]] = {
 
 
 def _finite(value: float | None, scale: float = 1.0) -> float | None:
-    """Return a number over `scale`; None if there is none or it is not finite."""
+    """Return a number divided by `scale`; None: it is None or not finite."""
     return float(value) / scale if value is not None and math.isfinite(value) else None
 
 
@@ -296,12 +323,12 @@ def _text(value: object) -> str:
 
 
 def _short(value: float | None) -> str:
-    """Return three significant digits, or all digits before the point when there are more."""
+    """Return a number with three significant digits, but all digits before the point, as text."""
     return NO_VALUE if value is None else significant(value)
 
 
 def percent(part: float | None) -> str:
-    """Return a fraction as percent with two significant digits."""
+    """Return a fraction in percent with two significant digits, without the sign."""
     value = _finite(part, 1e-2)
     return NO_VALUE if value is None else significant(value, 2)
 
@@ -311,11 +338,12 @@ def _fixed(value: float | None, decimals: int) -> str:
 
 
 def drop_line(point: str, number: int, result: DropResult) -> str:
-    """Return one drop as a line, with its modulus and the settings of the fit.
+    """Return one drop as a line of text: modulus, settings of the fit, load, residual.
 
     Parameters
     ----------
     point : str
+        Name of the point.
     number : int
         Number of the drop within the point.
     result : DropResult

@@ -1,8 +1,9 @@
-"""SIGINT and SIGTERM end a command at a moment when it is safe.
+"""Interruption of a command by SIGINT (Ctrl+C) or SIGTERM.
 
-Both raise KeyboardInterrupt wherever the program is. In the middle of an import that would leave
-half a module, which may crash a library in C. In callbacks of Python (the end of a weak reference,
-`__del__`) Python prints a traceback, and the interrupt is lost.
+Both raise KeyboardInterrupt, except at two places. During an import it would leave a module
+half loaded, which may crash a library in C; the interrupt waits for the end of the import. In
+callbacks of Python (the end of a weak reference, ``__del__``) an exception is only printed; the
+interrupt is raised again afterwards.
 """
 
 import _thread
@@ -16,18 +17,19 @@ from types import FrameType
 from typing import Any
 
 IMPORT_RETRY_S = 0.05
-"""Time after which an interrupt is raised again that came during an import."""
+"""Time after which an interrupt that came during an import is raised again."""
 
 MAX_DELAY_S = 5.0
-"""Longest delay of an interrupt; imports take less. A program run by an import is interrupted."""
+"""Longest delay of an interrupt: imports take less, and a longer one may be a program that an
+import runs."""
 
 _IMPORTING = "<frozen importlib."
 
 
 @contextlib.contextmanager
 def stopped_by_signals() -> Iterator[None]:
-    """Let both signals raise KeyboardInterrupt within the block, and lose none of them."""
-    # Python hands signals to the main thread only, and refuses handlers elsewhere.
+    """Let both signals raise KeyboardInterrupt within the block."""
+    # Python delivers signals to the main thread only, and refuses handlers in other threads.
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -39,7 +41,7 @@ def stopped_by_signals() -> Iterator[None]:
         if _is_importing(frame):
             waiting_since.append(now)
             if now - waiting_since[0] < MAX_DELAY_S:
-                # A bare thread: the interrupted code may hold the locks of `threading`.
+                # `_thread`, because the interrupted code may hold a lock of `threading`.
                 _thread.start_new_thread(_raise_later, (number, main))
                 return
         waiting_since.clear()
@@ -49,13 +51,13 @@ def stopped_by_signals() -> Iterator[None]:
 
     def handle_unraisable(event: Any) -> None:
         if issubclass(event.exc_type, KeyboardInterrupt):
-            # Raised at once it would be lost again.
+            # Raised later, because an exception in this callback is only printed, too.
             _thread.start_new_thread(_raise_later, (signal.SIGINT, main))
         else:
             previous_hook(event)
 
     signal.signal(signal.SIGTERM, stop)
-    # Set explicitly: a shell lets its background processes ignore it.
+    # Set explicitly, because processes that a shell runs in the background ignore SIGINT.
     signal.signal(signal.SIGINT, stop)
     sys.unraisablehook = handle_unraisable
     try:
@@ -65,7 +67,7 @@ def stopped_by_signals() -> Iterator[None]:
 
 
 def ignore_signals() -> None:
-    """Ignore both signals from now on; call it when the work of the process is finished."""
+    """Ignore both signals from now on, at the end of the process."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -83,5 +85,5 @@ def _raise_later(number: int, main: int) -> None:
     time.sleep(IMPORT_RETRY_S)
     if sys.platform == "win32":
         _thread.interrupt_main(signal.Signals(number))
-    else:  # unlike interrupt_main it also ends a call that the main thread waits in
+    else:  # unlike interrupt_main, this also interrupts a waiting system call
         signal.pthread_kill(main, number)

@@ -1,4 +1,4 @@
-"""Settings of a survey as lines of text."""
+"""Settings of a survey (its job) as lines of text."""
 
 import datetime
 from typing import Any
@@ -8,11 +8,11 @@ from pfwd.judging.job import JobChange, target_text
 from tui.point_lines import QUANTITY_SYMBOLS
 
 MAX_STATION_LINES = 20
-"""Stations that are printed; ``pfwd job --json`` has all."""
+"""Largest number of stations that are printed; ``pfwd job --json`` has all."""
 
 
 def job_lines(job: Job) -> list[str]:
-    """Return the settings of the survey, then every change with its date."""
+    """Return the settings of a survey as lines of text, then every change with its date."""
     procedure = job.procedure_in_force
     title = f": {procedure.title}" if procedure.title else ""
     settings: list[tuple[str, str]] = [

@@ -1,4 +1,4 @@
-"""Log file of a measurement in its survey: all messages, in files of bounded size."""
+"""Log file of a measurement, in the folder ``log`` of its survey, with all messages."""
 
 import logging
 import logging.handlers
@@ -12,15 +12,19 @@ from pfwd.files.upkeep import refuse_links_in
 from tui.output import clean
 
 MAX_BYTES = 1_000_000
-"""Size of a log file; then a new file is opened."""
+"""Size of a log file at which the next one is started."""
 MAX_OLD_FILES = 5
-"""Number of older log files."""
+"""Number of earlier log files that are kept."""
 MAX_WAITING_RECORDS = 100
-"""Number of records that wait for the folder of a survey, the last ones."""
+"""Largest number of messages that wait until the folder of the survey exists; the last ones are
+kept."""
 
 
 class _SafeFormatter(logging.Formatter):
-    """Formatter that lets no text of an instrument or file move a cursor or look like a record."""
+    """Formatter that replaces control characters and indents all lines but the first of a message.
+
+    Otherwise a text from an instrument or file could look like another message.
+    """
 
     converter = staticmethod(time.gmtime)
 
@@ -30,7 +34,7 @@ class _SafeFormatter(logging.Formatter):
 
 
 class _SurveyLog(logging.handlers.RotatingFileHandler):
-    """Log of a survey; records wait in memory until its folder exists."""
+    """Log file of a survey; messages wait in memory until the folder of the survey exists."""
 
     def __init__(self, folder: Path) -> None:
         file = folder / "log" / "pfwd.log"
@@ -41,9 +45,9 @@ class _SurveyLog(logging.handlers.RotatingFileHandler):
         self._waiting: deque[logging.LogRecord] = deque(maxlen=MAX_WAITING_RECORDS)
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write a record, after the waiting ones."""
+        """Write a message, after those that wait."""
         self._waiting.append(record)
-        # Unlike Path.is_dir, it raises nothing on a failing disk.
+        # os.path.isdir, because Path.is_dir may raise on a failing disk.
         if os.path.isdir(self._survey):
             while self._waiting:
                 super().emit(self._waiting.popleft())
@@ -54,12 +58,17 @@ class _SurveyLog(logging.handlers.RotatingFileHandler):
 
 
 def open_log(folder: str | Path) -> logging.Handler:
-    """Write all log records to ``pfwd.log`` of a folder; pass the returned handler to `close_log`.
+    """Write all log messages to ``log/pfwd.log`` in the folder of a survey.
+
+    Returns
+    -------
+    logging.Handler
+        To be passed to `close_log`.
 
     Raises
     ------
     RecordingError
-        If the folder, perhaps a survey from elsewhere, holds a link that could lead anywhere.
+        If the folder contains a link that leads out of it.
     """
     refuse_links_in(folder)
     handler = _SurveyLog(Path(folder))
@@ -70,12 +79,12 @@ def open_log(folder: str | Path) -> logging.Handler:
     root = logging.getLogger()
     root.setLevel(logging.INFO)
     root.addHandler(handler)
-    # A full disk or a removed file must cost the log only.
+    # On a full disk the log is lost, but the measurement goes on.
     logging.raiseExceptions = False
     return handler
 
 
 def close_log(handler: logging.Handler) -> None:
-    """End the log."""
+    """Close the log file that `open_log` opened."""
     logging.getLogger().removeHandler(handler)
     handler.close()

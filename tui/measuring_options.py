@@ -1,4 +1,6 @@
-"""Options of the commands that measure or replay: analysis, setup, job, output folder."""
+"""Conversion of options of the commands that measure or replay: analysis, setup, job, output
+folder.
+"""
 
 import argparse
 import os
@@ -20,11 +22,12 @@ from tui.output import on_terminal, say
 
 
 def measuring_options(args: argparse.Namespace) -> AnalysisOptions | None:
-    """Return the checked options of the analysis; None: nothing is inverted.
+    """Return the options of the analysis; None: drops are not inverted.
 
     Raises
     ------
     OptionError
+        If an option is outside its range, or options contradict each other.
     """
     layer_options = [name for name in ("layers", "thickness") if getattr(args, name) is not None]
     if args.no_invert and layer_options:
@@ -39,11 +42,12 @@ def measuring_options(args: argparse.Namespace) -> AnalysisOptions | None:
 
 
 def measuring_setup(args: argparse.Namespace) -> MeasuringSetup:
-    """Return what the setup file and ``--procedure`` declare.
+    """Return the declarations of the setup file and of ``--procedure``.
 
     Raises
     ------
     OptionError, TraceError, SetupError
+        If the file or the procedure cannot be used.
     """
     setup = read_setup_file(args.setup) if args.setup else MeasuringSetup()
     if args.procedure is not None:
@@ -58,28 +62,28 @@ def job_request(
     default: Procedure | None = None,
     on_remark: Callable[[str], None] = say,
 ) -> JobRequest:
-    """Return the settings of the survey that the command line changes.
+    """Return the changes of a survey's settings (its job) by the command line.
 
     Parameters
     ----------
     args : argparse.Namespace
-    survey : path of a folder
-        It may not exist yet.
-    procedure : Procedure, optional
-        Procedure of the command line; None: that of the survey counts.
+    survey : path of a folder, which may not exist yet
+    procedure : Procedure or None
+        Procedure of the command line; None: the survey's procedure stays.
     default : Procedure, optional
-        Procedure of a new survey.
+        Procedure of a new survey if none is chosen.
     on_remark : callable, optional
         Receives a line about columns of the station list that are not used.
 
     Raises
     ------
     OptionError, SurveyError, RecordingError
+        If target, stations or survey cannot be used.
     """
     request = JobRequest(step_m=args.step, operator=args.operator)
     if args.target is None and args.stations is None:
         return request
-    # Targets are given in the unit of the procedure.
+    # The unit of a target depends on the procedure.
     in_force = procedure or survey_job(survey).procedure or default or NO_PROCEDURE
     stations = None if args.stations is None else read_stations(args.stations, in_force, on_remark)
     target = None if args.target is None else target_si(args.target, in_force)
@@ -87,16 +91,16 @@ def job_request(
 
 
 def try_output(survey: str | os.PathLike[str]) -> None:
-    """Check that a survey can be written to a folder, before any other work.
+    """Check that a survey can be written to a folder, before work begins.
 
     Raises
     ------
     OptionError, SurveyError
-        If it cannot, with the reason.
+        If it cannot be written; the message has the reason.
     """
     path = Path(survey)
     if is_survey(path):
-        return  # its lock and journal are checked when it is opened
+        return  # an existing survey is checked when it is opened
     refuse_inside_survey(path, "--output")
     expected = "a folder that can be written"
     if path.exists() and not path.is_dir():
@@ -113,11 +117,17 @@ def try_output(survey: str | os.PathLike[str]) -> None:
 def agreed_on_terminal(
     survey: str | os.PathLike[str], procedure: Procedure | None, request: JobRequest
 ) -> bool:
-    """Return whether to go on although settings differ from the survey's; a terminal asks.
+    """Ask the user whether to change the settings of an existing survey.
+
+    Returns
+    -------
+    bool
+        True: the user agrees, nothing changes, or there is no terminal to ask on.
 
     Raises
     ------
     SurveyError, RecordingError
+        If the survey cannot be read.
     """
     if procedure is not None:
         request = JobRequest(procedure=procedure).over(request)
@@ -126,18 +136,18 @@ def agreed_on_terminal(
         return True
     for text in differences:
         say(text)
-    say("all points of the survey will be judged so, measured ones too")
-    answer = input("go on? [y/N] ")
+    say("the change applies to all points of the survey, also to those measured before")
+    answer = input("Continue? [y/N] ")
     return answer.strip().lower() in ("y", "yes")
 
 
 def survey_job(survey: str | os.PathLike[str], replacement: Procedure | None = None) -> Job:
-    """Return the settings of a survey; empty if it does not exist yet.
+    """Return the settings of a survey; empty ones if it does not exist yet.
 
     Parameters
     ----------
     survey : path of a folder
     replacement : Procedure, optional
-        Procedure in place of the stored one, which then may be unreadable.
+        Procedure to use in place of the stored one, which may then be unreadable.
     """
     return job_of_folder(survey, replacement) if is_survey(survey) else Job()

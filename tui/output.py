@@ -1,4 +1,4 @@
-"""Output of commands: text that is safe to print, and messages."""
+"""Output of commands: messages, and texts that are safe to print."""
 
 import codecs
 import os
@@ -18,22 +18,24 @@ SPELLED = {
     "\N{NO-BREAK SPACE}": " ",
     "\N{REPLACEMENT CHARACTER}": "_",
 }
-"""Replacement of signs that a console's encoding lacks; a question mark would lose them."""
+"""Replacements of characters that the encoding of a console lacks; otherwise a question mark would
+be printed."""
 
 SPELLING = "pfwd-spelled"
-"""Name of the error handler of Python's codecs that writes `SPELLED`."""
+"""Name under which Python's codecs know the replacement by `SPELLED`."""
 
 
 def spelled(text: str, stream: TextIO | None = None) -> str:
-    """Return a text with the signs replaced that its stream cannot show.
+    """Return a text with replacements for the characters that a stream cannot show.
 
-    Tables need it, because the width of a text may change; elsewhere the stream does the same.
+    Tables need it, because a replacement may have another width. For other texts the stream does
+    it.
 
     Parameters
     ----------
     text : str
     stream : TextIO, optional
-        Standard output by default.
+        None: standard output.
     """
     encoding = (stream or sys.stdout).encoding or "ascii"
     return text.encode(encoding, SPELLING).decode(encoding)
@@ -43,7 +45,7 @@ def _spell(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
     letters = error.object[error.start : error.end]
-    # Letters of other scripts become their code, so that names stay distinct.
+    # Other characters are replaced by their number, so that names stay distinct.
     parts = [
         SPELLED.get(letter) or letter.encode("ascii", "backslashreplace").decode("ascii")
         for letter in letters
@@ -55,10 +57,10 @@ codecs.register_error(SPELLING, _spell)
 
 
 def clean(text: object) -> str:
-    """Return text from a file or an instrument, safe to print: control characters are U+FFFD.
+    r"""Return a text from a file or an instrument with control characters replaced by U+FFFD.
 
     Escape sequences could otherwise move the cursor or rename the window, and overrides of the
-    writing direction or separators of lines and paragraphs could make a line read as another.
+    writing direction or separators of lines and paragraphs could change how a line reads.
 
     Examples
     --------
@@ -66,7 +68,7 @@ def clean(text: object) -> str:
     'km 12 \N{REPLACEMENT CHARACTER}[31mred'
     """
     text = str(text)
-    if text.isascii() and text.isprintable():  # nearly always
+    if text.isascii() and text.isprintable():  # most texts: faster than the check below
         return text
     return "".join(
         "\N{REPLACEMENT CHARACTER}" if _moves(unicodedata.category(letter)) else letter
@@ -79,7 +81,7 @@ def _moves(category: str) -> bool:
 
 
 def counted(number: int, noun: str) -> str:
-    """Return a number with a noun in the singular or plural.
+    """Return a number with its noun in the singular or plural.
 
     Examples
     --------
@@ -90,21 +92,21 @@ def counted(number: int, noun: str) -> str:
 
 
 def say(message: object) -> None:
-    """Print a message to standard error, where it does not mix with results."""
+    """Print a message to standard error, so that it is not mixed with results."""
     print(clean(f"pfwd: {message}"), file=sys.stderr, flush=True)
 
 
 def next_commands(survey: str | os.PathLike[str]) -> tuple[str, str]:
-    """Return the commands that open a recorded survey and report it, to be copied as they are."""
+    """Return the commands that show a survey and write its report, quoted for the shell."""
     path = os.fspath(survey)
     quoted = subprocess.list2cmdline([path]) if os.name == "nt" else shlex.quote(path)
     return f"pfwd open {quoted}", f"pfwd report {quoted} -o report.html"
 
 
 def on_terminal() -> bool:
-    """Return whether a screen can be shown: input and output are a terminal.
+    """Return whether a screen can be shown, because input and output are a terminal.
 
-    A server that shows terminal programs in a browser counts; it names the driver to use.
+    A server that shows terminal programs in a browser counts as a terminal; it sets TEXTUAL_DRIVER.
     """
     if os.environ.get("TEXTUAL_DRIVER"):
         return True

@@ -1,7 +1,7 @@
-"""The commands of ``pfwd`` in groups, and the parser that is assembled from them.
+"""Commands of ``pfwd`` in groups, and the parser of the command line.
 
 Each command has a module in `tui.commands` with `add_arguments(parser)` and `run(args)`. It is
-imported when its command is used, so that ``pfwd --help`` answers at once.
+imported when the command is used, so that ``pfwd --help`` answers at once.
 """
 
 import argparse
@@ -46,11 +46,12 @@ COMMANDS = {
         "help": "show this list, or the help of a command",
     },
 }
-"""Purpose of each command by its name, in the groups of the help. The last group is not shown by
-``pfwd --help``."""
+"""Purpose of each command by its name, in the groups of the help; ``pfwd --help`` does not show the
+last group."""
 
 _MODULES = {"import": "import_", "recover": "check"}
-"""Modules with another name than their command: import is a word of Python, recover an alias."""
+"""Modules whose name is not that of the command: "import" is a keyword of Python, and "recover" is
+another name of "check"."""
 
 FIRST_STEPS = """\
 pfwd measures the modulus of the ground with a portable falling weight deflectometer.
@@ -62,7 +63,7 @@ pfwd measures the modulus of the ground with a portable falling weight deflectom
   pfwd report "Ring road" -o report.html   write a report
 
 pfwd --help lists the commands, pfwd COMMAND --help their options."""
-"""Output of ``pfwd`` without arguments."""
+"""Text that ``pfwd`` prints without arguments."""
 
 
 def command_module(command: str) -> Any:
@@ -71,7 +72,13 @@ def command_module(command: str) -> Any:
 
 
 def overview(*, everything: bool = False) -> str:
-    """Return the help of the program: its commands in groups, with `everything` all of them."""
+    """Return the help of ``pfwd``: its commands in groups.
+
+    Parameters
+    ----------
+    everything : bool
+        True: all commands. False: without the last group.
+    """
     groups = dict(COMMANDS)
     more = groups.pop("more")
     lines = [
@@ -94,7 +101,7 @@ def overview(*, everything: bool = False) -> str:
 
 
 class _HelpFormatter(argparse.HelpFormatter):
-    """Formatter of a usage line with the required arguments only."""
+    """Formatter of help texts whose usage line has only the required arguments."""
 
     def _format_usage(self, usage: Any, actions: Any, groups: Any, prefix: Any) -> str:
         positional = [action for action in actions if not action.option_strings]
@@ -108,10 +115,10 @@ class _HelpFormatter(argparse.HelpFormatter):
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser that suggests the nearest word for one that it does not know."""
+    """Parser that suggests the most similar word if an option or command is unknown."""
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Return the arguments; the error of an unknown option suggests the nearest one."""
+        """Parse arguments; the error about an unknown option suggests a similar one."""
         parsed, unknown = self.parse_known_args(args, namespace)
         if unknown:
             owner = self.commands.get(getattr(parsed, "command", None) or "") or self
@@ -122,7 +129,7 @@ class _Parser(argparse.ArgumentParser):
 
     @property
     def commands(self) -> "dict[str, CommandParser]":
-        """Parsers of the commands by name."""
+        """Parsers of the commands, by name."""
         for action in self._actions:
             if isinstance(action, argparse._SubParsersAction):
                 return dict(action.choices)
@@ -130,7 +137,7 @@ class _Parser(argparse.ArgumentParser):
 
     @property
     def options(self) -> list[str]:
-        """Long names of all options."""
+        """Long names of all options, such as "--json"."""
         names = [name for action in self._actions for name in action.option_strings]
         return [name for name in names if name.startswith("--")]
 
@@ -149,15 +156,15 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _ProgramParser(_Parser):
-    """Parser of the program, whose help has the commands in groups."""
+    """Parser of ``pfwd`` itself, whose help lists the commands in groups."""
 
     def format_help(self) -> str:
-        """Return the groups of commands for everyday work."""
+        """Return the help with the commands for everyday work."""
         return overview()
 
 
 class CommandParser(_Parser):
-    """Parser of a command, which adds the arguments of its module when it is used."""
+    """Parser of a command; it gets its arguments from the command's module when it is used."""
 
     def __init__(self, *, command: str, **settings: Any) -> None:
         super().__init__(**settings, allow_abbrev=False, formatter_class=_HelpFormatter)
@@ -165,13 +172,13 @@ class CommandParser(_Parser):
         self._command: str | None = command
 
     def add_arguments(self) -> None:
-        """Add the arguments, unless they are there."""
+        """Add the arguments of the command's module, once."""
         if self._command is not None:
             command_module(self._command).add_arguments(self)
             self._command = None
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse with the arguments of the command."""
+        """Add the arguments of the command, then parse."""
         self.add_arguments()
         return super().parse_known_args(args, namespace)
 
@@ -195,7 +202,7 @@ def build_parser() -> _Parser:
 
 
 class _Version(argparse.Action):
-    """Option that shows the version, which is looked up only then."""
+    """Option ``--version``; the version is looked up only when the option is used."""
 
     def __init__(self, option_strings: Sequence[str], dest: str) -> None:
         super().__init__(option_strings, dest, nargs=0, help="show the version and exit")

@@ -1,4 +1,4 @@
-"""A point with its verdict as one line of text."""
+"""Point with its verdict as one line of text."""
 
 from pfwd.digits import with_ends
 from pfwd.judging import PointView
@@ -17,12 +17,12 @@ QUANTITY_SYMBOLS = {
 
 
 def has_verdict_line(progress: PointProgress) -> bool:
-    """Return whether a complete point has a line: it has a procedure or a target."""
+    """Return whether a complete point gets a line, because it has a procedure or a target."""
     return progress.measured_wanted is not None or progress.verdict is not Verdict.NONE
 
 
 def point_text(point: PointView) -> str:
-    """Return a complete point: judged value, interval, target, verdict and settlements."""
+    """Return a complete point as a line: judged value, interval, target, verdict, settlements."""
     progress = point.progress
     value = progress.value
     text = "nothing to judge" if value is None else value_text(value)
@@ -39,7 +39,7 @@ def point_text(point: PointView) -> str:
 
 
 def value_text(value: PointValue) -> str:
-    """Return the judged value with unit and interval, with the digits that it supports."""
+    """Return the judged value with unit and interval, with the digits that these support."""
     unit, scale = ("mm", 1e-3) if value.quantity is Quantity.DEFLECTION else ("MPa", 1e6)
     number = value.value / scale
     name = QUANTITY_SYMBOLS[value.quantity]

@@ -1,4 +1,4 @@
-"""Progress of long work on standard error: bars on a terminal, elsewhere lines or nothing."""
+"""Progress of long work on standard error: bars on a terminal, otherwise lines or nothing."""
 
 import os
 import sys
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class ProgressBars:
-    """Context manager that shows a bar for each kind of work, with its text, count and times."""
+    """Context manager that shows one bar for each kind of work, with text, count and times."""
 
     def __init__(self) -> None:
         self.is_terminal = sys.stderr.isatty()
@@ -33,10 +33,19 @@ class ProgressBars:
         work: str = "",
         line: bool = False,
     ) -> None:
-        """Show the text and the number of finished parts in the bar of a kind of work.
+        """Show text and count of one kind of work.
 
-        Without a total the bar shows only that work goes on. Without a terminal nothing is shown,
-        or with `line` each new text as a line, for a log file.
+        Parameters
+        ----------
+        text : str
+        finished : int
+            Number of finished parts.
+        total : int, optional
+            Number of all parts; None: the bar only shows that work goes on.
+        work : str
+            Kind of the work, which has a bar of its own.
+        line : bool
+            Without a terminal, True prints each new text as a line; False prints nothing.
         """
         if not self.is_terminal:
             if line and text != self._last_line:
@@ -56,7 +65,7 @@ class ProgressBars:
         )
 
     def clear(self) -> None:
-        """Remove the bars, so that other lines can be printed."""
+        """Remove the bars, so that lines can be printed."""
         if self._display is not None:
             self._display.stop()
         self._display = None
@@ -100,7 +109,11 @@ def _start_display() -> "Progress":
 
 @contextmanager
 def diagnosis_progress() -> "Iterator[Callable[[str, str, int, int], None]]":
-    """Yield the callable that receives work, point, number of finished parts and of all parts."""
+    """Yield a function that shows the progress of diagnoses.
+
+    It is called with the kind of work, the name of the point, the number of finished parts and the
+    number of all parts.
+    """
     with ProgressBars() as bars:
 
         def update(work: str, point: str, finished: int, total: int) -> None:
@@ -112,7 +125,10 @@ def diagnosis_progress() -> "Iterator[Callable[[str, str, int, int], None]]":
 
 @contextmanager
 def report_progress() -> "Iterator[Callable[[str], None]]":
-    """Yield the callable that receives sentences; one that begins with a blank is a detail."""
+    """Yield a function that shows sentences about the progress of a report.
+
+    A sentence that begins with a blank is a detail of the one before.
+    """
     with ProgressBars() as bars:
         heading = ""
 

@@ -1,4 +1,4 @@
-"""Events of a session as lines: JSON objects, or a line of text for each drop."""
+"""Events of a measuring session as lines: JSON objects, or one line of text for each drop."""
 
 import logging
 import math
@@ -41,23 +41,23 @@ from tui.point_lines import QUANTITY_SYMBOLS, has_verdict_line, point_text
 log = logging.getLogger("pfwd.session")
 
 STATUS_OF_ENDING = {Ending.DONE: 0, Ending.UNSAVED: 1, Ending.LOST: 3}
-"""Exit status of a command by the end of its session."""
+"""Exit status of a command by the reason for the end of its session."""
 
 MIN_MODULUS_CHANGE = 0.005
-"""Relative change of the modulus by the full search from which on it has a line of its own."""
+"""Relative change of a drop's modulus by the full search above which another line is printed."""
 
 
 class SessionLines:
-    """Printer of the events of a session; `print_event` is the session's listener.
+    """Printer of the events of a session; `print_event` is its listener.
 
     Parameters
     ----------
     as_json : bool
-        Print JSON objects, for results only.
+        True: results are printed as JSON objects, messages as text to standard error.
     analysed : bool
-        Whether drops are inverted; an inverted drop is printed with its first modulus.
+        True: drops are inverted, and a drop is printed when it has its first modulus.
     bell : bool
-        Ring the terminal's bell for every safe drop.
+        True: the terminal's bell rings for every saved drop.
     """
 
     def __init__(self, *, as_json: bool, analysed: bool, bell: bool = False) -> None:
@@ -71,15 +71,15 @@ class SessionLines:
         self._reported_job: tuple[str, float | None] | None = None
         self._complete = CompletePoints(self._point, analysed=analysed)
         self.moduli: dict[int, float] = {}
-        """Last modulus of each drop by its number, Pa."""
+        """Last modulus of each drop, Pa, by the number of the drop."""
 
     def print_event(self, event: SessionEvent) -> None:
-        """Print an event that has a line, then the point that it completes."""
+        """Print an event, and the point that is complete with it."""
         self._event(event)
         self._complete.take(event)
 
     def finish(self) -> None:
-        """Print the points that wait for an analysis; call it at the end of the session."""
+        """Print the points that wait for a result; to be called at the end of the session."""
         self._complete.rest()
 
     def _point(self, point: PointView) -> None:
@@ -88,8 +88,9 @@ class SessionLines:
         record = point.as_json()
         if point.progress.complete:
             text = point_text(point)
-        else:  # a drop was discarded or moved; `complete` stands only in lines of complete points
-            text = f"point {clean(point.name)} is open again: {point.progress.instruction}"
+        else:  # a drop was discarded or moved; only complete points have the key `complete`
+            text = f"point {clean(point.name)} is not complete any more: "
+            text += point.progress.instruction
             del record["complete"]
             record["open_again"] = True
         log.info("%s", text)
@@ -113,7 +114,7 @@ class SessionLines:
             case DropSaved():
                 self._saved(event)
             case DropNotSaved(point, number, reason):
-                text = f"drop {point}/{number} is NOT SAFE yet, kept in memory: {reason}"
+                text = f"drop {point}/{number} is NOT SAFE yet, it is in memory only: {reason}"
                 self._say(text, logging.ERROR)
             case DropNotPublished():
                 self._not_published(event)
@@ -156,7 +157,7 @@ class SessionLines:
             return
         if n_unreported:
             self._say(f"the instrument was connected {n_unreported} more times meanwhile")
-        prefix = "back again: " if event.again else ""
+        prefix = "connected again: " if event.again else ""
         self._say(
             f"{prefix}{identity.model} {identity.serial_number}, firmware {identity.firmware}, at "
             f"{event.url}: {len(identity.channels)} channels at {identity.sampling_rate:g} Hz"
@@ -242,7 +243,7 @@ class SessionLines:
         print(diagnosis_line(event.point, result), flush=True)
 
     def _forget(self, saved: SavedDrop) -> None:
-        """Remove a drop that has its last result; a day has thousands of drops."""
+        """Remove the intermediate results of a drop that has its last result."""
         self._first_moduli.pop((saved.point, saved.number), None)
         self._identical.pop((saved.point, saved.number), None)
 

@@ -1,4 +1,4 @@
-"""Results of files as text: a block or a line for each point, and each warning once."""
+"""Results of inversions as text: a block or a line for each point, and each warning once."""
 
 import itertools
 from collections import Counter
@@ -26,7 +26,8 @@ from tui.format import (
 from tui.output import clean, counted
 
 MAX_NAME_LETTERS = 20
-"""Letters of a point's name in a table; longer names end with an ellipsis."""
+"""Largest number of characters of a point's name in a table; a longer name ends with an ellipsis.
+"""
 
 _MARK_NOTE = f"{UNSUPPORTED_MARK} not supported by the data, decides no verdict"
 _DROP_NOTE = "bedrock: 95 % interval; residual: contact phase, in % of the peak"
@@ -34,7 +35,7 @@ _POINT_NOTE = "residual: contact phase, in % of the peak"
 
 
 def printed_results(results: Sequence[DropResult], *, as_json: bool, by: By = "drop") -> list[str]:
-    """Return the results of ``pfwd invert`` as they are printed: as JSON, or as text."""
+    """Return the lines that ``pfwd invert`` prints: one JSON object for each drop, or text."""
     return [json_text(r.to_json()) for r in results] if as_json else result_lines(results, by)
 
 
@@ -44,7 +45,6 @@ def result_lines(results: Sequence[DropResult], by: By = "drop") -> list[str]:
     Parameters
     ----------
     results : sequence of DropResult
-        Result of each drop.
     by : "point" or "drop"
         A line for each point, or for each drop.
 
@@ -66,7 +66,7 @@ def result_lines(results: Sequence[DropResult], by: By = "drop") -> list[str]:
 
 
 def survey_lines(results: Sequence[DropResult], by: By) -> list[str]:
-    """Return the lines of one file that follow its name.
+    """Return the results of one file as lines of text, without its name.
 
     Parameters
     ----------
@@ -78,8 +78,8 @@ def survey_lines(results: Sequence[DropResult], by: By) -> list[str]:
     Returns
     -------
     list of str
-        Settings of the fit, a table with the points as blocks, then reasons of rejected drops and
-        warnings, each once with its points as ranges.
+        Settings of the fit, a table of the points, then reasons of rejected drops and warnings,
+        each once with its points.
     """
     points = [(key, list(group)) for key, group in itertools.groupby(results, key=_point)]
     inverted = [(name, [r for r in drops if r.status != "rejected"]) for name, drops in points]
@@ -119,7 +119,7 @@ def _point(result: DropResult) -> str:
 
 
 def _drop_rows(name: str, results: Sequence[DropResult]) -> list[tuple[str, ...]]:
-    """Return a row for each drop; the first one has the name."""
+    """Return a row for each drop; the first row has the name of the point."""
     rows: list[tuple[str, ...]] = []
     for result in results:
         modulus, interval = modulus_and_ends(result)
@@ -141,7 +141,7 @@ def _drop_rows(name: str, results: Sequence[DropResult]) -> list[tuple[str, ...]
 
 
 def _depth(result: DropResult) -> str:
-    """Return the interval of the depth of bedrock; many records leave the value open."""
+    """Return the interval of the bedrock depth as text in m; the value is often not determined."""
     depth, ends = result.bedrock_depth_m, result.bedrock_depth_interval_m
     if depth is None:
         return NO_VALUE
@@ -151,7 +151,7 @@ def _depth(result: DropResult) -> str:
 
 
 def _point_row(name: str, results: Sequence[DropResult]) -> tuple[str, ...]:
-    """Return the mean of the measured drops with its interval, as in reports."""
+    """Return the row of a point with the mean modulus of its measured drops, as in reports."""
     from pfwd.analysis.drop_facts import with_modulus
     from pfwd.procedures import NO_PROCEDURE
 
@@ -185,7 +185,7 @@ def _fit(result: DropResult) -> str:
 
 
 def _fits(results: Sequence[DropResult]) -> str:
-    """Return the word that all drops share, or each word with its number of drops."""
+    """Return the word that all fits share, else each word with its number of drops."""
     counts = Counter(map(_fit, results))
     if len(counts) <= 1:
         return next(iter(counts), NO_VALUE)
@@ -199,8 +199,8 @@ def _message_lines(
     kind: str,
     messages: Sequence[tuple[DropResult, str]],
 ) -> list[str]:
-    """Return messages about drops, each once, with points as ranges and number of drops."""
-    # By their place: two drops may have the same name.
+    """Return messages about drops as lines, each once with its points and its number of drops."""
+    # Identified by their index, because two drops may have the same name.
     places = {id(result): (_point(result), place) for place, result in enumerate(results)}
     lines = []
     for group in group_messages((places[id(result)], text) for result, text in messages):

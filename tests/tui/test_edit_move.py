@@ -73,7 +73,7 @@ def test_a_seating_drop_that_is_moved_away_seated_nothing(survey: str) -> None:
         (["--drop", "9", "--move", "2"], "--drop: expected a drop of point 1"),
         (["--drop", "1", "--move", "1"], "expected another point, got '1'"),
         (["--drop", "1", "--move", ""], "expected a name of 1 to 64 characters"),
-        (["--drop", "1", "--move", "2", "--note", "x"], "no other edit beside it"),
+        (["--drop", "1", "--move", "2", "--note", "x"], "no other edit, got other edits"),
     ],
 )
 def test_what_cannot_be_moved(

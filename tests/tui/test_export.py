@@ -55,8 +55,8 @@ def test_an_import_ends_with_what_it_did_and_the_next_command(tmp_path: Path) ->
     assert lines[2].startswith("next: pfwd open ")
     assert len(lines) == 3
     again = pfwd(*command).stdout.splitlines()
-    assert again[0] == "a.mpvz, point east 1: 3 drops there before"
-    assert again[1].endswith("3 drops at 1 point, 3 of them were there before")
+    assert again[0] == "a.mpvz, point east 1: 3 drops already in the survey"
+    assert again[1].endswith("3 drops at 1 point, 3 of them already in the survey")
 
 
 def test_the_help_of_import_names_every_format() -> None:

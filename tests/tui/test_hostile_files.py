@@ -39,7 +39,7 @@ def test_it_is_refused_before_it_takes_anything(
     lines = run.said.splitlines()
     assert lines
     if command == "check":
-        assert lines[-1] == "NOT whole" or "attributes are not covered" in lines[-1]
+        assert lines[-1] == "NOT complete" or "attributes are not covered" in lines[-1]
     else:
         assert all(line.startswith("pfwd: ") and "expected" in line for line in lines)
         assert len(lines) == 1 or attack.several

@@ -75,7 +75,7 @@ def test_without_asking(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(json=True, no_probe=True) == 0
     captured = capsys.readouterr()
     lines = [json.loads(line) for line in captured.out.splitlines()]
-    assert {line["reason"] for line in lines} == {"not asked"}
+    assert {line["reason"] for line in lines} == {"not tested"}
     assert captured.err == ""
 
 

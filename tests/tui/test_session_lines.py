@@ -112,7 +112,7 @@ def test_a_line_that_says_complete_is_of_a_complete_point(
             assert (after["point"], after["open_again"], after["used"]) == ("A", True, [])
         else:
             assert text[0].startswith("point A: ")
-            assert text[1].startswith("point A is open again: ")
+            assert text[1].startswith("point A is not complete any more: ")
 
 
 def test_a_rejected_drop_has_its_line_at_once_with_all_keys(

@@ -1,4 +1,4 @@
-"""``pfwd bench``: the project's benchmarks, which stay in the checkout."""
+"""``pfwd bench``: the benchmarks of the project, which exist in a checkout only."""
 
 import argparse
 import os
@@ -12,21 +12,20 @@ TOP = Path(__file__).resolve().parents[2]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Hand all arguments, options too, to the benchmarks."""
+    """Accept all arguments unparsed, options included, for the benchmarks."""
     parser.usage = "pfwd bench [PART] [ARGS]"
-    parser.prefix_chars = "\0"  # no argument begins with it, so that none is an option of pfwd
+    parser.prefix_chars = "\0"  # no argument begins with it, so that no argument is an option here
     parser.add_argument("arguments", nargs=argparse.REMAINDER)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the benchmarks of the checkout that this package stands in; their exit status.
-
-    Elsewhere say so and return 2.
+    """Run the benchmarks and return their exit status; outside of a checkout print a message,
+    return 2.
     """
     if not (TOP / "benchmarks" / "__main__.py").is_file():
         say(
-            "bench: expected a folder benchmarks beside the packages, got none; "
-            "the benchmarks run from a checkout of the project"
+            f"bench: expected a folder benchmarks in {TOP}, got none; run the benchmarks from a "
+            "checkout of the project"
         )
         return 2
     environment = python_environment()

@@ -1,4 +1,4 @@
-"""``pfwd calibrate``: load cell and geophone from a rig of known stiffness."""
+"""``pfwd calibrate``: calibrate load cell and geophone by drops on a rig of known stiffness."""
 
 import argparse
 import os
@@ -41,7 +41,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fit the calibration and print it; 1 when the drops do not repeat, and nothing is written."""
+    """Fit the calibration, print it, and write it to a file.
+
+    Returns
+    -------
+    int
+        1 if the drops contradict each other; then no file is written.
+    """
     if args.header is not None and not os.path.isfile(args.header):
         raise OptionError(refusal(f"--header {args.header}", "a TOML file", "no such file"))
     if args.stiffness is not None and not args.stiffness > 0:
@@ -77,10 +83,10 @@ def run(args: argparse.Namespace) -> int:
     for warning in calibration.warnings:
         say(f"calibrate: {warning}")
     for text in calibration.reasons:
-        say(f"calibrate: does not repeat: {text}")
+        say(f"calibrate: the drops do not repeat: {text}")
     if args.output is not None and not calibration.reasons:
         write_calibration(args.output, calibration)
         say(f"calibration written to {args.output}")
     elif args.output is not None:
-        say(f"calibrate: {args.output} is not written")
+        say(f"calibrate: {args.output} was not written, because the drops do not repeat")
     return 1 if calibration.reasons else 0

@@ -1,4 +1,4 @@
-"""``pfwd check`` and its alias ``pfwd recover``: verify a survey, restore it after a crash."""
+"""``pfwd check`` and ``pfwd recover``: verify a survey, repair it after a crash."""
 
 import argparse
 
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Check or repair the survey and print its state; 1 when something is damaged or missing."""
+    """Check or repair the survey and print its state; return 1 if data are damaged or missing."""
     from pfwd.files.upkeep import check_survey, recover_survey
 
     repair = args.repair or args.command == "recover"
@@ -44,5 +44,5 @@ def run(args: argparse.Namespace) -> int:
         )
         for text in record["damaged"]:
             print(f"  DAMAGED: {clean(text)}")
-        print("whole" if record["ok"] else "NOT whole", flush=True)
+        print("complete" if record["ok"] else "NOT complete", flush=True)
     return 0 if record["ok"] else 1

@@ -1,4 +1,4 @@
-"""``pfwd completion``: a script that lets a shell complete commands and options."""
+"""``pfwd completion``: a script by which a shell completes commands and options."""
 
 import argparse
 
@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the script."""
+    """Print the script for a shell."""
     import shtab
 
     parser = build_parser()

@@ -1,4 +1,4 @@
-"""``pfwd conform``: test an instrument against the protocol."""
+"""``pfwd conform``: test whether an instrument fulfils the protocol."""
 
 import argparse
 import dataclasses
@@ -35,12 +35,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Test every requirement of the protocol; print one line each.
+    """Test the requirements of the protocol and print one line for each.
 
     Returns
     -------
     int
-        1 when one failed.
+        1 if the instrument fails a requirement.
     """
     from pfwd.ports import conform
 

@@ -1,4 +1,4 @@
-"""``pfwd demo``: measure, record and invert drops of a simulated instrument."""
+"""``pfwd demo``: measurement, recording and inversion with a simulated instrument."""
 
 import argparse
 import sys
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from simulators.instrument import SimulatedInstrument
 
 DROPS, RATE = 6, 3.0
-"""Drops and multiple of real time where lines are printed: a complete point in ten seconds."""
+"""Number of drops, and speed over real time, if lines are printed: a point takes ten seconds."""
 
 SCENARIO, PROCEDURE, TARGET = "compacted", "tp-bf-stb-b8.3", 45e6
-"""Default scenario, with the procedure and the target, Pa, that judge it: the point passes, and the
-modulus of its ground, 52 MPa, is above the target too."""
+"""Default scenario, its procedure, and its target, Pa. The point passes, and the true modulus of
+the ground, 52 MPa, is above the target as well."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -73,9 +73,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure with a simulated instrument; print at the end what was simulated.
+    """Measure with a simulated instrument, then print the simulated moduli for comparison.
 
-    Nothing of the simulation but what the instrument sends is used.
+    The measurement uses nothing of the simulation but what the instrument sends.
     """
     from pfwd.files.output_path import require_writable
     from pfwd.session.measure import measure, stopped_by_signals
@@ -144,16 +144,17 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _scenario(args: argparse.Namespace) -> str:
-    """Return the named scenario, or the default of the demonstration or of the firmware."""
+    """Return the name of the scenario: that of the option, else the default."""
     return args.scenario or ("default" if args.firmware else SCENARIO)
 
 
 def _plan(
     args: argparse.Namespace, folder: Path, default: "Procedure | None" = None
 ) -> "SessionPlan":
-    """Return the plan of the session: judged by a procedure, or by `default` for other scenarios.
+    """Return the plan of the session.
 
-    An existing survey keeps its own job.
+    The default scenario has a procedure and a target; other scenarios have `default`. An existing
+    survey keeps its own.
     """
     from pfwd.analysis.options import AnalysisOptions
     from pfwd.files.folders import is_survey
@@ -169,7 +170,7 @@ def _plan(
 
 
 def _played(file: str, drops: int | None) -> "Played":
-    """Return the drops of a trace file as samples of a converter."""
+    """Return the drops of a trace file as raw samples for the firmware."""
     import numpy as np
 
     from pfwd.files.traces import read_traces
@@ -213,16 +214,16 @@ def _on_screen(args: argparse.Namespace) -> int:
 
 
 def truth_lines(truth: Sequence[Mapping[str, Any]], moduli: Mapping[int, float]) -> list[str]:
-    """Return the simulated moduli beside the measured ones as lines of text.
+    """Return lines of text that compare measured moduli with simulated ones.
 
     Parameters
     ----------
     truth : sequence of mapping
-        The simulated drops, each with ``drop`` and ``modulus_pa``.
+        Simulated drops with the keys ``drop`` and ``modulus_pa``.
     moduli : mapping of int to float
-        Measured modulus by drop, Pa.
+        Measured modulus by drop number, Pa.
     """
-    lines = ["what was simulated, hidden until now:"]
+    lines = ["simulated moduli, which the measurement did not use:"]
     for drop in truth:
         number, modulus = drop["drop"], drop["modulus_pa"]
         line = f"  drop {number}: E {modulus / 1e6:.2f} MPa"

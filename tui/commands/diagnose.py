@@ -1,4 +1,4 @@
-"""``pfwd diagnose``: the effects behind the residuals, and the modulus to use."""
+"""``pfwd diagnose``: effects that explain the residuals, and the modulus to use."""
 
 import argparse
 import os
@@ -72,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Diagnose the points of the files; 1 when a file was refused."""
+    """Diagnose the points of the files and print the results; return 1 if a file was refused."""
     from pfwd.files.output_path import require_writable
     from tui.archive import has_folder_of_files
 
@@ -99,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
     from pfwd.analysis.diagnosis.diagnose import diagnose_files
 
     device, spread = read_device(args.device) if args.device else (None, None)
-    # A plot and a device file need more than a survey stores.
+    # A plot and a device file need values that a survey does not store.
     use_stored = not (args.refit or args.plot or args.write_device)
     with diagnosis_progress() as progress:
         points = list(
@@ -132,7 +132,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _report_not_held_out(diagnosed: "Sequence[Diagnosed]", mode: str) -> None:
-    """Report the points of which nothing could be held out: too few parts, or none shared."""
+    """Report the points without a held-out prediction, and what `--leave-out` needs."""
     results = [
         point.result for point in diagnosed if point.result is not None and point.result.drops
     ]
@@ -153,7 +153,7 @@ def _report_not_held_out(diagnosed: "Sequence[Diagnosed]", mode: str) -> None:
 
 
 def _over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
-    """Diagnose all named files and those below folders, each survey by itself."""
+    """Diagnose all named files and all files in named folders, each survey by itself."""
     from tui.archive import run_over_archive
 
     for name in ("device", "write_device", "leave_out", "allow"):
@@ -165,7 +165,7 @@ def _over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
 
 
 def store_all(points: "Sequence[Diagnosed]", *, store: bool) -> None:
-    """Store new diagnoses with their surveys, and report those that were stored before."""
+    """Store new diagnoses in their surveys, and report how many were stored before."""
     from pfwd.analysis.result_store import store_diagnoses
 
     by_file: dict[str, list[tuple[int, DiagnosisResult]]] = {}
@@ -177,7 +177,7 @@ def store_all(points: "Sequence[Diagnosed]", *, store: bool) -> None:
         if stored:
             software = ", ".join(sorted({str(result.software) for result in stored}))
             say(
-                f"{file}: {len(stored)} of {len(results)} diagnoses were stored before "
+                f"{file}: {len(stored)} of {len(results)} diagnoses are stored results "
                 f"({software}); --refit computes them again"
             )
         failed = store_diagnoses(file, results) if store and os.path.isdir(file) else None
@@ -186,9 +186,18 @@ def store_all(points: "Sequence[Diagnosed]", *, store: bool) -> None:
 
 
 def show_all(points: "Sequence[Diagnosed]", *, as_json: bool, details: bool = False) -> None:
-    """Print diagnoses: a table of several points, a block for a single one or with `details`.
+    """Print diagnoses.
 
-    Device effects and warnings of several points follow the blocks.
+    A single point is printed in full. Several points are a table, with `details` followed by each
+    point in full; advice on the device and warnings come last.
+
+    Parameters
+    ----------
+    points : sequence of Diagnosed
+    as_json : bool
+        True: one JSON object for each point instead.
+    details : bool
+        True: several points are printed in full as well.
     """
     from pfwd.judging.view import moduli_in_force
     from tui.diagnosis_lines import (

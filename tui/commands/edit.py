@@ -1,4 +1,4 @@
-"""``pfwd edit``: notes, targets and other statements on points and drops."""
+"""``pfwd edit``: notes, targets and other edits of points and drops."""
 
 import argparse
 from collections.abc import Mapping, Sequence
@@ -54,10 +54,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Store the edits, then print the points."""
+    """Store the edits, then print the points of the survey."""
     from pfwd.files.editing import no_collections
 
-    with no_collections():  # nothing that is read becomes garbage before the end
+    with no_collections():  # nothing that is read becomes garbage
         return _run(args)
 
 
@@ -68,7 +68,8 @@ def _run(args: argparse.Namespace) -> int:
     edits = _edits(args)
     if args.move is not None:
         if edits:
-            raise OptionError(refusal("--move", "no other edit beside it", "other edits"))
+            hint = "make the other edits by another call"
+            raise OptionError(refusal("--move", "no other edit", "other edits", hint))
         points = overview_of(move_drop(args.survey, args.point, args.drop, args.move))
         _warn_similar_point(args.survey, points, args.move)
     elif edits or args.point is not None or args.drop is not None:
@@ -86,14 +87,14 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _warn_similar_point(survey: str, points: Sequence[Mapping[str, Any]], to: str) -> None:
-    """Warn when a drop was moved to a new point with nearly the name of another one."""
+    """Warn if a drop was moved to a new point whose name resembles that of another point."""
     from pfwd.judging.stations import similar_name
     from tui.measuring_options import survey_job
 
     measured = {point["point"]: len(point["drops"]) for point in points}
     titles = {point["name"] for point in points}
     stations = {station.name for station in survey_job(survey).stations}
-    if measured.get(to) != 1 or to in stations:  # a renamed or known point, or a planned one
+    if measured.get(to) != 1 or to in stations:  # the point is not new, or it is a station
         return
     similar = similar_name(to, (measured.keys() | titles | stations) - {to})
     if similar is not None:
@@ -111,7 +112,7 @@ def _edits(args: argparse.Namespace) -> "list[Edit]":
     if args.position is not None:
         edits.append(Edit("position", parse_position(args.position)))
     if args.target is not None:
-        # Imported here: a note has to be quick.
+        # Imported here, because other edits do not need it.
         from pfwd.judging.job import target_si
         from tui.measuring_options import survey_job
 

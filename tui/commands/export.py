@@ -1,4 +1,4 @@
-"""``pfwd export``: a survey as a file for other programs."""
+"""``pfwd export``: write a survey as a file for other programs."""
 
 import argparse
 
@@ -8,7 +8,7 @@ from tui.arguments import add_expert_group, add_json, add_seed
 from tui.output import clean, counted, say
 
 MAX_PROCESSES = 2
-"""Processes that make rows or read an exported file back; more are not faster than the disk."""
+"""Number of processes that make rows or check an exported file; the disk limits more."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("survey", metavar="SURVEY", help="folder, or an exported survey (.h5)")
     parser.add_argument(
         "--format",
-        # No choices: another installed package may have the format, which is searched for later.
+        # No choices here: a plug-in may have the format, and plug-ins are searched later.
         metavar="FORMAT",
         help="; ".join(f"{form.name}: {form.holds}" for form in EXPORT_FORMATS.values())
         + "; or a format of another installed package (default: from the ending of PATH)",
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Export the survey and print what was written and what was left out."""
+    """Export the survey, and print a summary and all omissions."""
     from pfwd.export.export import export_survey
 
     export = export_survey(

@@ -1,4 +1,4 @@
-"""``pfwd help``: the commands in groups, all of them, or the options of one."""
+"""``pfwd help``: list of the commands in groups, or the help of one command."""
 
 import argparse
 

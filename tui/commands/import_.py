@@ -1,4 +1,4 @@
-"""``pfwd import``: trace files and other programs' files into a survey."""
+"""``pfwd import``: import trace files and other programs' files into a survey."""
 
 import argparse
 import os
@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Import what can be imported; 1 when a file was refused."""
+    """Import the files and print a line for each point; return 1 if a file was refused."""
     from pfwd.files.importing import import_files
 
     refused = False
@@ -83,14 +83,14 @@ def run(args: argparse.Namespace) -> int:
     points.end()
     if points.n_points and not args.json:
         drops = counted(points.n_drops, "drop")
-        before = f", {points.n_before} of them were there before" if points.n_before else ""
+        before = f", {points.n_before} of them already in the survey" if points.n_before else ""
         print(clean(f"{args.output}: {drops} at {counted(points.n_points, 'point')}{before}"))
         print(clean(f"next: {', or '.join(next_commands(args.output))}"), flush=True)
     return 1 if refused else 0
 
 
 class _PointLines:
-    """Prints a line for each point of a file once its drops are imported."""
+    """Printer of one line for each point of a file, once all its drops are imported."""
 
     def __init__(self, *, show: bool) -> None:
         self.n_points = self.n_drops = self.n_before = 0
@@ -99,7 +99,7 @@ class _PointLines:
         self._drops: Counter[bool] = Counter()
 
     def add(self, drop: "Imported") -> None:
-        """Count a drop; print the line of the point before, if this is another one."""
+        """Count a drop; print the line of the last point if this drop is of another one."""
         point = (drop.file, drop.point, drop.kind)
         if point != self._point:
             self.end()
@@ -110,10 +110,10 @@ class _PointLines:
         self.n_before += drop.before
 
     def end(self) -> None:
-        """Print the line of the present point."""
+        """Print the line of the last point."""
         if self._point is not None and self._show:
             file, point, kind = self._point
-            counts = [(False, "saved"), (True, "there before")]
+            counts = [(False, "saved"), (True, "already in the survey")]
             texts = [
                 f"{counted(self._drops[before], 'drop')} {word}"
                 for before, word in counts

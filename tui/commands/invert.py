@@ -1,4 +1,4 @@
-"""``pfwd invert``: modulus per drop."""
+"""``pfwd invert``: modulus of the ground for each drop."""
 
 import argparse
 import contextlib
@@ -106,7 +106,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Invert the files and print the results; 1 when a file was refused."""
+    """Invert the files and print the results; return 1 if a file was refused."""
     from pfwd.files.output_path import require_writable
     from tui.archive import has_folder_of_files, run_over_archive
 
@@ -127,12 +127,12 @@ def run(args: argparse.Namespace) -> int:
 
         n_files = len(args.files)
         bars.update("inverting", 0, n_files)
-        # A plot shows time histories, which a survey does not store.
+        # A plot shows fitted traces, which a survey does not store.
         use_stored = not args.refit and not args.plot
         outcomes = analyse_files(
             args.files, options, args.jobs, report_table, use_stored=use_stored
         )
-        # Closed at once when the printing stops, so that its workers end.
+        # Closed in any case, so that its processes end if printing fails.
         with contextlib.closing(outcomes):
             for number, outcome in enumerate(outcomes, 1):
                 bars.clear()
@@ -159,7 +159,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _store(outcome: "FileOutcome", *, store: bool) -> None:
-    """Store new results with their survey, and report those that were stored before."""
+    """Store new results in their survey, and report how many were stored before."""
     from pfwd.analysis.result_store import store_drop_results, stored_results_text
 
     if outcome.of_survey:
@@ -173,7 +173,7 @@ def _store(outcome: "FileOutcome", *, store: bool) -> None:
 def _diagnose(
     outcome: "FileOutcome", options: AnalysisOptions, args: argparse.Namespace
 ) -> "list[Diagnosed]":
-    """Return the diagnoses of the points of a file that was inverted."""
+    """Return the diagnoses of the points of an inverted file; empty: the file was refused."""
     if outcome.error is not None:
         return []
     from pfwd.analysis.diagnosis.diagnose import diagnose_files
@@ -192,7 +192,7 @@ def _diagnose(
 
 
 def _report_diagnoses(diagnosed: "list[Diagnosed]", *, as_json: bool, store: bool) -> None:
-    """Store diagnoses, and print them unless the JSON of the drops holds them."""
+    """Store diagnoses and print them; as JSON, the results of the drops contain them already."""
     from tui.commands.diagnose import show_all, store_all
 
     if as_json:
@@ -205,11 +205,12 @@ def _report_diagnoses(diagnosed: "list[Diagnosed]", *, as_json: bool, store: boo
 
 
 def options_from(args: argparse.Namespace) -> AnalysisOptions:
-    """Return the checked options of the command line.
+    """Return the options of the command line as those of an analysis.
 
     Raises
     ------
     OptionError
+        If an option is outside its range, or options contradict each other.
     """
     if args.header is not None and not os.path.isfile(args.header):
         raise OptionError(refusal(f"--header {args.header}", "a TOML file", "no such file"))
@@ -236,7 +237,17 @@ def options_from(args: argparse.Namespace) -> AnalysisOptions:
 
 
 def show(outcome: "FileOutcome", *, as_json: bool, by: "By" = "drop") -> None:
-    """Print the results of a file to standard output, the reason of a refusal to standard error."""
+    """Print the results of a file to standard output, or the reason of its refusal to standard
+    error.
+
+    Parameters
+    ----------
+    outcome : FileOutcome
+    as_json : bool
+        True: one JSON object for each drop.
+    by : "point" or "drop"
+        A line of text for each point, or for each drop.
+    """
     from tui.survey_lines import printed_results
 
     if outcome.error is not None:

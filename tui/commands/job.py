@@ -1,4 +1,4 @@
-"""``pfwd job``: procedure, targets, stations and other settings of a survey."""
+"""``pfwd job``: show or change procedure, targets, stations and other settings of a survey."""
 
 import argparse
 
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Store the settings that are given, then print all of them."""
+    """Store the settings of the options, then print all settings."""
     from pfwd.files.editing import add_events
     from pfwd.files.folders import refuse_no_survey
     from pfwd.judging import JobRequest

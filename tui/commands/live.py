@@ -1,4 +1,4 @@
-"""``pfwd live``: an instrument on the screen."""
+"""``pfwd live``: measure with an instrument, on a screen."""
 
 import argparse
 import contextlib
@@ -51,13 +51,13 @@ def run(args: argparse.Namespace) -> int:
     options = measuring_options(args)
     seating = setup.declared.get("seating_drops")
     default = plain_procedure() if seating is None else plain_procedure(int(seating))
-    if args.json:  # for machines, in place of the screen
+    if args.json:  # for programs, without a screen
         return log.run(args, default)
     remarks: list[str] = []
 
     def remark(text: str) -> None:
         say(text)
-        remarks.append(text)  # the screen covers the terminal soon
+        remarks.append(text)  # shown again on the screen, which covers the terminal
 
     request = job_request(args, args.output, setup.procedure, default, remark)
     request = JobRequest(units=load_settings().units).over(request)

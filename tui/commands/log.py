@@ -1,4 +1,4 @@
-"""``pfwd log``: headless logging into a survey, with a modulus per drop."""
+"""``pfwd log``: measure with an instrument into a survey, without a screen."""
 
 import argparse
 import contextlib
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _with_position_warnings(
     listener: "Listener", receiver: "PositionReceiver | None"
 ) -> "Listener":
-    """Return a listener that also reports drops without a valid position."""
+    """Return a listener that also warns of drops without a valid position."""
     from pfwd.session.events import DropSaved
 
     if receiver is None:
@@ -66,13 +66,19 @@ def _with_position_warnings(
 
 
 def run(args: argparse.Namespace, default_procedure: "Procedure | None" = None) -> int:
-    """Measure until enough drops are recorded, a signal arrives or the instrument has no more.
+    """Measure until enough drops are recorded, a signal arrives, or the instrument has no more
+    data.
 
     Parameters
     ----------
     args : argparse.Namespace
     default_procedure : Procedure, optional
-        Procedure of a new survey for which none was chosen.
+        Procedure of a new survey if none is chosen.
+
+    Returns
+    -------
+    int
+        1 if a drop could not be saved, 3 if the instrument was lost for longer than ``--give-up``.
     """
     from pfwd.session.measure import measure, stopped_by_signals
     from pfwd.session.position import PositionReceiver

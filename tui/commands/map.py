@@ -1,4 +1,6 @@
-"""``pfwd map``: a first column map for a delimited text, from its contents and from answers."""
+"""``pfwd map``: a column map for a delimited text, inferred from the text and from the user's
+answers.
+"""
 
 import argparse
 import os
@@ -34,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the map; 1 when something in it is missing."""
+    """Write the map; return 1 if entries of it are missing."""
     from pfwd.files.foreign.map_draft import draft_map, map_text
     from pfwd.files.output_path import require_writable
 
@@ -55,8 +57,8 @@ def run(args: argparse.Namespace) -> int:
     if draft.plate_radius is None:
         missing = ["the plate radius (plate_radius_m, or --header)", *missing]
     if missing:
-        say(f"map: still missing in {target}: {'; '.join(missing)}")
-    say(f"map: then: pfwd import {args.file} --map {target} -o SURVEY")
+        say(f"map: add to {target}: {'; '.join(missing)}")
+    say(f"map: next: pfwd import {args.file} --map {target} -o SURVEY")
     return 1 if draft.missing else 0
 
 
@@ -79,7 +81,7 @@ def _description(draft: "MapDraft") -> list[str]:
 
 
 def _ask(draft: "MapDraft") -> "MapDraft":
-    """Return the draft with the answers of a person; an empty answer means the default."""
+    """Return the draft with the user's answers; an empty answer keeps the value."""
     say("map: Enter accepts the value in brackets")
     radius = _number("plate radius in m", draft.plate_radius)
     draft = replace(draft, plate_radius=radius)

@@ -1,4 +1,4 @@
-"""``pfwd open``: stored results on the screen, or as a page for a browser, as they are."""
+"""``pfwd open``: stored results on the screen, or as pages for a browser; nothing is computed."""
 
 import argparse
 import contextlib
@@ -38,18 +38,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Show the survey until the reader leaves."""
+    """Show the survey until the user closes it."""
     from pfwd.files.folders import refuse_no_survey
 
     refuse_no_survey(args.survey)
     if args.photos is not None and args.serve is None:
-        raise OptionError(refusal("--photos", "--serve beside it", "no --serve"))
+        raise OptionError(refusal("--photos", "--serve as well", "no --serve"))
     if args.serve is not None:
         return _serve(args)
     if args.json:
         return _lines(args)
     if not on_terminal():
-        say("open: expected a terminal to fill, got a pipe or a file; --json prints the points")
+        say("open: expected a terminal, got a pipe or a file; print the points with --json")
         return USAGE
     from tui.screen.opened.app import show_survey
     from tui.screen.settings import load_settings

@@ -1,4 +1,4 @@
-"""``pfwd ports``: the serial ports and the instruments on them."""
+"""``pfwd ports``: list the serial ports and the instruments on them."""
 
 import argparse
 from collections.abc import Mapping, Sequence
@@ -29,13 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """List and test the ports; neither a port in use nor a silent one is an error.
-
-    Returns
-    -------
-    int
-        0.
-    """
+    """List and test the ports; return 0, also if a port is in use or no instrument answers."""
     from pfwd.ports import Port, list_ports, port_advice, probe_ports
 
     listed = list_ports()
@@ -53,14 +47,14 @@ def run(args: argparse.Namespace) -> int:
     elif ports:
         print_table([row(port, probe) for port, probe in zip(ports, probes, strict=True)])
     if not ports:
-        say("no serial ports; is the adapter plugged in, and does it have a driver?")
+        say("no serial ports found. Connect the adapter, and check that its driver is installed")
     for text in port_advice([port.url for port in ports]):
         say(text)
     return 0
 
 
 def record(port: "Port", probe: "Probe | None") -> dict[str, Any]:
-    """Return a port as an object for JSON."""
+    """Return a port and the result of its test as a JSON object; a probe of None: not tested."""
     adapter = port.adapter
     return {
         "url": clean(port.url),
@@ -71,7 +65,7 @@ def record(port: "Port", probe: "Probe | None") -> dict[str, Any]:
         "by_id": port.by_id,
         "answers": probe and probe.answers,
         "identity": _identity(probe),
-        "reason": clean(probe.reason) if probe else "not asked",
+        "reason": clean(probe.reason) if probe else "not tested",
     }
 
 
@@ -94,7 +88,7 @@ def _identity(probe: "Probe | None") -> Mapping[str, Any] | None:
 
 
 def row(port: "Port", probe: "Probe | None") -> tuple[str, str, str]:
-    """Return a port as a row of the table."""
+    """Return a port as a row of the table: address, description, result of the test."""
     adapter = port.adapter
     kind = port.description
     if adapter:
@@ -109,13 +103,13 @@ def row(port: "Port", probe: "Probe | None") -> tuple[str, str, str]:
         answer += f", {len(identity.channels)} channels"
         answer += f", plate radius {1000 * radius:g} mm" if radius else ", no plate radius"
     else:
-        # The first column has the port.
+        # Without the port, which is in the first column.
         answer = probe.reason.removeprefix(f"{port.url}: ")
     return clean(port.url), clean(kind), clean(answer)
 
 
 def print_table(rows: Sequence[tuple[str, str, str]]) -> None:
-    """Print the rows as aligned columns."""
+    """Print rows as a table with aligned columns."""
     widths = [max(len(line[column]) for line in rows) for column in range(2)]
     for url, kind, answer in rows:
         print(f"{url:<{widths[0]}}  {kind:<{widths[1]}}  {answer}".rstrip(), flush=True)

@@ -1,4 +1,4 @@
-"""``pfwd procedures``: the measuring procedures that come with the program, or one in full."""
+"""``pfwd procedures``: list the measuring procedures, or show one with all its numbers."""
 
 import argparse
 import textwrap
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the list of procedures, or one in full."""
+    """Print the list of procedures, or one procedure with all its numbers."""
     chosen = find_procedure(args.name) if args.name is not None else None
     for procedure in (chosen,) if chosen is not None else shipped_procedures():
         if args.json:

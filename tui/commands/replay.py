@@ -1,4 +1,4 @@
-"""``pfwd replay``: recorded drops, or the recorded bytes of a link, through the same pipeline."""
+"""``pfwd replay``: detect and invert again the drops of a survey or the bytes of a capture."""
 
 import argparse
 from pathlib import Path
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Detect, judge and invert again what was recorded."""
+    """Run the recording through a session again, on the screen or as lines."""
     from pfwd.session.measure import replay, stopped_by_signals
     from pfwd.session.setup_file import read_setup_file
     from tui.measuring_options import measuring_options

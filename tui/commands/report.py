@@ -1,4 +1,4 @@
-"""``pfwd report``: a survey as HTML, PDF or workbook."""
+"""``pfwd report``: write a survey as HTML, PDF or workbook."""
 
 import argparse
 import time
@@ -91,7 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _target(args: argparse.Namespace) -> float | None:
-    """Return the target in Pa or m; it is given in the unit of the judged quantity."""
+    """Return the target in Pa or m; the options have it in MPa or mm."""
     if args.target is None and args.target_deflection is None:
         return None
     from pfwd.files.folders import refuse_no_survey
@@ -114,9 +114,10 @@ def _target(args: argparse.Namespace) -> float | None:
 
 
 def _first_page_settings() -> dict[str, str]:
-    """Return company and logo of ``report.toml``, beside the settings of the screen.
+    """Read company and logo for all reports from ``report.toml`` in the folder of the screen's
+    settings.
 
-    The file declares them once for all reports::
+    The file has one or both of these lines::
 
         company = "Erdbau Muster GmbH"
         logo = "C:/Logos/muster.png"
@@ -124,7 +125,7 @@ def _first_page_settings() -> dict[str, str]:
     Raises
     ------
     OptionError
-        If the file has anything else.
+        If the file has other keys.
     """
     from pfwd.toml_reading import parse_user_toml, read_toml_text
     from tui.screen.settings import settings_file
@@ -137,7 +138,7 @@ def _first_page_settings() -> dict[str, str]:
         if key not in ("company", "logo") or not isinstance(value, str):
             raise OptionError(refusal(str(file), 'company = "..." or logo = "..."', quote(key)))
     if "logo" in values:
-        values["logo"] = str(file.parent / values["logo"])  # an absolute path stays
+        values["logo"] = str(file.parent / values["logo"])  # an absolute path is not changed
     return values
 
 
@@ -145,7 +146,7 @@ def run(args: argparse.Namespace) -> int:
     """Write the report, then print the verdict of each point."""
     from pfwd.report.pictures_as_svg import second_drawer
 
-    # A second process starts while this one imports and reads the survey.
+    # The second process starts here, so that it is ready when the survey is read.
     with second_drawer(args.survey, args.output) as second:
         return _run(args, second)
 

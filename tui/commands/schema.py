@@ -1,4 +1,4 @@
-"""``pfwd schema``: JSON Schema of a file that people write."""
+"""``pfwd schema``: print the JSON Schema of a file that users write."""
 
 import argparse
 import json
@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print a JSON Schema."""
+    """Print the JSON Schema of one kind of file."""
     from pfwd.schemas import json_schema
 
     schema = scenario_schema() if args.name == "scenario" else json_schema(args.name)

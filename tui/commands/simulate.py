@@ -1,4 +1,4 @@
-"""``pfwd simulate``: a mock instrument to connect to."""
+"""``pfwd simulate``: run a simulated instrument to which other programs connect."""
 
 import argparse
 
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Serve a simulated instrument; the first line on standard output is its URL."""
+    """Run a simulated instrument until it is stopped, after printing its URL on standard output."""
     from pfwd.files.output_path import require_writable
     from simulators.instrument import SimulateOptions, simulate
     from simulators.mesh import SimulationError

@@ -1,1 +1,1 @@
-"""The page of a survey for a browser: server, pages, pictures."""
+"""Pages of a survey for a browser: server, pages, pictures."""

@@ -1,7 +1,7 @@
-"""The pages of a survey for a browser: points, map, profile, and a page for each point.
+"""Pages of a survey for a browser: an overview with map and profile, and one page for each point.
 
-They need no script and load nothing from outside. The page of a point is its part of the report,
-and the code of the report draws the pictures. Nothing is inverted.
+They contain no script and load nothing from other servers. The page of a point is the same as in
+the report, which also draws the pictures. Nothing is inverted.
 """
 
 import urllib.parse
@@ -18,10 +18,11 @@ if TYPE_CHECKING:
     import jinja2
 
 MAX_PICTURE_POINTS = 400
-"""Number of points in map and profile; more would overlap and take too long to draw."""
+"""Largest number of points in map and profile; more would overlap and take too long to draw."""
 
 Photos = Literal["keep", "strip"]
-"""Keep or strip the position that the camera wrote into uploaded photos."""
+"""What to do with the position that a camera stores in an uploaded photo: keep or remove ("strip")
+it."""
 
 _UPLOAD_NOTES = {
     "keep": "JPEG or PNG. The position in the photo is kept.",
@@ -32,22 +33,22 @@ OVERVIEW_PICTURES = {
     "profile": "Judged value of each point with its interval and target",
     "map": "Points from above, by their verdict",
 }
-"""Contents of the pictures by their name. Names ending in "-small" are for a phone."""
+"""Captions of the pictures by name. A name with "-small" appended is the picture for a phone."""
 
 _PICTURE_SIZES = {"": (180.0, 80.0), "-small": (95.0, 75.0)}
-"""Width and height, mm, by the ending of the name, so that letters keep their size on a phone."""
+"""Width and height, mm, by the ending of the name: letters have the same size on a phone."""
 
 
 PICTURE_NAMES = [name + size for name in OVERVIEW_PICTURES for size in _PICTURE_SIZES]
 
 
 def point_address(name: str) -> str:
-    """Return the path of a point's page."""
+    """Return the path of a point's page in the URL."""
     return f"/point/{urllib.parse.quote(name, '', errors='surrogatepass')}"
 
 
 def parse_point_address(path: str) -> tuple[str, str]:
-    """Return the name of a point and the rest of a path; two empty texts for another path."""
+    """Return the name of a point and the rest of a URL's path; two empty texts: another page."""
     parts = path.split("/", 3)
     if len(parts) < 3 or parts[:2] != ["", "point"]:
         return "", ""
@@ -55,7 +56,7 @@ def parse_point_address(path: str) -> tuple[str, str]:
 
 
 def plain_row(row: PointRow) -> dict[str, Any]:
-    """Return a point for JSON, SI units."""
+    """Return a point as JSON data in SI units."""
     return {
         "point": row.title,
         "chainage_m": row.chainage_m,
@@ -73,7 +74,7 @@ def plain_row(row: PointRow) -> dict[str, Any]:
 
 
 def overview_page(folder: str, title: str, rows: Sequence[PointRow]) -> str:
-    """Return the page with all points: counts, pictures, and a table with a link for each.
+    """Return the page with all points as HTML: counts, pictures, and a table with links.
 
     Parameters
     ----------
@@ -115,7 +116,7 @@ def _overview_row(folder: str, row: PointRow) -> dict[str, str]:
 
 
 def point_page(folder: str, row: PointRow, rows: Sequence[PointRow], photos: Photos | None) -> str:
-    """Return the page of a point: its part of the report, and its photos.
+    """Return the page of a point as HTML: its part of the report, and its photos.
 
     Parameters
     ----------
@@ -123,9 +124,9 @@ def point_page(folder: str, row: PointRow, rows: Sequence[PointRow], photos: Pho
     row : PointRow
         The point.
     rows : sequence of PointRow
-        All points, for the links to its neighbours.
+        All points, for links to the previous and the next one.
     photos : {"keep", "strip"}, optional
-        Offer to add photos. None: only show photos.
+        The page has a form to add photos. None: photos are only shown.
     """
     from markupsafe import Markup
 
@@ -158,7 +159,14 @@ def point_page(folder: str, row: PointRow, rows: Sequence[PointRow], photos: Pho
 
 
 def draw_overview_picture(folder: str, name: str) -> str:
-    """Return one of `PICTURE_NAMES`, a picture of all points, as SVG."""
+    """Draw a picture of all points and return it as SVG.
+
+    Parameters
+    ----------
+    folder : path of the survey
+    name : str
+        One of `PICTURE_NAMES`.
+    """
     from functools import partial
 
     from pfwd.report import drawing
@@ -208,5 +216,5 @@ FORM = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>pfwd</title>
 <meta name="viewport" content="width=device-width, initial-scale=1"></head>
 <body><form><p>Code that the terminal shows: <input name="code" inputmode="numeric" autofocus>
-<button>look</button></p></form></body></html>
+<button>Open</button></p></form></body></html>
 """

@@ -1,12 +1,12 @@
-"""A survey as pages for a browser, for a phone or a tablet beside it.
+"""Server that shows a survey as pages in a browser, for instance of a phone or tablet.
 
-It serves the pages, their data and pictures of the points, and nothing else of the disk. The only
-input are photos, where the owner allows them. A browser of another computer needs a code once: it
-keeps a cookie, and the code is then void.
+It serves the pages, their data and photos of the points, and no other files. The only input are
+photos, if the owner of the survey allows them. A browser of another computer needs a code once: it
+gets a cookie, and the code is not valid any more.
 
-A page of another site could send requests from the reader's browser. Therefore requests of a page
-of another origin are refused. On this computer, where no code is needed, the request must also be
-addressed to a name of this computer, because another site's name could resolve to it.
+A page of another site could send requests from the user's browser. Therefore requests from pages of
+another origin are refused. On this computer, where no code is needed, the request must also be
+addressed to a name of this computer, because another site's name could resolve to its address.
 """
 
 import hmac
@@ -45,28 +45,30 @@ from tui.screen.opened.rows import OpenedSurvey, PointRow
 HOST, PORT = "127.0.0.1", 8765
 
 CODE_DIGITS = 8
-"""A hundred million codes, of which a client may try `MAX_WRONG_PER_CLIENT`."""
+"""Digits of a code: of a hundred million codes a client may try `MAX_WRONG_PER_CLIENT`."""
 
 MAX_WRONG_PER_CLIENT = 10
-"""Wrong codes of one client after which it gets no access; others still do."""
+"""Number of wrong codes after which a client gets no access; other clients still do."""
 
 MAX_WRONG_CODES = 1000
-"""Wrong codes of all clients after which none gets access; one of 100,000 such series succeeds."""
+"""Number of wrong codes of all clients together after which no client gets access: one of 100,000
+attackers would guess the code."""
 
 _PLACE = re.compile(r"(?:\[(?P<six>[^\[\]]+)\]|(?P<name>[^:\[\]]*))(?::(?P<port>[0-9]{1,5}))?")
 
 MAX_UPLOAD_BYTES = 5 * MAX_PHOTO_BYTES
-"""Size of one upload, which may hold several pictures."""
+"""Largest size of an upload, which may hold several photos."""
 
 _PHOTO_TYPES = {".jpg": "image/jpeg", ".png": "image/png"}
 
 
 def parse_place(text: str | None) -> tuple[str, int]:
-    """Return host and port of HOST:PORT; the defaults are 127.0.0.1 and 8765.
+    """Return host and port of a text such as ``0.0.0.0:8765``; both may be missing.
 
     Raises
     ------
     OptionError
+        If the text is no host and port.
     """
     if not text:
         return HOST, PORT
@@ -92,7 +94,7 @@ def _is_ipv6(text: str) -> bool:
 
 
 def is_local(host: str) -> bool:
-    """Return whether only this computer can reach a host."""
+    """Return whether a host is this computer's own address, which no other computer can reach."""
     try:
         return ip_address(host).is_loopback
     except ValueError:
@@ -104,18 +106,19 @@ def _code() -> str:
 
 
 class SurveyServer(ThreadingHTTPServer):
-    """Serves one survey.
+    """HTTP server of one survey.
 
     Parameters
     ----------
     survey : OpenedSurvey
     host : str
     port : int
-        0: a free one.
+        0: any free port.
     report : callable, optional
         Receives a line for the owner when a client is refused or a request fails.
     photos : {"keep", "strip"}, optional
-        Accept pictures of points, with or without the position in them. None: accept none.
+        Photos of points are accepted, and the position in them is kept or removed. None: no photos
+        are accepted.
 
     Raises
     ------
@@ -124,7 +127,7 @@ class SurveyServer(ThreadingHTTPServer):
     """
 
     daemon_threads = True
-    # On Windows a second program could then take a port that is in use.
+    # On Windows True would let a second program use the same port.
     allow_reuse_address = os.name != "nt"
 
     def __init__(
@@ -140,14 +143,14 @@ class SurveyServer(ThreadingHTTPServer):
         self.photos = photos
         self._report = report
         self.code = "" if is_local(host) else _code()
-        """Code that lets one browser in; empty: none is needed, or it was used."""
+        """Code that gives one browser access; empty: no code is needed, or it was used."""
         self.needs_code = bool(self.code)
         self.only_this_computer = is_local(host)
         self._token = ""
         self._wrong: Counter[str] = Counter()
         self._lock = threading.Lock()
         self.drawing = threading.Lock()
-        """Lock of the drawing of pictures, since settings of matplotlib belong to the process."""
+        """Lock for drawing, because matplotlib's settings are shared by all threads."""
         self._pictures: dict[str, str] = {}
         self._pictures_of: list[PointRow] = []
         if ":" in host:
@@ -162,19 +165,25 @@ class SurveyServer(ThreadingHTTPServer):
 
     @property
     def url(self) -> str:
-        """Address of the pages."""
+        """URL of the overview page."""
         host, port = self.server_address[:2]
         name = f"[{host!s}]" if ":" in str(host) else str(host)
         return f"http://{name}:{port}/"
 
     def let_in(self, code: str, client: str) -> str | None:
-        """Return the token for a client that sends the code; None: the code is wrong or was used.
+        """Return an access token for a code.
 
         Parameters
         ----------
         code : str
         client : str
-            Address. Wrong codes are counted for each address, for IPv6 each network of 64 bits.
+            IP address. Wrong codes are counted for each address, with IPv6 for each network of 64
+            bits.
+
+        Returns
+        -------
+        str or None
+            None: the code is wrong or was used, or the client has tried too many.
         """
         with self._lock:
             network = _network(client)
@@ -197,31 +206,35 @@ class SurveyServer(ThreadingHTTPServer):
             return None
 
     def is_locked(self, client: str) -> bool:
-        """Return whether a client gets no access, for its wrong codes or for those of all."""
+        """Return whether a client gets no access because of wrong codes, its own or those of all
+        clients.
+        """
         wrong = self._wrong
         return wrong[_network(client)] >= MAX_WRONG_PER_CLIENT or wrong.total() >= MAX_WRONG_CODES
 
     def report(self, text: str) -> None:
-        """Show the owner one line."""
+        """Show the owner a line of text."""
         self._report(text)
 
     def answers_to(self, host: str) -> bool:
-        """Return whether a request to this name, a ``Host`` header, may be answered."""
+        """Return whether requests with this ``Host`` header are answered."""
         return not self.only_this_computer or is_local(_host_name(host))
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Report a failed request to the owner in one line; a closed connection is not reported."""
+        """Report a failed request to the owner as one line, unless the client closed the
+        connection.
+        """
         error = sys.exception()
         if not isinstance(error, OSError):
             self._report(f"request of {client_address[0]}: {type(error).__name__}: {error}")
 
     def is_valid(self, token: str) -> bool:
-        """Return whether a browser has access by its token."""
+        """Return whether an access token is valid."""
         valid = self._token
         return bool(valid) and hmac.compare_digest(token.encode(), valid.encode())
 
     def draw(self, name: str) -> str:
-        """Return a picture of all points as SVG, drawn again when the points have changed."""
+        """Return a picture of all points as SVG; it is drawn again only if points have changed."""
         rows = self.rows()
         with self.drawing:
             if self._pictures_of != rows:
@@ -231,7 +244,7 @@ class SurveyServer(ThreadingHTTPServer):
             return self._pictures[name]
 
     def rows(self) -> list[PointRow]:
-        """Return the points as they are on the disk now."""
+        """Return the points as they are in the survey now."""
         with self._lock:
             if self.survey.from_cache() is None:
                 self.survey.read()
@@ -240,7 +253,7 @@ class SurveyServer(ThreadingHTTPServer):
 
 
 def _network(client: str) -> str:
-    """Return the address or IPv6 network of 64 bits for which wrong codes are counted."""
+    """Return the IP address, or the IPv6 network of 64 bits, for which wrong codes are counted."""
     try:
         address = ip_address(client.partition("%")[0])
     except ValueError:
@@ -251,7 +264,9 @@ def _network(client: str) -> str:
 
 
 def _host_name(host: str) -> str:
-    """Return the name of a ``Host`` header, without port and brackets; empty if it is invalid."""
+    """Return the host in a ``Host`` header, without port and brackets; empty: the header is
+    invalid.
+    """
     parts = _PLACE.fullmatch(host)
     return "" if parts is None else parts["six"] or parts["name"]
 
@@ -260,16 +275,16 @@ _POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src 'self' data:; form-action 'self'; "
     "frame-ancestors 'none'; base-uri 'none'"
 )
-"""Content security policy: no script at all, and nothing from another place."""
+"""Content security policy of all pages: no scripts, and nothing from other servers."""
 
 
 def _uploaded_files(content_type: str, body: bytes) -> list[bytes]:
-    """Return the files of a form.
+    """Return the contents of the files in an uploaded form.
 
     Raises
     ------
     OptionError
-        If the body is not such a form, or has no file.
+        If the data are no form, or the form has no file.
     """
     from python_multipart import parse_form
     from python_multipart.exceptions import FormParserError
@@ -296,11 +311,11 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = 20
 
     def do_GET(self) -> None:
-        """Send a page or its data."""
+        """Answer the request for a page or for data."""
         try:
             where = urlsplit(self.path)
         except ValueError:
-            self._answer(HTTPStatus.BAD_REQUEST, "not an address", "text/plain")
+            self._answer(HTTPStatus.BAD_REQUEST, "Invalid address.", "text/plain")
             return
         if not self._is_same_origin():
             self._answer(HTTPStatus.FORBIDDEN, f"Open {self.server.url}", "text/plain")
@@ -311,7 +326,7 @@ class _Handler(BaseHTTPRequestHandler):
             token = self.server.let_in(code, client) if code else None
             if token is None:
                 if self.server.is_locked(client):
-                    text = "Too many wrong codes. The person who started this page sees what to do."
+                    text = "Too many wrong codes. Ask the person who started this server."
                     self._answer(HTTPStatus.TOO_MANY_REQUESTS, text, "text/plain")
                 else:
                     self._answer(HTTPStatus.FORBIDDEN, FORM, "text/html")
@@ -345,21 +360,21 @@ class _Handler(BaseHTTPRequestHandler):
             elif row is not None and rest.startswith("photos/"):
                 self._send_photo(row.name, rest.removeprefix("photos/"))
             else:
-                self._answer(HTTPStatus.NOT_FOUND, "not there", "text/plain")
+                self._answer(HTTPStatus.NOT_FOUND, "Not found.", "text/plain")
         except (SurveyError, DeviceError, OSError) as err:
             self._answer(HTTPStatus.INTERNAL_SERVER_ERROR, str(err), "text/plain")
 
     def _send_photo(self, point: str, name: str) -> None:
-        # Only names in the folder of the point, so that no other file can be requested.
+        # The name must be one of the point's photos, so that no other file can be requested.
         files = {photo.name: photo for photo in photos_of(self.server.folder, point)}
         if name not in files:
-            self._answer(HTTPStatus.NOT_FOUND, "not there", "text/plain")
+            self._answer(HTTPStatus.NOT_FOUND, "Not found.", "text/plain")
             return
         kind = _PHOTO_TYPES[files[name].suffix]
         self._answer(HTTPStatus.OK, files[name].read_bytes(), kind)
 
     def do_POST(self) -> None:
-        """Store the pictures that are sent to a point."""
+        """Store uploaded photos of a point."""
         point, rest = parse_point_address(urlsplit(self.path).path)
         size = self.headers.get("Content-Length", "")
         # Every browser sends the origin of a form.
@@ -368,9 +383,9 @@ class _Handler(BaseHTTPRequestHandler):
         elif self.server.needs_code and not self._has_access():
             self._answer(HTTPStatus.FORBIDDEN, FORM, "text/html")
         elif self.server.photos is None or rest != "photos":
-            self._answer(HTTPStatus.NOT_FOUND, "not there", "text/plain")
+            self._answer(HTTPStatus.NOT_FOUND, "Not found.", "text/plain")
         elif not (size.isascii() and size.isdigit()):
-            self._answer(HTTPStatus.LENGTH_REQUIRED, "no length", "text/plain")
+            self._answer(HTTPStatus.LENGTH_REQUIRED, "Content-Length is missing.", "text/plain")
         elif int(size) > MAX_UPLOAD_BYTES:
             text = f"Send at most {MAX_UPLOAD_BYTES / 1e6:.0f} MB at once."
             self._answer(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, text, "text/plain")
@@ -381,7 +396,7 @@ class _Handler(BaseHTTPRequestHandler):
         server = self.server
         try:
             if point not in (row.name for row in server.rows()):
-                self._answer(HTTPStatus.NOT_FOUND, "not there", "text/plain")
+                self._answer(HTTPStatus.NOT_FOUND, "Not found.", "text/plain")
                 return
             pictures = _uploaded_files(self.headers.get("Content-Type", ""), self.rfile.read(size))
             keep = server.photos == "keep"
@@ -397,11 +412,13 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
 
     def do_HEAD(self) -> None:
-        """Send the header of a page."""
+        """Answer the request for the header of a page."""
         self.do_GET()
 
     def _is_same_origin(self) -> bool:
-        """Return whether the request is to this server and not from a page of another site."""
+        """Return whether a request is addressed to this server and not sent by a page of another
+        site.
+        """
         host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
         return self.server.answers_to(host) and origin in (None, f"http://{host}")
 
@@ -427,4 +444,4 @@ class _Handler(BaseHTTPRequestHandler):
             self.wfile.write(data)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Print nothing, since the terminal shows the address."""
+        """Print nothing, so that the URL stays visible in the terminal."""

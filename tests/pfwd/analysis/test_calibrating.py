@@ -114,7 +114,7 @@ def test_the_command_line(rig: str, tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "natural frequency 4.49" in capsys.readouterr().out
     other = rig_file(tmp_path / "b.csv", site="b", actual=1.3 * STIFFNESS)
     assert main(["calibrate", rig, other, "-o", str(tmp_path / "no.toml")]) == 1
-    assert "does not repeat" in capsys.readouterr().err
+    assert "the drops do not repeat" in capsys.readouterr().err
     assert not (tmp_path / "no.toml").exists()
 
 

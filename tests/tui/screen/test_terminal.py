@@ -136,7 +136,7 @@ def test_the_demo_has_the_screen_on_a_terminal_and_ends_by_sigterm(tmp_path: Pat
         wait(program, lambda: "SAFE" in text(program))
         program.process.terminate()
         assert ended(program) == 0
-    assert "what was simulated, hidden until now" in text(program)
+    assert "simulated moduli, which the measurement" in text(program)
     assert drops_of(survey) >= 1
 
 

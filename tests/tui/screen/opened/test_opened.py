@@ -473,7 +473,7 @@ def test_open_prints_json_and_needs_a_terminal(
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [line["verdict"] for line in lines] == ["pass", "fail", "undecided", "pass", "fail"]
     assert main(["open", str(survey)]) == 2
-    assert "expected a terminal to fill" in capsys.readouterr().err
+    assert "expected a terminal, got a pipe" in capsys.readouterr().err
     assert main(["open", str(tmp_path / "none")]) == 1
     with pytest.raises(SurveyError, match="the folder of a survey"):
         OpenedSurvey(tmp_path)
