@@ -168,7 +168,7 @@ TIME = np.arange(100) * 1e-4
         (([],), {}, r"data: expected .* got an empty one"),
         ((["layer.csv", 3],), {}, r"layer.csv: expected a readable trace file"),
         (("no such file.csv",), {}, r"no such file.csv: expected a readable trace file"),
-        ((TIME,), {}, r"arrays: expected three: time, load, values, got 1 of them"),
+        ((TIME,), {}, r"arrays: expected three: time, load, values, got 1$"),
         ((TIME, WAVE, WAVE), {}, r"plate_radius: expected a number > 0, in m, got none"),
         ((TIME, WAVE[:50], WAVE), {"plate_radius": 0.1}, r"load: expected 100 samples .* got 50"),
         ((TIME, WAVE, WAVE[:50]), {"plate_radius": 0.1}, r"values: expected \(100,\) or"),

@@ -70,7 +70,7 @@ def test_json_lines_are_those_of_the_contract(captured: tuple[Path, Any]) -> Non
     }
     assert records(pfwd("recover", survey, "--json").stdout) == [record]
     text = pfwd("check", survey).stdout
-    assert text.endswith("whole\n")
+    assert text.endswith("complete\n")
 
 
 def test_a_replay_says_that_the_traces_are_the_same(captured: tuple[Path, Any]) -> None:

@@ -127,7 +127,7 @@ def test_decimal_commas_for_european_spreadsheets(judged: Path, tmp_path: Path) 
         ("jsonl", {"delimiter": ";"}, "a format in columns"),
         ("csv", {"decimal": ","}, "a format in columns"),
         ("points", {"decimal": ";"}, "a point or a comma"),
-        ("points", {"delimiter": ",", "decimal": ","}, "two signs"),
+        ("points", {"delimiter": ",", "decimal": ","}, "different characters"),
         ("table", {"delimiter": ";;"}, "one character such as"),
         ("table", {"delimiter": "5"}, "one character such as"),
         ("table", {"delimiter": "\n"}, "one character such as"),
@@ -330,7 +330,7 @@ def test_a_geopackage_has_a_feature_a_point(judged: Path, tmp_path: Path) -> Non
     assert fid == first["fid"]
     assert box == pytest.approx([11.5, 11.5, 48.1, 48.1])
     assert any("1 of 2 points have no position" in note for note in done.notes)
-    with pytest.raises(OptionError, match="taken"):
+    with pytest.raises(OptionError, match="an existing one"):
         export_survey(judged, "gpkg", tmp_path / "p.gpkg")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["p.gpkg", "survey"]
 
