@@ -33,7 +33,7 @@ def place_of(point: SurveyPoint, drop: DropView) -> Place | None:
     """
     edited = None if drop.source is None else drop.source.position
     recorded = drop.metadata.get("position"), drop.declared
-    places = map(_place, (edited, point.position, *recorded, point.declared))
+    places = map(place_in, (edited, point.position, *recorded, point.declared))
     return next((place for place in places if place is not None), None)
 
 
@@ -110,29 +110,30 @@ def local_of(drop: DropView, zone: str | None) -> str | None:
         return None
 
 
-def place_in(position: Any) -> tuple[float, float] | None:
-    """Return the latitude and longitude of a mapping, degrees.
+def place_in(position: Any) -> Place | None:
+    """Return the position in a recorded, declared or edited mapping.
 
-    The result is None if they are missing or outside of their range.
+    Parameters
+    ----------
+    position : mapping
+        Keys ``latitude`` and ``longitude``, degrees, and optionally ``altitude_m``. Values must be
+        numbers: a header may also have texts under these keys, which are only shown.
+
+    Returns
+    -------
+    Place or None
+        None: `position` is no mapping, or has no valid latitude and longitude.
     """
-    try:
-        place = float(position["latitude"]), float(position["longitude"])
-    except (KeyError, TypeError, ValueError):
-        return None
-    return place if is_position(*place) else None
-
-
-def _zone(offset: str) -> datetime.tzinfo | None:
-    return datetime.datetime.strptime(offset, "%z").tzinfo
-
-
-def _place(position: Any) -> Place | None:
     if not isinstance(position, Mapping):
         return None
     latitude, longitude = number(position.get("latitude")), number(position.get("longitude"))
     if latitude is None or longitude is None or not is_position(latitude, longitude):
         return None
     return Place(latitude, longitude, number(position.get("altitude_m")))
+
+
+def _zone(offset: str) -> datetime.tzinfo | None:
+    return datetime.datetime.strptime(offset, "%z").tzinfo
 
 
 def number(value: object) -> float | None:

@@ -77,7 +77,8 @@ class PointView:
     @property
     def position(self) -> tuple[float, float] | None:
         """Latitude and longitude, degrees; None: unknown."""
-        return place_in(self.place)
+        place = place_in(self.place)
+        return None if place is None else (place.latitude, place.longitude)
 
     @property
     def setup(self) -> PointSetup:

@@ -11,7 +11,7 @@ from pfwd.analysis.results import DropResult
 from pfwd.errors import SurveyError
 from pfwd.files.editing import Edit
 from pfwd.judging import SurveyView
-from pfwd.judging.places import place_in
+from pfwd.judging.places import Place, place_in
 from pfwd.judging.view import read_points
 from pfwd.session.events import DropSaved, Edited, Notice, PointBegan
 from pfwd.session.live_view import apply_event
@@ -221,7 +221,7 @@ def test_a_point_is_where_the_receiver_was_unless_somebody_said_otherwise(tmp_pa
         feed = ScriptedFeed(connected(), began(7), TWO_DROPS[0], began(8), TWO_DROPS[1])
         Session(feed, log, SessionPlan(options=None, position=Receiver()), writer).run()
     recorded = [event.saved.view.metadata["position"] for event in log.of(DropSaved)]
-    assert list(map(place_in, recorded)) == [None, (48.2, 11.6)]
+    assert list(map(place_in, recorded)) == [None, Place(48.2, 11.6)]
     view = SurveyView()
     for event in log.of(DropSaved):
         view, _ = apply_event(view, event)

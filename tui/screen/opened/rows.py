@@ -213,8 +213,8 @@ def _bare(point: Any, job: "Job") -> PointRow:
         title=point.title,
         drops=len(point.drops),
         chainage_m=chainage_of_point(point.title, job.station(point.title), [point.declared]),
-        latitude=None if place is None else place[0],
-        longitude=None if place is None else place[1],
+        latitude=None if place is None else place.latitude,
+        longitude=None if place is None else place.longitude,
         notes="; ".join(point.notes),
         discarded=point.discarded,
     )
