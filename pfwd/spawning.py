@@ -32,7 +32,7 @@ class ShieldedProcess(SpawnProcess):
     """Spawned process that imports no code from the current folder."""
 
     def start(self) -> None:
-        """Start the process."""
+        """Start the process without the current folder among the places from which it imports."""
         with children_shielded():
             super().start()
 

@@ -77,7 +77,7 @@ def thickness(text: str) -> tuple[float, ...] | str:
 
 
 def report_file(text: str) -> str:
-    """Return a file name if it ends like a report."""
+    """Return a file name if it ends with .html, .pdf or .xlsx."""
     if not text.lower().endswith((".html", ".pdf", ".xlsx")):
         raise _refused("a name ending in .html or .pdf, or in .xlsx with --template", text)
     return text

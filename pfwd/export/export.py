@@ -32,7 +32,7 @@ class ExportSummary:
     """One sentence for each omission or damage."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the record of ``pfwd export --json``."""
+        """Return the summary with the keys of ``pfwd export --json``."""
         return {
             "survey": self.survey,
             "format": self.format,

@@ -49,7 +49,7 @@ Points = Sequence[SurveyPoint]
 
 
 class Part(NamedTuple):
-    """Part that the second process has made."""
+    """Text of a part of the rows, made by the second process."""
 
     text: str
     results: int

@@ -90,9 +90,9 @@ def judged_values(point: PointView) -> dict[str, Any]:
 
 
 def _use_values(progress: PointProgress, diagnosis: DiagnosisResult | None) -> dict[str, Any]:
-    """Return for what the diagnosed modulus may be used, and why.
+    """Return what the diagnosed modulus may be used for, and the reason.
 
-    "do-not-use", if the records of the point do not support it.
+    If the records of the point do not support it, that is "do-not-use".
     """
     if diagnosis is None:
         return {"use": None, "use_reason": None}

@@ -112,7 +112,13 @@ class RowMaker(Protocol):
         parts: Sequence[Sequence[SurveyPoint]],
         /,
     ) -> Sequence[Any]:
-        """Request the texts of parts; see `pfwd.export.parts.SecondProcess.make`."""
+        """Request the texts of the rows, part by part.
+
+        Returns
+        -------
+        sequence of Future or None
+            One for each part; None: this process will not make the part.
+        """
         ...
 
 
@@ -136,7 +142,7 @@ class Order:
 
     @cached_property
     def job(self) -> Job:
-        """Job of the survey.
+        """Procedure, targets and stations of the survey.
 
         Raises
         ------
@@ -402,7 +408,10 @@ def _cells(result: DropResult) -> dict[str, Any]:
 
 
 def _typed_cells(result: DropResult) -> dict[str, Any]:
-    """Return the same for a result of this version, faster by functions that are looked up once."""
+    """Return the values of a result of this version by column name, as `_cells` does.
+
+    It is faster, because the functions for each column are looked up only once.
+    """
     cells: dict[str, Any] = {}
     for name, value in zip(_NUMERIC_NAMES, _NUMERIC_VALUES(result), strict=True):
         # Nearly always a float: `number` without the call.

@@ -242,7 +242,7 @@ def parse_position(text: str) -> dict[str, float]:
 
 
 def parse_declaration_option(text: str) -> dict[str, Any]:
-    """Return key and value of a text such as ``plate_mass_kg=12.5``.
+    """Parse an option such as ``plate_mass_kg=12.5``.
 
     Parameters
     ----------
@@ -252,7 +252,7 @@ def parse_declaration_option(text: str) -> dict[str, Any]:
     Returns
     -------
     dict
-        One entry.
+        The value by its key, one entry.
 
     Raises
     ------

@@ -241,7 +241,7 @@ def import_survey(
     drops = {drop.number: drop for drop in survey.drops}
     for point in content.points:
         if point.name not in points:
-            writer.add_point(point.name, _declared_first(point))
+            writer.add_point(point.name, _original_declarations(point))
     for drop in content.drops:
         yield _import_stored_drop(writer, file, content, drop, before, drops, omitted)
     for point in content.points:
@@ -317,7 +317,7 @@ def _import_stored_drop(
     return Imported(file, record.point, number, saved, kind=kind, remarks=remarks)
 
 
-def _declared_first(point: SurveyPoint) -> dict[str, Any]:
+def _original_declarations(point: SurveyPoint) -> dict[str, Any]:
     """Return the original declarations of a point, without the keys that an edit has replaced."""
     edited = {
         key

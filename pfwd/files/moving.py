@@ -19,7 +19,10 @@ MOVED_TO = "moved_to"
 
 
 def point_called(survey: Survey, to: str) -> str:
-    """Return the name of the point that has a given name or title; a new name is returned as it is.
+    """Return the permanent name of the point that has a given name or title.
+
+    The title is the name under which an edit shows a point. A text that no point has is returned as
+    it is: it becomes the name of a new point.
 
     Raises
     ------

@@ -143,7 +143,7 @@ class SurveyPhoto(NamedTuple):
 
 
 def photos_of_survey(content: SurveyContent) -> Iterator[SurveyPhoto]:
-    """Yield the photos of a survey, in its folder or exported.
+    """Yield the photos of all points of a survey, which may be a folder or an exported file.
 
     Raises
     ------
@@ -417,7 +417,15 @@ def _check(
 def _drops_damage(
     name: str, drops: Sequence[tuple[int, Mapping[str, Any], str | None]]
 ) -> tuple[int, list[str]]:
-    """Check a part of the drops; return the number of intact ones and messages about damage."""
+    """Check several drops of an exported survey.
+
+    Returns
+    -------
+    n_intact : int
+        Number of intact drops.
+    damaged : list of str
+        Messages about damaged drops and results.
+    """
     n_intact, damaged = 0, []
     with _opened(name) as file:
         for number, facts, expected in drops:
@@ -746,7 +754,7 @@ def _text_dataset(text: str) -> Dataset:
 
 
 def _write_text(file: Any, name: str, text: str) -> str:
-    """Write a text; return its digest."""
+    """Write a text as a dataset of the HDF5 file; return its SHA-256 digest."""
     dataset = _text_dataset(text)
     write_dataset(file, name, dataset)
     return str(dataset.attributes["sha256"])
@@ -791,13 +799,13 @@ def _text(file: Place, name: str, path: str, expected: str | None = None) -> dic
 
 
 def _placed(err: RecordingError, where: str) -> RecordingError:
-    """Return the error with file and member in front of its message, unless the file is there."""
+    """Return an error whose message begins with file and member; unchanged if it does already."""
     text = str(err)
     return err if text.startswith(where.partition(", ")[0]) else RecordingError(f"{where}: {text}")
 
 
 def _write_capture(file: Any, capture: Path) -> str:
-    """Write the bytes received from an instrument; return their digest."""
+    """Write a capture (bytes received from an instrument) into the HDF5 file; return its digest."""
     size = capture.stat().st_size
     if size > MAX_CAPTURE_BYTES:
         raise RecordingError(
@@ -809,7 +817,7 @@ def _write_capture(file: Any, capture: Path) -> str:
 
 
 def _write_photos(file: Any, content: SurveyContent) -> list[dict[str, str]]:
-    """Write the photos of a survey; return point, name and digest of each."""
+    """Write the photos of a survey into the HDF5 file; return point, name and digest of each."""
     return [
         {
             "point": photo.point,
@@ -823,7 +831,7 @@ def _write_photos(file: Any, content: SurveyContent) -> list[dict[str, str]]:
 
 
 def _write_bytes(file: Any, name: str, stream: BinaryIO, size: int) -> str:
-    """Write the first `size` bytes of a stream; return their digest."""
+    """Write the first `size` bytes of a stream as an HDF5 dataset; return their digest."""
     dataset = file.create_dataset(
         name,
         shape=(size,),

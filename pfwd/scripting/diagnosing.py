@@ -72,18 +72,20 @@ class Diagnosis(ScriptObject):
 
     @property
     def verdict(self) -> str:
-        """``clean``, ``explained`` or ``unexplained``."""
+        """``clean`` (no residual to explain), ``explained`` by effects, or ``unexplained``."""
         return str(self._record["verdict"])
 
     @property
     def corrected(self) -> bool:
-        """True if the residual is explained so well that the modulus after counts as corrected."""
+        """True if effects explain the residual so well that the modulus fitted with them counts as
+        corrected.
+        """
         return bool(self._record["corrected"])
 
     @property
     def modulus(self) -> float | None:
-        """Modulus to use, Pa: the one after, or the one before if `use` is ``do-not-use``; None:
-        neither.
+        """Modulus to use, Pa: fitted with the effects, or without them if `use` is ``do-not-use``;
+        None: none.
         """
         return None if self._modulus is None else self._modulus.value
 
@@ -94,7 +96,7 @@ class Diagnosis(ScriptObject):
 
     @property
     def use(self) -> str:
-        """What the modulus after may be used for: ``design``, ``with-care`` or ``do-not-use``."""
+        """Use of the modulus fitted with effects: ``design``, ``with-care`` or ``do-not-use``."""
         return "do-not-use" if self._fault is not None else str(self._record["use"])
 
     @property
@@ -157,7 +159,9 @@ class Diagnosis(ScriptObject):
         return self._modulus is not None and self._modulus.source == source
 
     def _use_words(self) -> str:
-        """Return a phrase: what the modulus after may be used for, and what to use instead."""
+        """Return a phrase on the use of the modulus fitted with effects, and on what to use
+        instead.
+        """
         words = {"design": "design value", "with-care": "use with care"}
         if self.use in words:
             return words[self.use]

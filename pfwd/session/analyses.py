@@ -68,7 +68,7 @@ class Analyses:
 
     @property
     def n_pending(self) -> int:
-        """Number of analyses without a result."""
+        """Number of requested analyses that have no result yet."""
         return len(self._pending)
 
     def prepare(self, identity: Identity, setup: PointSetup) -> None:

@@ -90,7 +90,7 @@ class PointDiagnoses:
 
     @property
     def n_pending(self) -> int:
-        """Number of diagnoses without a result."""
+        """Number of requested diagnoses that have no result yet."""
         return len(self._pending)
 
     def request(self, saved: SavedDrop) -> None:

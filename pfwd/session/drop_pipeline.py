@@ -33,7 +33,7 @@ LAST_REBOUNDS = 3.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Coming:
+class _UnsavedDrop:
     """Drop that was screened and is not saved yet."""
 
     view: DropView
@@ -81,7 +81,7 @@ class DropPipeline:
             )
         self.acknowledged = 0
         """Number of saved drops; in a replay without output, of processed drops."""
-        self._coming: dict[tuple[str, int], _Coming] = {}
+        self._unsaved: dict[tuple[str, int], _UnsavedDrop] = {}
         self._largest: dict[str, float] = {}
         self._rejected: dict[str, int] = {}
         self._last: tuple[str, int] | None = None
@@ -153,7 +153,7 @@ class DropPipeline:
         if source is None and facts is not None:
             metadata = {**record.metadata, FACTS_KEY: facts.to_json()}
             record = replace(record, metadata=metadata)
-        self._coming[key] = _Coming(view, received, source, release)
+        self._unsaved[key] = _UnsavedDrop(view, received, source, release)
         self._last, self._last_record = key, None
         self._rebounds_until = time.monotonic() + LAST_REBOUNDS
         if self.recorder is not None:
@@ -209,10 +209,10 @@ class DropPipeline:
     def _on_saved(self, record: DropRecord, number: int | None, spare: Path | None) -> None:
         """Acknowledge a saved drop, then request its inversion."""
         key = record.point, record.drop.number
-        coming = self._coming.pop(key)
-        if coming.release is not None:
-            coming.release()
-        file = coming.source.file if coming.source is not None else ""
+        unsaved = self._unsaved.pop(key)
+        if unsaved.release is not None:
+            unsaved.release()
+        file = unsaved.source.file if unsaved.source is not None else ""
         if self.recorder is not None and number is not None:
             self._records = {key: number}
             file = str(Layout(self.recorder.writer.folder).drop_file(number))
@@ -220,19 +220,19 @@ class DropPipeline:
                 self._last_record = number
             else:  # its rebounds are complete and were saved with it
                 self.recorder.publish(number)
-        view = replace(coming.view, record=number, screening=self._compare(coming.view, key[0]))
+        view = replace(unsaved.view, record=number, screening=self._compare(unsaved.view, key[0]))
         saved = SavedDrop(
             record.point,
             view,
             record.drop,
             file,
             spare=None if spare is None else str(spare),
-            received=coming.received,
+            received=unsaved.received,
         )
         self.acknowledged += 1
         identical = None
-        if coming.source is not None:
-            identical = record.drop.has_samples_of(coming.source.record.drop)
+        if unsaved.source is not None:
+            identical = record.drop.has_samples_of(unsaved.source.record.drop)
         self._report(DropSaved(saved, identical))
         if self.analyses is not None:
             self.analyses.request(saved)

@@ -46,7 +46,7 @@ class CalibrationChanged:
 
     @property
     def text(self) -> str:
-        """Sentence to show."""
+        """Description for the operator, one sentence."""
         return (
             f"calibration of {self.serial_number} changed since its last drop in this survey: "
             f"{'; '.join(self.changes)}"
@@ -78,7 +78,7 @@ class LiveSamples:
 
 @dataclass(frozen=True, slots=True)
 class InstrumentStatus:
-    """State of the instrument and of the link."""
+    """Battery, temperature and other state of the instrument, and counters of the connection."""
 
     status: Status
     counters: Mapping[str, float | None]
@@ -130,7 +130,7 @@ class SavedDrop:
 
     @property
     def setup(self) -> PointSetup:
-        """Declarations of the drop."""
+        """Declarations of plate, ground and instrument that apply to the drop."""
         return self.view.setup
 
     @property
@@ -160,7 +160,7 @@ class DropNotSaved:
 
 @dataclass(frozen=True, slots=True)
 class SurveyFilesChanged:
-    """Files of the survey were removed, its folder cannot be written, or both is repaired."""
+    """Files of the survey were removed, its folder cannot be written, or this was repaired."""
 
     text: str
     """Sentence to show."""
@@ -178,7 +178,7 @@ class DropNotPublished:
 
     @property
     def text(self) -> str:
-        """Sentence to show."""
+        """Description for the operator, one sentence."""
         return (
             f"drop {self.point}/{self.number} has no file of its own yet (it is safe in the "
             f"journal; pfwd recover makes the file): {self.reason}"
@@ -270,7 +270,7 @@ class TableBuilding:
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """Message to show."""
+    """Message for the operator, shown on the screen or in the log."""
 
     text: str
     serious: bool = False

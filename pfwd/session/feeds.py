@@ -48,7 +48,7 @@ class ImportedDrop:
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """End of a feed."""
+    """Last item of a feed: no further samples follow."""
 
 
 FeedItem = Item | RecordedDrop | ImportedDrop | Ended

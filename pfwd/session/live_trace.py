@@ -98,7 +98,7 @@ class LiveTrace:
             self._open = int(index[-1])
 
     def envelope(self) -> Envelope:
-        """Return the trace of the last `window` seconds."""
+        """Return the last `window` seconds as smallest and largest values of short intervals."""
         with self._lock:
             rows = self._rows.copy()
             samples, unit = self._samples, self._unit

@@ -85,7 +85,7 @@ def with_stored(
 
 
 def _with_edits(drop: DropView, stored: DropView | None) -> DropView:
-    """Return a drop of the session, discarded or moved as the stored one is."""
+    """Return a drop of this session with the discard or move that an edit in the survey made."""
     if stored is None or drop.discarded is not None:
         return drop
     return replace(drop, discarded=stored.discarded, moved_to=stored.moved_to)

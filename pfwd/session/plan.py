@@ -35,7 +35,7 @@ class Ending(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionPlan:
-    """Plan of a session.
+    """Plan of a session: where and how it measures, when it ends, how drops are analysed.
 
     Raises
     ------
@@ -95,7 +95,7 @@ class SessionJob:
 
     @property
     def job(self) -> Job:
-        """Job after the changes."""
+        """Job of the survey after the requested changes."""
         return self.recorded.with_request(self.request)
 
 
@@ -149,8 +149,9 @@ def _recorded_job(survey: SurveyContent, *, replaceable: bool) -> Job:
 
 
 def instrument_request(identity: Identity) -> JobRequest:
-    """Return a job change with serial number and calibration dates of an instrument and the time
-    zone.
+    """Return the job change that records an instrument's serial number and calibration dates.
+
+    It also records the time zone of this computer.
     """
     calibration: list[Mapping[str, Any]] = []
     for channel in identity.channels:

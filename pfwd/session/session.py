@@ -201,7 +201,9 @@ class Session:
 
     @property
     def job(self) -> Job:
-        """Job of the survey, with the changes requested for this session."""
+        """Procedure, targets and stations of the survey, with the changes requested for this
+        session.
+        """
         return self._job.with_request(self._job_request)
 
     def change_job(self, request: JobRequest) -> None:

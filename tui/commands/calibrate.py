@@ -10,7 +10,7 @@ from tui.output import clean, say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd calibrate``."""
+    """Add the arguments of ``pfwd calibrate`` and its description to the parser."""
     parser.description = (
         "Fits gain, natural frequency, damping and delay to drops on a rig of springs, with their "
         "intervals, or says why the drops do not repeat. A spring determines only the ratio of the "

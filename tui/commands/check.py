@@ -8,7 +8,7 @@ from tui.output import clean, counted, say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd check`` and ``pfwd recover``."""
+    """Add the arguments of ``pfwd check`` and ``pfwd recover`` and a description to the parser."""
     parser.description = (
         "Reads every record of a survey, its drop files or an exported survey, and compares "
         "checksums and recorded peaks with the traces. Changes nothing without --repair. Exit "

@@ -11,7 +11,7 @@ _FOLDERS = {"FOLDER", "OUT"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd completion``."""
+    """Add the arguments of ``pfwd completion`` and its description to the parser."""
     parser.description = (
         "Prints a script with which a shell completes commands, options, their values and files "
         "when you press Tab. Its first lines say where to store it."

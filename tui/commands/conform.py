@@ -11,7 +11,7 @@ _SIGNS = {"passed": "passed", "failed": "FAILED", "not-offered": "not offered"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd conform``."""
+    """Add the arguments of ``pfwd conform`` and its description to the parser."""
     parser.description = (
         "Tests every numbered requirement of docs/protocol.md, one line each: passed, failed, or "
         "not offered. Takes two minutes; make one drop when you are asked to. Exit status 1 when "

@@ -26,7 +26,7 @@ the ground, 52 MPa, is above the target as well."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd demo``."""
+    """Add the arguments of ``pfwd demo`` and its description to the parser."""
     parser.description = (
         "Runs a simulated instrument on a virtual serial port (TCP where there is none). Its drops "
         "are measured, recorded and inverted like those of a real one, and judged by the procedure "

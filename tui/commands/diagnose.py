@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd diagnose``."""
+    """Add the arguments of ``pfwd diagnose`` and its description to the parser."""
     parser.description = (
         "Searches effects of ground and device that explain the residuals of each point. Reports "
         "which modulus to use, or that nothing explains them. Files that declare the same device "

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd edit``."""
+    """Add the arguments of ``pfwd edit`` and its description to the parser."""
     parser.description = (
         "Adds notes and other statements to a point or a drop, and shows the points. Nothing "
         "recorded is changed or deleted: the last statement counts."

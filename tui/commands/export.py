@@ -12,7 +12,7 @@ MAX_PROCESSES = 2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd export``."""
+    """Add the arguments of ``pfwd export`` and its description to the parser."""
     parser.description = (
         "Writes a survey as one file, or as a folder for csv. An export that fails leaves nothing "
         "behind. It holds the last stored result of each drop, always with uncertainty, model, "

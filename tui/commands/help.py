@@ -6,7 +6,7 @@ from tui.parser import COMMANDS, build_parser, overview
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd help``."""
+    """Add the arguments of ``pfwd help`` and its description to the parser."""
     parser.description = "Shows the commands for everyday work, all commands, or the help of one."
     names = [name for commands in COMMANDS.values() for name in commands]
     parser.add_argument(
@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the help."""
+    """Print the list of commands, or the help of one command."""
     if args.topic is None:
         print(overview(everything=args.all), end="")
     else:

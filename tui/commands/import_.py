@@ -17,7 +17,7 @@ _KINDS = {"peaks": "peaks only", "stiffness": "stiffness test"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd import``."""
+    """Add the arguments of ``pfwd import`` and its description to the parser."""
     parser.description = (
         "Reads trace files (.csv) and exported surveys (.h5); time histories of Rincent Minidyn, "
         "Maxidyn and Heavydyn (.dynz, .prjz, .mpvz) and JILS (.thy); peaks of JILS (.dat), "

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd invert``."""
+    """Add the arguments of ``pfwd invert`` and its description to the parser."""
     parser.description = (
         "Computes modulus, viscosity, density and depth of bedrock for each drop of surveys and "
         "trace files. An option replaces what a file declares; an undeclared depth is fitted. A "

@@ -8,7 +8,7 @@ from tui.output import clean, say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd job``."""
+    """Add the arguments of ``pfwd job`` and its description to the parser."""
     parser.description = (
         "Shows procedure, targets, stations and other settings of a survey, with the date of "
         "every change, or changes them. All points are judged by the last settings. live and log "

@@ -16,7 +16,7 @@ from tui.output import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd live``."""
+    """Add the arguments of ``pfwd live`` and its description to the parser."""
     parser.description = (
         "Measures with an instrument, on a screen that fills the terminal; ? shows its keys. After "
         "a lost connection it waits until the instrument is back."
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure on the screen until the operator leaves."""
+    """Measure with the instrument on a screen until the operator closes it."""
     from pfwd.judging import JobRequest
     from pfwd.procedures import plain_procedure
     from pfwd.session.plan import SessionPlan

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd log``."""
+    """Add the arguments of ``pfwd log`` and its description to the parser."""
     parser.description = (
         "Records the drops of an instrument into a survey. A drop is printed only when it is "
         "safe on the disk. Ends after --drops, when the instrument has no more, or on SIGINT or "

@@ -19,7 +19,7 @@ ROLES = ("time", "load", "sensor", "drop", "none")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd map``."""
+    """Add the arguments of ``pfwd map`` and its description to the parser."""
     parser.description = (
         "Reads a text (CSV, tabs, blanks), proposes what its columns hold, asks about them on a "
         "terminal, and writes a column map for pfwd import --map. Exit status 1 when something "

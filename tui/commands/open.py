@@ -11,7 +11,7 @@ USAGE = 2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd open``."""
+    """Add the arguments of ``pfwd open`` and its description to the parser."""
     parser.description = (
         "Shows stored results: points (sorted, filtered), profile, map, drops over each other, two "
         "points compared, the settings of the survey. Keys write a report or an export. Nothing is "

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd ports``."""
+    """Add the arguments of ``pfwd ports`` and its description to the parser."""
     parser.description = (
         "Lists the serial ports of this computer and tests each for an instrument. A port without "
         "an answer is listed with the reason and what to try."

@@ -22,7 +22,7 @@ _LABELS = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd procedures``."""
+    """Add the arguments of ``pfwd procedures`` and its description to the parser."""
     parser.description = (
         "Lists the procedures that come with the program: seating + measured drops (in brackets: "
         "not verified, not enforced) and the judged quantity. With a name or a TOML file it shows "

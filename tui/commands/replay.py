@@ -7,7 +7,7 @@ from tui.arguments import add_analysis, add_expert_group, add_json, count, not_n
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd replay``."""
+    """Add the arguments of ``pfwd replay`` and its description to the parser."""
     parser.description = (
         "Detects, judges and inverts again what was recorded: the drops of a survey, or the bytes "
         "of an instrument stored by pfwd log --capture."

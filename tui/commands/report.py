@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd report``."""
+    """Add the arguments of ``pfwd report`` and its description to the parser."""
     parser.description = (
         "Writes one file that shows a survey to others: summary, map, profile, a page per point "
         "with traces, fits and residuals, device, procedure, and all that is needed to compute it "

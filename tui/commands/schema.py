@@ -7,7 +7,7 @@ from simulators.instrument.scenario import scenario_schema
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd schema``."""
+    """Add the arguments of ``pfwd schema`` and its description to the parser."""
     from pfwd.schemas import schema_names
 
     parser.description = (

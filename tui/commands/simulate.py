@@ -8,7 +8,7 @@ from tui.output import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``pfwd simulate``."""
+    """Add the arguments of ``pfwd simulate`` and its description to the parser."""
     parser.description = (
         "Runs a simulated instrument on a virtual serial port or on TCP until ctrl+c. Its drops "
         "are computed by finite elements; scenarios add faults. Connect pfwd live or pfwd log to "

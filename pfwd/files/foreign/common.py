@@ -318,7 +318,7 @@ def position_of(latitude: object, longitude: object) -> dict[str, float]:
 
 
 def temperature_of(value: object) -> float | None:
-    """Convert a number or its text to degrees Celsius; None: it is none, or outside the range of
+    """Convert a number or its text to degrees Celsius; None: no number, or outside the range of
     ground.
     """
     number = finite(value)

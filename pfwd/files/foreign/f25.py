@@ -90,7 +90,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
 
 @dataclass(frozen=True, slots=True)
 class _DropLine:
-    """Line with a drop."""
+    """Values of one line that is a drop."""
 
     station: Station
     line: int
@@ -127,7 +127,7 @@ class _Reader:
         self._last_line = 0
 
     def take(self, fields: list[str], line: int) -> None:
-        """Parse one line, split into its fields."""
+        """Parse one line of the file, split into its fields."""
         where = f"{self._file}, line {line}"
         cells = [field.strip() for field in fields]
         self._last_line = line

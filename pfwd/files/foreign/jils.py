@@ -59,7 +59,7 @@ _THY_COLUMNS = re.compile(r"\s*Time\s+Force((?:\s+Disp\d{1,3})+)\s*$")
 
 @dataclass(slots=True)
 class _Block:
-    """Drop as it stands in the file."""
+    """Traces of one drop, in the units of the file."""
 
     station: tuple[str, str, str]
     """Station, lane and milepost."""

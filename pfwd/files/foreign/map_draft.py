@@ -260,8 +260,9 @@ def _unit_of(text: str, kind: str | None) -> str | None:
 
 
 def _offset(name: str, *, first: bool) -> float | None:
-    """Return the distance in the name of a sensor, m; without one, 0 for the first sensor, else
-    None.
+    """Return the distance of a sensor from the plate centre that its column name states, m.
+
+    Without one, it is 0 for the first sensor and None (not known) for the others.
     """
     if _CENTRE_NAME.search(name):
         return 0.0
