@@ -372,7 +372,7 @@ def _is_shared(effect: EffectResult) -> bool:
 
 
 def _in_force(modulus: "PointModulus") -> str:
-    """Return a modulus with its interval in MPa, without the unit."""
+    """Return a modulus with its interval in MPa as text, without the unit."""
     return modulus_text(modulus.value, modulus.interval).replace(" MPa", "")
 
 

@@ -119,7 +119,7 @@ def marks_of(raw: RawDrop, identity: Identity) -> tuple[str, ...]:
 
 
 def load_of(counts: float, identity: Identity) -> float:
-    """Convert counts above the load at rest to N."""
+    """Convert raw counts of the load channel, above those at rest, to N."""
     load = identity.channels[load_channel(identity)]
     return counts / abs(counts_per_unit(load, identity))
 

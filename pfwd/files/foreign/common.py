@@ -223,6 +223,7 @@ def point_of(
         Values in the file; a value of None is left out.
     drops : sequence of Drop
     request : Request
+        Options of the user.
     noted : mapping, optional
         Further data of the file, stored under the header key `IMPORTED`; keys end with the unit.
     remarks : sequence of Notice

@@ -48,7 +48,7 @@ _R80_POSITION = re.compile(r"G\d{7}\+(-?\d{1,2}\.\d{1,20})\+(-?\d{1,3}\.\d{1,20}
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
-    """Read the test points of a file, one for each station.
+    """Read the test points of a Dynatest ``.fwd`` file, one for each station.
 
     Parameters
     ----------

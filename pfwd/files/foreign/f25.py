@@ -68,13 +68,14 @@ _THREE_DIGITS = re.compile(r"\d{3}(\.\d*)?\s*")
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
-    """Read the test points of a file, one for each station.
+    """Read the test points of a Dynatest ``.F25`` file, one for each station.
 
     Parameters
     ----------
     file : str
         Path of the file.
     request : Request
+        Options of the user.
 
     Raises
     ------

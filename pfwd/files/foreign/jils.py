@@ -80,7 +80,7 @@ class _Block:
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
-    """Read the test points of a file, one for each combination of station, lane and milepost.
+    """Read the test points of a JILS ``.THY`` file, one for each station, lane and milepost.
 
     A ``.DAT`` with the same name in the same folder contributes positions, notes and peaks, which
     are compared with the traces.

@@ -72,7 +72,7 @@ class PeaksStation:
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
-    """Read the test points of a file, one for each combination of station, lane and milepost.
+    """Read the test points of a JILS ``.DAT`` file, one for each station, lane and milepost.
 
     Parameters
     ----------

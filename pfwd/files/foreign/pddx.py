@@ -77,13 +77,14 @@ Section = dict[str, tuple[str, int]]
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
-    """Read the test points of a file.
+    """Read the test points of a PDDX file.
 
     Parameters
     ----------
     file : str
         Path of the file.
     request : Request
+        Options of the user.
 
     Raises
     ------

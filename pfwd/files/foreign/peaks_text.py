@@ -186,6 +186,7 @@ def points_of_stations(
     common : mapping of header key to value
         Values that all stations share.
     request : Request
+        Options of the user.
     remarks : sequence of Notice
         Remarks on how the file was read.
 

@@ -24,7 +24,7 @@ RECOGNITION_BYTES = 4096
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """File format of another program."""
+    """File format of another program, with the functions that recognise and read it."""
 
     name: str
     """Name for messages."""

@@ -45,13 +45,14 @@ _SWECO_TEMPERATURE_KEYS = {
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
-    """Read the test points of a file.
+    """Read the test points of a Sweco ``.fwd`` file.
 
     Parameters
     ----------
     file : str
         Path of the file.
     request : Request
+        Options of the user.
 
     Raises
     ------
