@@ -54,10 +54,14 @@ TEMPLATES: dict[str, str] = {
         "this point ({largest_load_n:.3g/1000} kN)"
     ),
     # of a stored result
-    "declaration-changed": "{key} was {then:g} for this result, {now:g} is declared by now",
+    "declaration-changed": (
+        "the result was computed with {key} = {then:g}, but {now:g} is declared now: invert again"
+    ),
     "modulus-withheld": "modulus withheld: the result lacks {missing:list}; invert again",
     "sensors-without-index": "bad sensors, left out of the indices: {places:list}",
-    "declarations-changed": "declared values were changed since: inverted anew",
+    "declarations-changed": (
+        "declared values have changed since the stored result: inverted again"
+    ),
     "modulus-of-lowest-medium": "modulus E is that of the lowest medium, below the layers",
     "modulus-of-lowest-medium-judged": (
         "modulus E is that of the lowest medium, below the layers; the average and a target refer "
@@ -93,7 +97,9 @@ TEMPLATES: dict[str, str] = {
     "no-centre-trace": "{drop}: no trace of a sensor in the centre, left out",
     "survey-damaged": "damaged survey: {damage}",
     # of an import: what a reader of another program's file did
-    "stored-traces": "load and displacement as the maker's software processed and stored them",
+    "stored-traces": (
+        "load and displacement are those that the maker's software processed and stored"
+    ),
     "peaks-imported": "peaks as another program recorded them; the file has no time history",
     "sensor-at-same-place": (
         "a second sensor at {offset_m:g} m is left out: on the other side of the plate it would be "
@@ -106,21 +112,21 @@ TEMPLATES: dict[str, str] = {
         "{file}: load from the pressure and a plate of radius {radii} m"
     ),
     "plate-radius-assumed": (
-        "{file}, line {line:d}: the plate is 0 there, {plate_radius_m:g} m in radius was assumed; "
-        "plate_radius_m in --header says another"
+        "{file}, line {line:d}: the plate radius is 0, {plate_radius_m:g} m was assumed; declare "
+        "another one as plate_radius_m with --header"
     ),
     "plate-diameter-taken": (
         "{file}, line {line:d}: LoadPlateRadius {diameter_m:.3g} is the diameter in m, not a "
         "radius in mm, and loads are pressures in kPa, not kN, as this viewer writes them"
     ),
     "sensors-without-position": (
-        "{file}, line {line:d}: positions of {positions:d} sensors, deflections of "
-        "{deflections:d}: the largest was taken for the centre, {left_out:d} without a position "
-        "were left out; sensor_offsets_m in --header says where all stand"
+        "{file}, line {line:d}: {positions:d} sensor positions, but {deflections:d} deflections: "
+        "the largest deflection was taken for the centre, {left_out:d} without a position were "
+        "left out; declare all positions as sensor_offsets_m with --header"
     ),
     "positions-not-declared": (
-        "the first sensor was taken as the centre, the others were left out: sensor_offsets_m in "
-        "--header says where they stand (the file says Sensors: {sensors})"
+        "sensor positions are not declared: the first sensor was taken for the centre, the others "
+        "were left out; declare sensor_offsets_m with --header (sensors in the file: {sensors})"
     ),
     "thousands-joined": (
         "{file}, line {line:d}: numbers with a comma between the thousands; they were read as one "
@@ -142,32 +148,33 @@ TEMPLATES: dict[str, str] = {
         "{file}, line {line:d}: the file is cut off within this drop: it was left out{more:more}"
     ),
     "line-not-read": (
-        "{file}, line {line:d}: no number at its beginning, it was not read{more:more}"
+        "{file}, line {line:d}: not read, because it does not begin with a number{more:more}"
     ),
     "time-histories-not-read": "{file}: {lines:d} lines with time histories were not read",
-    "text-not-utf-8": ("{file}, line {line:d}: it is not UTF-8, and was read as Windows-1252"),
-    "json-not-utf-8": "{file}: it is not UTF-8, as JSON is, and was read as Windows-1252",
+    "text-not-utf-8": ("{file}, line {line:d}: not UTF-8, read as Windows-1252"),
+    "json-not-utf-8": ("{file}: not UTF-8, which JSON requires, read as Windows-1252"),
     "sign-not-escaped": "{file}, line {line:d}: {sign} is not escaped, and was read as text",
     "signs-not-escaped": (
         "{file}, line {line:d}: {sign} is not escaped, as at {more_places:d} more places, and was "
         "read as text"
     ),
-    "raw-accelerations": ("the raw channels are accelerations, so the stored traces were taken"),
+    "raw-accelerations": ("the raw channels are accelerations, so the stored traces were used"),
     "traces-without-point": (
-        "{file}: the database has no point with these traces, so it has no name"
+        "{file}: no point of the database has these traces, so their point has no name"
     ),
     "drop-without-peaks": "{file}, drop {drop:d}: no peaks, left out",
     "rate-of-database": (
-        "{file}: {samples:d} samples, in the database {database_samples:d} at {rate_hz:g} Hz; the "
-        "traces say no rate, and that one was taken: declare sampling_rate_hz if it is another"
+        "{file}: {samples:d} samples without a sampling rate; {rate_hz:g} Hz of the database was "
+        "used, which states {database_samples:d} samples: declare another rate as sampling_rate_hz"
+        " with --header"
     ),
     "rate-of-traces": (
-        "{file}: {rate_hz:g} Hz and {samples:d} samples, in {database} {database_rate_hz:g} Hz; "
-        "the traces' own were taken"
+        "{file}: the traces state {rate_hz:g} Hz and {samples:d} samples, {database} states "
+        "{database_rate_hz:g} Hz; those of the traces were used"
     ),
     "rate-and-samples-of-traces": (
-        "{file}: {rate_hz:g} Hz and {samples:d} samples, in {database} {database_rate_hz:g} Hz and "
-        "{database_samples:d} samples; the traces' own were taken"
+        "{file}: the traces state {rate_hz:g} Hz and {samples:d} samples, {database} states "
+        "{database_rate_hz:g} Hz and {database_samples:d} samples; those of the traces were used"
     ),
     # of an import: peaks that another program stored, against those of the traces
     "stored-drops-differ": (
@@ -216,6 +223,69 @@ TERMS: dict[str, str] = {
 """Phrases for the faults of a sensor, by their name in `inversion.measured.bad_sensors`."""
 
 EARLIER: tuple[tuple[str, str], ...] = (
+    (
+        "declaration-changed",
+        "{key} was {then:g} for this result, {now:g} is declared by now",
+    ),
+    (
+        "declarations-changed",
+        "declared values were changed since: inverted anew",
+    ),
+    (
+        "stored-traces",
+        "load and displacement as the maker's software processed and stored them",
+    ),
+    (
+        "plate-radius-assumed",
+        "{file}, line {line:d}: the plate is 0 there, {plate_radius_m:g} m in radius was assumed; "
+        "plate_radius_m in --header says another",
+    ),
+    (
+        "sensors-without-position",
+        "{file}, line {line:d}: positions of {positions:d} sensors, deflections of "
+        "{deflections:d}: the largest was taken for the centre, {left_out:d} without a position "
+        "were left out; sensor_offsets_m in --header says where all stand",
+    ),
+    (
+        "positions-not-declared",
+        "the first sensor was taken as the centre, the others were left out: sensor_offsets_m in "
+        "--header says where they stand (the file says Sensors: {sensors})",
+    ),
+    (
+        "raw-accelerations",
+        "the raw channels are accelerations, so the stored traces were taken",
+    ),
+    (
+        "rate-of-database",
+        "{file}: {samples:d} samples, in the database {database_samples:d} at {rate_hz:g} Hz; the "
+        "traces say no rate, and that one was taken: declare sampling_rate_hz if it is another",
+    ),
+    (
+        "rate-of-traces",
+        "{file}: {rate_hz:g} Hz and {samples:d} samples, in {database} {database_rate_hz:g} Hz; "
+        "the traces' own were taken",
+    ),
+    (
+        "rate-and-samples-of-traces",
+        "{file}: {rate_hz:g} Hz and {samples:d} samples, in {database} {database_rate_hz:g} Hz and"
+        " {database_samples:d} samples; the traces' own were taken",
+    ),
+    (
+        "text-not-utf-8",
+        "{file}, line {line:d}: it is not UTF-8, and was read as Windows-1252",
+    ),
+    (
+        "json-not-utf-8",
+        "{file}: it is not UTF-8, as JSON is, and was read as Windows-1252",
+    ),
+    (
+        "line-not-read",
+        "{file}, line {line:d}: no number at its beginning, it was not read{more:more}",
+    ),
+    (
+        "traces-without-point",
+        "{file}: the database has no point with these traces, so it has no name",
+    ),
     (
         "device-contradicted",
         "{effect}: {parameter:words} {own:.3g}{unit} by this point alone, {shared:.3g}{unit} by "

@@ -126,10 +126,10 @@ def test_several_processes_find_the_same(survey: Path) -> None:
         # What real files and worn instruments bring with them; names stand before some.
         "big-endian.dynz, database.json: the stored traces of all 3 drops are the same, number for "
         "number: one drop was stored in place of each",
-        "old.mpvz: 15000 Hz and 750 samples, in database.json 30000 Hz and 1500 samples; the "
-        "traces' own were taken",
-        "a.fwd, line 3: the plate is 0 there, 0.15 m in radius was assumed; plate_radius_m in "
-        "--header says another",
+        "old.mpvz: the traces state 15000 Hz and 750 samples, database.json states 30000 Hz and "
+        "1500 samples; those of the traces were used",
+        "a.fwd, line 3: the plate radius is 0, 0.15 m was assumed; declare another one as "
+        "plate_radius_m with --header",
         "rig.dynz, database.xml, line 35: & is not escaped, as at 2 more places, and was read as "
         "text",
         "a.F25, line 31: numbers with a comma between the thousands; they were read as one number "

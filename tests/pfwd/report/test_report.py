@@ -266,7 +266,9 @@ def test_what_is_missing_or_stale_is_inverted(survey: Path) -> None:
     changed = report.points[0].drops[1]
     assert changed.result is not None
     assert changed.result.poisson_ratio == 0.4
-    assert "declared values were changed since: inverted anew" in changed.warnings
+    assert (
+        "declared values have changed since the stored result: inverted again" in changed.warnings
+    )
 
 
 def test_refit_uses_nothing_that_is_stored(survey: Path) -> None:

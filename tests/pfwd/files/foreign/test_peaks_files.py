@@ -100,10 +100,8 @@ def test_zeros_and_what_stands_for_them(read: Reader) -> None:
 
 def test_a_dynatest_file_says_what_was_assumed(read: Reader) -> None:
     (first, _) = read("a.fwd", ALL["a-dynatest.fwd"])
-    assert any(
-        "line 3: the plate is 0 there, 0.15 m in radius was assumed" in w for w in first.warnings
-    )
-    assert any("positions of 7 sensors, deflections of 11" in w for w in first.warnings)
+    assert any("line 3: the plate radius is 0, 0.15 m was assumed" in w for w in first.warnings)
+    assert any("7 sensor positions, but 11 deflections" in w for w in first.warnings)
     (first, _) = read("a.fwd", dynatest(places(), radius=0.225))
     assert first.setup.plate_radius == 0.225
     assert not any("assumed" in w for w in first.warnings)
@@ -368,7 +366,7 @@ def test_what_says_not_what_it_is_is_a_remark(read: Reader) -> None:
     lines = ALL["a.F25"].split("\r\n")
     lines.insert(12, "EOJ")
     (first, second) = read("a.f25", "\r\n".join(lines) + "\x1a")
-    assert any("a.f25, line 13: no number at its beginning" in w for w in first.warnings)
+    assert any("a.f25, line 13: not read, because it does not begin" in w for w in first.warnings)
     assert len(first.drops) == len(second.drops) == 3
 
 

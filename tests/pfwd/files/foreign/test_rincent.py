@@ -151,7 +151,7 @@ def test_traces_that_no_point_claims_are_not_lost(read: Callable[..., list[Trace
     (point,) = read(prjz(HEX, database), "a.prjz")
     # Nobody can read out what a program calls its files.
     assert point.setup.point == "point 1"
-    said = "a.prjz, rawdata/f0000000000000ab: the database has no point with these traces"
+    said = "a.prjz, rawdata/f0000000000000ab: no point of the database has these traces"
     assert any(text.startswith(said) for text in point.warnings)
 
 

@@ -81,7 +81,7 @@ def test_a_set_that_is_not_utf_8_is_read_with_a_remark(
     data = data.replace(b' encoding="utf-8"', b"")
     (point,) = read(zipped({"database.xml": data}), "a.dynz")
     assert point.setup.site == "Étang"
-    assert any("it is not UTF-8" in one for one in remarks(point))
+    assert any("not UTF-8" in one for one in remarks(point))
 
 
 def test_the_older_layout_is_read(read: Callable[..., list[TracePoint]]) -> None:
@@ -115,12 +115,12 @@ def test_the_traces_own_rate_is_believed(read: Callable[..., list[TracePoint]]) 
     (point,) = read(member(database, stored(DROPS["1F"], rate=15_000.0)), "a.mpvz")
     assert point.drops[0].sampling_rate == pytest.approx(15_000.0)
     said = (
-        "a.mpvz: 15000 Hz and 300 samples, in database.json 30000 Hz and 300 samples; "
-        "the traces' own were taken"
+        "a.mpvz: the traces state 15000 Hz and 300 samples, database.json states 30000 Hz and "
+        "300 samples; those of the traces were used"
     )
     assert said in remarks(point)
     (same,) = read(member(acquired(DROPS), stored(DROPS["1F"], rate=15_000.0)), "a.mpvz")
-    assert not any("traces' own" in one for one in remarks(same))
+    assert not any("those of the traces" in one for one in remarks(same))
 
 
 def test_an_older_viewers_project(read: Callable[..., list[TracePoint]]) -> None:
@@ -234,11 +234,11 @@ def test_a_count_that_disagrees_without_a_rate_is_said(
     data = member(database, stored(DROPS["1F"], older=True))
     (point,) = read(data, "a.dynz")
     said = (
-        "a.dynz, rawdata/1f: 300 samples, in the database 600 at 15000 Hz; the traces say no rate"
+        "a.dynz, rawdata/1f: 300 samples without a sampling rate; 15000 Hz of the database was used"
     )
     assert any(text.startswith(said) for text in remarks(point))
     (point,) = read(data, "a.dynz", "sampling_rate_hz = 7500.0")
-    assert not any("say no rate" in text for text in remarks(point))
+    assert not any("without a sampling rate" in text for text in remarks(point))
 
 
 @pytest.mark.parametrize(("count", "read_it"), [(10_000, True), (10_001, False)])
