@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``pfwd edit`` and its description to the parser."""
     parser.description = (
-        "Adds notes and other statements to a point or a drop, and shows the points. Nothing "
-        "recorded is changed or deleted: the last statement counts."
+        "Adds notes and other edits to a point or a drop, and shows the points. Recorded data are "
+        "never changed or deleted; the last edit of a property counts."
     )
     parser.add_argument("survey", metavar="SURVEY", help="folder")
     parser.add_argument("--point", metavar="NAME", help="required if there are several points")

@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         const="",
         metavar="HOST:PORT",
         help="serve read-only pages for a browser instead of the screen (default: 127.0.0.1:8765; "
-        "on another host one browser is let in by a code)",
+        "on another host a code gives one browser access)",
     )
     parser.add_argument(
         "--photos",
