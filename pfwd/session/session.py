@@ -867,7 +867,7 @@ class Session:
             metadata = dict(source.record.metadata)
         rebounds = source.record.rebounds if source is not None else ()
         record = self._record_of(raw, identity, metadata, number, rebounds)
-        if source is None and self._is_bounce(raw, record.drop, identity):
+        if source is None and self._is_bounce(raw, record.drop):
             return
         live = self._feed.live and self._last_samples is not None
         received = self._last_samples.received if live and self._last_samples else None
@@ -890,7 +890,7 @@ class Session:
         drop = calibrate(number, raw.counts, raw.missing, raw.trigger, identity)
         return DropRecord(self._point, drop, raw.counts, self._declared, metadata, rebounds)
 
-    def _is_bounce(self, raw: RawDrop, drop: Drop, identity: Identity) -> bool:
+    def _is_bounce(self, raw: RawDrop, drop: Drop) -> bool:
         """Record a bounce with the last drop if the connection was lost between the two.
 
         Otherwise the detection, which was restarted, would record the bounce as a drop of its own.
