@@ -120,7 +120,7 @@ def new_folder(path: str | os.PathLike[str], suffix: str, *, force: bool) -> Ite
 
 
 def clear_leftovers(target: Path) -> None:
-    """Remove the drafts of killed exports to a path.
+    """Remove the drafts that interrupted exports to a path have left.
 
     A folder whose replacement was interrupted is restored. Files of a running export stay, and so
     do those that cannot be removed.

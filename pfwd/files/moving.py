@@ -110,7 +110,10 @@ def restore_with(writer: SurveyWriter, drop: SurveyDrop) -> SurveyDrop | None:
 
 
 def _copy_in_use(survey: Survey, drop: SurveyDrop) -> SurveyDrop | None:
-    """Return the copy of a moved drop that counts; a copy may have been moved again."""
+    """Return the copy of a moved drop that counts; None: the drop was not moved.
+
+    A copy may have been moved again, and the last one counts.
+    """
     by_name = {(each.point, each.drop): each for each in survey.drops}
     copy, visited = drop, {drop.number}
     while copy.discarded:

@@ -176,8 +176,8 @@ def _changes(drop: DropView, event: Edited) -> dict[str, Any]:
 class CompletePoints:
     """Reports points when they are complete and when their verdicts change.
 
-    A point that is no longer complete is reported again. If only its value changes, it is reported
-    at the end of the session.
+    A point is complete when it has the drops that the procedure requires. A point that is no longer
+    complete is reported again. If only its value changes, it is reported at the end of the session.
 
     Parameters
     ----------

@@ -177,7 +177,10 @@ class SurveyRecorder:
         self._save()
 
     def retry(self) -> None:
-        """Save waiting drops if it is time, and maintain the survey; to be called regularly."""
+        """Try to save waiting drops, at most every `RETRY_INTERVAL`, and maintain the survey.
+
+        It is to be called regularly.
+        """
         now = time.monotonic()
         if self._held and now >= self._next_try:
             self._save()
