@@ -132,7 +132,7 @@ def test_what_was_declared_since_the_result_is_said(survey: Path, tmp_path: Path
         writer.edit("declared", {"plate_radius_m": 0.1}, point="A/1")
     export_survey(survey, "table", tmp_path / "t.csv")
     assert (
-        "plate_radius_m was 0.15 for this result, 0.1 is"
+        "the result was computed with plate_radius_m = 0.15, but 0.1 is declared"
         in rows_of(tmp_path / "t.csv")[0]["warnings"]
     )
 
