@@ -307,7 +307,10 @@ class LedgerWriter:
                 self._storage.close(descriptor)
 
     def forget(self, sequence: int) -> None:
-        """Remove the lines from a sequence number on; the next append rewrites the file."""
+        """Remove the lines of the records from a sequence number on.
+
+        The file itself is rewritten by the next append.
+        """
         self.close()
         self._data = None
         while self._entries and self._entries[-1].sequence >= sequence:

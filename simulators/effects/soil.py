@@ -20,8 +20,9 @@ class PowerLaw:
     .. math:: r(w) = w_{ref} \frac{(w + w_0)^q - w_0^q}{(w_{ref} + w_0)^q - w_0^q},
         \qquad q = \frac{1}{1 - n}
 
-    with :math:`w_0` the displacement by the static weight, for :math:`w > -w_0/2`. Below that the
-    tangent continues.
+    holds for :math:`w > -w_0/2`, with :math:`w_0` the displacement by the static weight; below that
+    the tangent continues. The restoring force is :math:`K r(w)`, with w the displacement of the
+    ground under the plate.
     """
 
     stiffness: float
@@ -63,8 +64,9 @@ class Hysteresis:
 
     .. math:: r(w) = w_{max} \left( \frac{w - f w_{max}}{(1 - f) w_{max}} \right)^m
 
-    below the largest displacement so far, down to the unrecovered part :math:`f w_{max}`; below
-    that, a quarter of the linear slope.
+    holds below the largest displacement so far, :math:`w_{max}`, down to the unrecovered part
+    :math:`f w_{max}`; below that the slope is a quarter of the linear one. The restoring force is
+    :math:`K r(w)`, with w the displacement of the ground under the plate.
     """
 
     stiffness: float

@@ -67,7 +67,7 @@ class Endpoint(Protocol):
         ...
 
     def close(self) -> None:
-        """Close the port and remove its files."""
+        """Close the port and remove it from the file system."""
         ...
 
 
