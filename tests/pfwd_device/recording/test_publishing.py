@@ -211,7 +211,10 @@ def test_what_the_disk_gives_back_is_compared(tmp_path: Path, new_record: NewRec
     with SurveyWriter.open(tmp_path, publisher=InlinePublisher(Lying()), reserve_bytes=0) as writer:
         writer.save_drop(new_record(1))
         writer.close()
-        assert "expected what was written, got other content" in writer.publishing_failures[1]
+        assert (
+            "expected the content that was written, got other content"
+            in writer.publishing_failures[1]
+        )
     assert not (tmp_path / "drops" / "drop-000001.h5").exists()
 
 
