@@ -25,7 +25,6 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gamma, hyp2f1, j0, spherical_jn
 
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.errors import ModelError
@@ -238,6 +237,8 @@ class Moments:
     @staticmethod
     def of(problem: PlateProblem, xi: FloatArray, weights: FloatArray) -> Moments:
         """Return the factors for a plate at nodes (n,) with their weights."""
+        from scipy.special import j0
+
         n = problem.terms
         outside = np.array([r for r in problem.offsets if r > 1.0 or not problem.driving_point])
         bessel = spherical_bessel(2 * n, xi)
@@ -356,6 +357,8 @@ def symmetric(upper: ComplexArray, n: int) -> ComplexArray:
 
 def spherical_bessel(count: int, xi: FloatArray) -> FloatArray:
     """Return the spherical Bessel functions of order 0 to count - 1 at ``xi`` (n,), (count, n)."""
+    from scipy.special import spherical_jn
+
     return np.stack([spherical_jn(order, xi) for order in range(count)])
 
 
@@ -383,6 +386,8 @@ def static_tail(order: int, offset: float) -> float:
         if order:
             raise ModelError(f"order: expected 0 for an offset on the plate, got {order}")
         return 0.5 * np.pi
+    from scipy.special import gamma, hyp2f1
+
     half = 0.5 * (order + 1)
     front = np.sqrt(np.pi) / 2.0 * gamma(half) / (gamma(0.5 - order / 2) * gamma(order + 1.5))
     return float(front * offset ** -(order + 1) * hyp2f1(half, half, order + 1.5, offset**-2))

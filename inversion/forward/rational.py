@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from inversion.arrays import ComplexArray, FloatArray
 
@@ -40,6 +39,8 @@ def fit_sums(
     rounding level, refined twice, are ten times faster than an orthogonal factorisation; the
     refinement restores the accuracy.
     """
+    from scipy.linalg import cho_factor, cho_solve
+
     functions = basis(y, poles) * weights[:, None]
     matrix = np.concatenate([functions.real, functions.imag])
     target = values * weights[:, None]

@@ -277,7 +277,7 @@ def name_ticks(axes: Any, places: Sequence[float], titles: Sequence[str], letter
     axes.set_xticks(list(places)[::every], names[::every])
     for label in axes.get_xticklabels():
         label.set_parse_math(False)
-        label.set_rotation(90 if turned else 0)
+    axes.tick_params(axis="x", labelrotation=90 if turned else 0)
 
 
 def _distances(report: Report) -> list[float]:

@@ -99,7 +99,6 @@ class Letters:
         from matplotlib.font_manager import FontProperties, findfont, get_font
 
         self._faces = [get_font(findfont(FontProperties(family=name))) for name in families()]
-        self._maps = [face.get_charmap() for face in self._faces]
         self._widths: dict[str, float] = {}
         self.missing = 0
         """Number of replaced letters."""
@@ -116,7 +115,7 @@ class Letters:
                 drawable.append(letter)
             elif unicodedata.category(letter)[0] == "C":
                 drawable.append(" ")  # control characters have no business on paper
-            elif any(ord(letter) in letters for letters in self._maps):
+            elif any(face.get_char_index(ord(letter)) for face in self._faces):
                 drawable.append(letter)
             else:
                 self.missing += 1
@@ -131,8 +130,8 @@ class Letters:
         width = self._widths.get(letter)
         if width is None:
             width = 0.6
-            for face, letters in zip(self._faces, self._maps, strict=True):
-                if ord(letter) in letters:
+            for face in self._faces:
+                if face.get_char_index(ord(letter)):
                     face.set_size(100.0, 72.0)
                     width = face.load_char(ord(letter)).linearHoriAdvance / 65536 / 100
                     break

@@ -143,7 +143,7 @@ def _block_data(block: Block, letters: Letters) -> dict[str, Any]:
             data = {"text": text_of(text)}
         case Picture():
             data = {
-                "svg": svg_of(block),
+                "svg": svg_of(block, letters_as_text=True),
                 "caption": text_of(block.caption),
                 "alternative": text_of(block.alternative or block.caption),
             }

@@ -19,7 +19,6 @@ from functools import cache, lru_cache
 from typing import Literal
 
 import numpy as np
-from scipy.special import hyp2f1, j0, j1
 
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.errors import ModelError
@@ -136,6 +135,8 @@ def _keep_freed_memory() -> None:
 
 @lru_cache(maxsize=32)
 def _tables(setup: PlateSetup, layout: Layout) -> _Tables:
+    from scipy.special import j0, j1
+
     _keep_freed_memory()
     n = setup.terms(layout.rule)
     xi, weights = nodes(layout)
@@ -488,6 +489,8 @@ def _uniform_tail(offset: float) -> float:
 
     Weber and Schafheitlin's integral: complete elliptic integrals in hypergeometric form.
     """
+    from scipy.special import hyp2f1
+
     if offset <= 1.0:
         return float(2.0 * hyp2f1(0.5, -0.5, 1.0, offset**2))
     return float(hyp2f1(0.5, 0.5, 2.0, offset**-2) / offset)

@@ -3,9 +3,10 @@
 import math
 
 import pytest
+from scipy.special import stdtrit
 
 from pfwd.report.labels import Box, common_beginning, place_labels
-from pfwd.report.lot import line_through, lot_of
+from pfwd.report.lot import line_through, lot_of, student_quantile
 
 
 @pytest.mark.parametrize(
@@ -89,3 +90,10 @@ def test_names_that_begin_alike_are_shortened() -> None:
     assert common_beginning(["PV01 1"]) == ""
     assert common_beginning(["PV01 1", "B 2"]) == ""
     assert math.isfinite(len(common_beginning(["", "a b"])))
+
+
+@pytest.mark.parametrize("freedom", [1, 2, 3, 4, 10, 11, 98, 999])
+@pytest.mark.parametrize("probability", [0.5, 0.95, 0.975])
+def test_quantiles_are_those_of_scipy(probability: float, freedom: int) -> None:
+    expected = float(stdtrit(freedom, probability))
+    assert student_quantile(probability, freedom) == pytest.approx(expected, rel=1e-9, abs=1e-9)

@@ -12,8 +12,9 @@ import pytest
 
 from pfwd.errors import OptionError
 from pfwd.report.blocks import Block, Heading, Mark, Pairs, Paragraph, Picture, Table, Together
-from pfwd.report.fonts import Letters
+from pfwd.report.fonts import Letters, chinese_family
 from pfwd.report.formatting import symbol_title
+from pfwd.report.pictures_as_svg import svg_of
 from pfwd.report.report import ReportOptions, write_report
 from pfwd.report.texts import load_texts
 from pfwd.report.typst_file import render_pdf
@@ -136,3 +137,36 @@ def test_the_title_of_a_symbol_stays_on_one_line() -> None:
     (page,) = text_of_pages(render(Table((*titles, "Text"), (("1", "2", long),) * 3)))
     lines = page.replace("\N{NO-BREAK SPACE}", " ").splitlines()
     assert any("v, mm/s s/v, ms Text" in line for line in lines)
+
+
+def test_letters_of_pictures_are_text_with_an_embedded_font() -> None:
+    def draw(figure: object) -> None:
+        axes = figure.subplots()  # type: ignore[attr-defined]
+        axes.plot([0, 1])
+        axes.set_xlabel("time after the trigger & <more>")
+
+    pdf = render(Picture(draw, 60.0, "", "a rising line"))
+    (page,) = text_of_pages(pdf)
+    assert "time after the trigger & <more>" in page
+    assert "0.8" in page
+    fonts = pypdf.PdfReader(io.BytesIO(pdf)).pages[0]["/Resources"]["/Font"]  # type: ignore[index]
+    descendants = [font.get_object()["/DescendantFonts"][0] for font in fonts.values()]
+    assert {font.get_object()["/Subtype"] for font in descendants} == {"/CIDFontType2"}  # TrueType
+
+
+def test_chinese_letters_of_pictures_are_of_the_chinese_font() -> None:
+    if chinese_family() is None:
+        pytest.skip("no font with Chinese letters on this computer")
+
+    def draw(figure: object) -> None:
+        axes = figure.subplots()  # type: ignore[attr-defined]
+        axes.plot([0, 1])
+        axes.set_xlabel("峰值荷载 kN")
+
+    svg = svg_of(Picture(draw, 60.0, "", ""), letters_as_text=True)
+    (chinese,) = [text for text in svg.splitlines() if "峰值荷载" in text]
+    (latin,) = [text for text in svg.splitlines() if ">0.6<" in text and "text-anchor: end" in text]
+    assert f"font-family: '{chinese_family()}', 'DejaVu Sans'" in chinese
+    assert f"font-family: 'DejaVu Sans', '{chinese_family()}'" in latin
+    (page,) = text_of_pages(render(Picture(draw, 60.0, "", "x"), language="zh"))
+    assert "峰值荷载 kN" in page
