@@ -55,11 +55,11 @@ PACKAGES = ("pfwd", "numpy", "scipy", "h5py", "matplotlib")
 """Packages that a report names with their versions: they made its numbers and pictures."""
 
 TARGET_OF_REPORT = "given with the report"
-"""Source of a target that the survey does not have."""
+"""Source that a report names for a target given by `ReportOptions.target`."""
 
 Progress = Callable[[str], None]
 Diagnoses = Mapping[tuple[str, int], DiagnosisResult]
-"""Diagnoses by point and number of the drop."""
+"""Diagnosis of a point by the name of the point and the number of each diagnosed drop."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +73,7 @@ class ReportOptions:
     """
 
     language: str = "en"
-    """Code of a catalogue."""
+    """Code of a catalogue, such as de, or path of a TOML file with texts."""
     title: str | None = None
     """Heading; None: the site, or the name of the folder."""
     procedure: str | None = None
@@ -83,7 +83,7 @@ class ReportOptions:
     refit: bool = False
     """Invert all drops, even those with a stored result."""
     diagnose: bool = False
-    """Diagnose the residuals."""
+    """Diagnose the points."""
     store: bool = True
     """Store new results with the survey."""
     seed: int = 0
@@ -142,7 +142,7 @@ class ReportOptions:
 def gather(
     folder: str | Path, options: ReportOptions | None = None, progress: Progress | None = None
 ) -> Report:
-    """Return the data of a report.
+    """Return the data of a report: inverts what has no result, and judges the points.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ def _report(
         survey=folder,
         survey_id=survey.survey_id,
         made=now.isoformat(timespec="seconds"),
-        zone=now.tzname() or "",
+        zone=str(datetime.timezone(now.utcoffset() or datetime.timedelta())),
         software={name: _version(name) for name in PACKAGES},
         procedure=job.procedure_in_force,
         chosen=job.procedure is not None,
@@ -270,7 +270,7 @@ def _deviations_from_job(
     target: float | None,
     points: Sequence[PointView],
 ) -> tuple[str, ...]:
-    """Return one sentence for each request to judge otherwise than the survey does."""
+    """Return sentences that state where procedure or target differ from those of the survey."""
     sentences = []
     if survey_procedure is not None:
         sentences.append(
@@ -298,7 +298,7 @@ def _target_of(progress: PointProgress) -> str:
 
 
 def _gather_points(gatherer: "_Gatherer", jobs: int) -> Iterator[list[PointView]]:
-    """Yield the parts of each point of a survey, in their order, by this number of processes."""
+    """Yield the parts of each point, in the order of the survey; `jobs` processes compute them."""
     points: Sequence[SurveyPoint] = gatherer.survey.points
     if gatherer.options.point is not None:
         points = [choose_point(gatherer.survey, gatherer.options.point)]
@@ -368,7 +368,7 @@ def _version(package: str) -> str:
 
 
 def _layer_settings(options: ReportOptions) -> dict[str, Any]:
-    """Return the requested layers as words of the command line."""
+    """Return the requested layers by the names of their command line options."""
     if options.layers is None:
         return {}
     settings: dict[str, Any] = {"layers": options.layers}
@@ -518,7 +518,7 @@ class _Gatherer:
 
 
 def _layer_warnings(point: PointView, procedure: Procedure) -> list[Notice]:
-    """Return warnings on the meaning of a modulus of layered ground."""
+    """Return warnings that state which layer a modulus of layered ground belongs to."""
     numbers = {
         len(drop.result.layers or ()) or 1
         for drop, facts in zip(point.drops, point.facts, strict=True)
