@@ -95,6 +95,7 @@ def overview_page(folder: str, title: str, rows: Sequence[PointRow]) -> str:
         summary=f"{counted(len(rows), 'point')}: {counts}",
         pictures=[item for item in OVERVIEW_PICTURES.items() if is_drawn and is_drawable[item[0]]],
         rows=[_overview_row(folder, row) for row in rows],
+        any_marked=any(row.value_marked and row.value is not None for row in rows),
     )
 
 
@@ -215,6 +216,7 @@ def _render(template: str, **values: Any) -> str:
 FORM = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>pfwd</title>
 <meta name="viewport" content="width=device-width, initial-scale=1"></head>
-<body><form><p>Code that the terminal shows: <input name="code" inputmode="numeric" autofocus>
+<body><form><p><label>Code that the terminal of the survey shows:
+<input name="code" inputmode="numeric" autofocus></label>
 <button>Open</button></p></form></body></html>
 """

@@ -6,6 +6,7 @@ import re
 import threading
 import urllib.parse
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from pfwd.files.photos import photos_of
 from pfwd_device import Drop
 from pfwd_device.recording import DropRecord, SurveyWriter
 from tui.page import pages
-from tui.page.pages import Photos, parse_point_address, point_address
+from tui.page.pages import Photos, overview_page, parse_point_address, point_address
 from tui.page.server import SurveyServer
 from tui.screen.opened.rows import OpenedSurvey
 
@@ -114,6 +115,26 @@ def test_every_point_has_a_page_that_the_overview_leads_to(browser: Browser) -> 
         assert 'href="/"' in page
         if name != HOSTILE:
             assert f"Point {name}" in page
+
+
+def test_the_page_of_a_point_leads_to_its_neighbours_and_photos(browser: Browser) -> None:
+    first, last = browser.text(point_address(NAMES[0])), browser.text(point_address(NAMES[2]))
+    assert 'rel="prev"' not in first
+    assert 'rel="next"' in first
+    assert f">{NAMES[2]} →<" in browser.text(point_address(NAMES[1]))
+    assert f">← {NAMES[0]}<" in browser.text(point_address(NAMES[1]))
+    assert 'rel="next"' not in last
+    assert 'href="#photos"' in first
+    assert 'id="photos"' in first
+
+
+@pytest.mark.parametrize("marked", [True, False])
+def test_a_mark_behind_a_value_is_explained(survey: Path, marked: bool) -> None:
+    opened = OpenedSurvey(survey).read()
+    rows = [replace(row, value=45e6, unit="Pa", value_marked=marked) for row in opened]
+    page = overview_page(str(survey), "road", rows)
+    assert bool(re.search(r">45[.0]*\* MPa<", page)) is marked
+    assert ("* not supported by the data" in page) is marked
 
 
 def test_nothing_of_a_survey_is_read_as_markup(browser: Browser) -> None:
