@@ -11,11 +11,11 @@ from typing import Any
 from pfwd_device.text import harmless
 
 Draw = Callable[[Any], None]
-"""Function that draws into a figure of matplotlib."""
+"""Function that receives an empty figure of matplotlib and draws a picture into it."""
 
 
 def _harmless(value: Any) -> Any:
-    """Return a value with its texts made harmless; the lines of a text stay lines."""
+    """Return a value with its control characters replaced; line breaks stay."""
     if isinstance(value, str):
         lines = value.replace("\r\n", "\n").replace("\t", "    ").split("\n")
         return "\n".join(map(harmless, lines))
@@ -25,7 +25,7 @@ def _harmless(value: Any) -> Any:
 
 
 class _Harmless:
-    """Base of blocks and their parts."""
+    """Base of blocks: replaces the control characters in all text fields."""
 
     __slots__ = ()
 
@@ -54,7 +54,7 @@ class Paragraph(_Harmless):
 
 @dataclass(frozen=True, slots=True)
 class Pairs(_Harmless):
-    """Labels with their values."""
+    """List of labels, each with its value beside it."""
 
     rows: tuple[tuple[str, str], ...]
 
@@ -100,7 +100,7 @@ class Picture(_Harmless):
 
     draw: Draw
     height: float
-    """mm, at the full width of a page."""
+    """Height at the full width of a page, mm."""
     caption: str
     alternative: str
     """Description for those who cannot see it."""
@@ -108,7 +108,7 @@ class Picture(_Harmless):
 
 @dataclass(frozen=True, slots=True)
 class Together:
-    """Blocks that are kept on one page if they fit on one; they are harmless already."""
+    """Blocks that are kept on one page if they fit on one."""
 
     blocks: tuple["Block", ...]
 

@@ -48,13 +48,13 @@ from pfwd.report.point_facts import (
 from pfwd.report.texts import Texts
 
 MAX_ROWS = 16
-"""Points whose table fits on the first page; more have it on the pages behind."""
+"""Number of points up to which their table is on the first page; else it follows later."""
 
 MAX_POINTS_WITH_CURVES = 12
-"""Points whose curves fit on the first page, below their table."""
+"""Number of points up to which the deflection curves are on the first page, too."""
 
 MAX_CURVES_IN_PICTURE = 30
-"""Points in a picture of curves, which is half a page high."""
+"""Number of points in one picture of deflection curves; such a picture is half a page high."""
 
 _LOGO_HEIGHT, _SIGNATURES_HEIGHT = 16.0, 20.0
 """mm."""
@@ -99,7 +99,7 @@ def certificate_blocks(
 def logo_blocks(
     company: str | None, logo: str | os.PathLike[str] | None, texts: Texts
 ) -> list[Block]:
-    """Return the picture of the logo; none without a logo."""
+    """Return the block with the picture of the logo; an empty list without a logo."""
     if logo is None:
         return []
     draw = partial(draw_logo, image=read_logo(logo))
@@ -118,12 +118,12 @@ def curve_blocks(report: Report, texts: Texts, letters: Letters) -> list[Block]:
 
 
 def read_logo(path: str | os.PathLike[str]) -> Any:
-    """Return a picture as an array.
+    """Return the pixels of a picture file as an array.
 
     Raises
     ------
     OptionError
-        If it is none.
+        If the file is not a picture.
     """
     start_matplotlib()
     from matplotlib.image import imread
@@ -289,7 +289,7 @@ def judged_by(report: Report, texts: Texts) -> str:
 
 
 def points_table(report: Report, texts: Texts) -> Table:
-    """Return every point in one line: settlements, s/v or load, judged value, target, verdict.
+    """Return the table of the points: settlements, s/v or load, judged value, target, verdict.
 
     A report of peaks alone has their indices in place of the modulus.
     """
@@ -341,7 +341,7 @@ def points_table(report: Report, texts: Texts) -> Table:
 
 
 def depth_text(depth: float | None) -> str:
-    """Return a deflection, m, in mm; a dash for none."""
+    """Return a deflection given in m as a text in mm; a dash if it is not known."""
     return formatting.NO_VALUE if depth is None else f"{depth * 1e3:.3f}"
 
 
@@ -366,7 +366,7 @@ def verdict_reasons(report: Report, texts: Texts) -> list[Block]:
 
 
 def unsupported_note(report: Report, texts: Texts) -> list[Block]:
-    """Return the note on points whose value or modulus is marked; none where no point is.
+    """Return the note that explains the mark of unsupported numbers; empty without any.
 
     A reason that is that of the verdict too is not repeated.
     """
@@ -391,4 +391,4 @@ def _mean(values: Sequence[float]) -> str:
 
 
 MAX_LISTED_DEPTHS = 3
-"""Settlements that the line of a point lists; procedures ask for three."""
+"""Number of settlements in the row of a point; procedures require three."""

@@ -89,9 +89,9 @@ def compose(
 
 
 _AS_THEY_ARE = ("survey", "made", "software", "judged_by", "position", "period", "photos")
-"""Labels of values with dots that are no decimal signs."""
+"""Keys of labels whose values contain dots that are not decimal signs."""
 
 
 def on_new_page(heading: Block) -> Block:
-    """Return a heading that begins a page."""
+    """Return the same heading at the top of a new page."""
     return dataclasses.replace(heading, new_page=True) if isinstance(heading, Heading) else heading

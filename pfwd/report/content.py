@@ -21,12 +21,12 @@ class Report:
     zone: str
     """Name of the time zone of `made`."""
     software: Mapping[str, str]
-    """Versions by package."""
+    """Version of each package that made numbers or pictures, by its name."""
     procedure: Procedure
     chosen: bool
     """True if a procedure was chosen; otherwise all measured drops are averaged."""
     instruments: tuple[Mapping[str, Any], ...]
-    """Identities that drops were measured with."""
+    """Identities of the instruments, as they reported themselves."""
     check: Mapping[str, Any] | None
     """The last check of the sensors."""
     points: tuple[PointView, ...]
@@ -42,4 +42,4 @@ class Report:
     survey_procedure: str | None = None
     """Name of the survey's procedure, if the report judges by another; else None."""
     otherwise: tuple[str, ...] = ()
-    """Sentences on requests to judge otherwise than the survey does."""
+    """Sentences that state where the report judges differently from the survey."""

@@ -104,11 +104,11 @@ def _effect(effect: EffectResult, texts: Texts) -> str:
 
 
 Step = tuple[str, float, str]
-"""Label, residual over the peak, and before, without or after."""
+"""Bar of the chart: label, residual over the peak, and kind (before, without or after)."""
 
 
 def ladder_of(diagnosis: DiagnosisResult, texts: Texts) -> list[Step]:
-    """Return the residuals before, without each effect, and after; the largest effect first."""
+    """Return the bars of the chart: base model, without each effect, all effects."""
     without = [
         (texts.say("without", effect=texts.word(str(effect.name))), residual, "without")
         for effect in diagnosis.effects or ()
@@ -125,11 +125,11 @@ def ladder_of(diagnosis: DiagnosisResult, texts: Texts) -> list[Step]:
 
 
 _ROW, _ABOVE, _BELOW = 4.2, 1.0, 11.0
-"""mm: a bar with its gap, and the margins; numbers and title of the axis stand below the bars."""
+"""Heights in mm: a bar with its gap, the margin above, and that below with numbers and title."""
 
 
 def ladder_height(steps: Sequence[Step]) -> float:
-    """Return the height of the picture of `draw_ladder`, mm."""
+    """Return the height of the chart that `draw_ladder` draws, mm."""
     return _ROW * len(steps) + _ABOVE + _BELOW
 
 

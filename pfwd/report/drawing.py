@@ -29,35 +29,38 @@ VERDICT_COLOURS = {"pass": "#1b7837", "fail": "#b2182b", "undecided": "#b8860b",
 VERDICT_SHAPES = {"pass": "o", "fail": "X", "undecided": "D", "none": "s"}
 
 DRAWN_PART_OF_WINDOW = 2.2
-"""Drawn time over the window of the fit; the later part of the curves is a flat line."""
+"""Length of the drawn time over that of the fitted window; later the curves are flat."""
 
 _NAME_SIZE_PT = 7.5
-"""Size of the letters of names in a sketch."""
+"""Font size of the point names in the sketch."""
 
 _MAX_NAMES_WITH_LINES = 30
-"""Points of a sketch up to which a line may lead to a name for which there is no room beside."""
+"""Number of points up to which names without room beside their point get a line to it."""
 
 _MAX_LARGE_MARKERS = 15
-"""Points of a sketch from which their markers are smaller, lest they hide each other."""
+"""Number of points up to which the markers of a sketch are large; more would overlap."""
 
 _MAX_AXIS_STEPS = 4
-"""Steps of an axis that is two centimetres long; more numbers would touch."""
+"""Number of tick intervals of an axis two centimetres long; with more, numbers would touch."""
 
 MAX_LEGEND_SENSORS = 5
-"""Sensors that the legend of a picture names; more hide the curves, and a table has them."""
+"""Number of sensors in the legend of a picture; more would hide the curves."""
 
 MAX_PHOTOS = 4
-"""Photos of a point in a report; more are in the survey."""
+"""Number of photos that a report shows for a point."""
 
 PRINTED_PHOTO_PIXELS = 500
 """Longest side of a photo in a report, which is 45 mm wide there."""
 
 MAX_DOTS = 260
-"""Dots of a trace; more make the file large, and the picture is the same."""
+"""Number of dots that a trace is thinned out to; more would only make the file larger."""
 
 
 def place(report: Report) -> dict[int, tuple[float, float]]:
-    """Return east and north of the points with a position, m from their centroid, by index."""
+    """Return the places of the points on a plane: (east, north) from their centroid, m, by index.
+
+    Points without a position are left out.
+    """
     positions = {
         index: point.position
         for index, point in enumerate(report.points)
@@ -79,7 +82,7 @@ def place(report: Report) -> dict[int, tuple[float, float]]:
 
 
 def draw_map(figure: Any, report: Report, texts: Texts, letters: Letters) -> None:
-    """Draw the points from above, with their verdicts."""
+    """Draw a sketch of the points from above, marked by their verdicts."""
     axes = figure.subplots(gridspec_kw=margins(0.11, 0.97, 0.17, 0.96))
     places = place(report)
     radius = 4.0 if len(places) <= _MAX_LARGE_MARKERS else 2.5
@@ -281,7 +284,10 @@ def name_ticks(axes: Any, places: Sequence[float], titles: Sequence[str], letter
 
 
 def _distances(report: Report) -> list[float]:
-    """Return the way from the first point to each, m; their numbers if not all have positions."""
+    """Return the distance of each point along the path of the points, m.
+
+    If a point has no position: the numbers 1, 2, 3 of all points.
+    """
     places = place(report)
     if len(places) < len(report.points) or len(places) < 2:
         return [float(index) for index in range(1, len(report.points) + 1)]
@@ -487,10 +493,10 @@ def _finish_by_drop(axes: Any, highest: float, texts: Texts) -> None:
 
 
 _CURVES_IN_ROW, _MAX_CURVES_IN_ROW = 4, 6
-"""Points side by side: usually, and if more than two rows of these would be needed."""
+"""Number of curves side by side: usually, and where that would give more than two rows."""
 
 _SINGLE_HEIGHT, _ROW_HEIGHT, _SMALL_ROW_HEIGHT, _FOOT_HEIGHT = 62.0, 33.0, 30.0, 8.0
-"""mm: the picture of a single point, a row of curves, a row of small ones, numbers and unit."""
+"""Heights in mm: picture of a single point, row of curves, row of small curves, axis below."""
 
 _MAX_DEFLECTION_OVER_MEDIAN = 2.5
 """Deflection over the median of the points up to which a point is drawn to the common scale; with
@@ -512,7 +518,7 @@ def curves_height(points: Sequence[PointView]) -> float:
 
 
 def draw_curves(figure: Any, points: Sequence[PointView], texts: Texts, letters: Letters) -> None:
-    """Draw the judged deflection of the averaged drops of each point, in full.
+    """Draw the deflection over time of the averaged drops, with axes for each point.
 
     All points have one scale, but for those that are much deeper than the others.
     """
@@ -581,14 +587,14 @@ def with_deflection(point: PointView) -> list[DropView]:
 
 
 def points_out_of_scale(points: Sequence[PointView]) -> set[int]:
-    """Return the places of the points that are much deeper than the others."""
+    """Return the indices of the points whose deflections are too large for the common scale."""
     deepest = [_deflection_range([point])[1] for point in points]
     limit = _MAX_DEFLECTION_OVER_MEDIAN * float(np.median(deepest))
     return {place for place, depth in enumerate(deepest) if depth > limit}
 
 
 def _deflection_range(points: Sequence[PointView]) -> tuple[float, float]:
-    """Smallest and largest deflection of the curves, mm; the smallest is at most 0."""
+    """Return the smallest (at most 0) and the largest deflection of the drawn curves, mm."""
     curves = [
         drop.deflection.deflection * 1e3
         for point in points
@@ -599,7 +605,7 @@ def _deflection_range(points: Sequence[PointView]) -> tuple[float, float]:
 
 
 def _time_range(points: Sequence[PointView]) -> tuple[float, float]:
-    """First and last time of the curves, ms."""
+    """Return the first and the last time of the drawn curves, ms."""
     times = [
         drop.deflection.time * 1e3
         for point in points
@@ -623,7 +629,7 @@ def draw_signatures(figure: Any, labels: Sequence[str]) -> None:
 
 
 def draw_logo(figure: Any, image: Any) -> None:
-    """Draw a picture at the left, as high as there is room."""
+    """Draw the logo at the left, over the full height."""
     axes = figure.add_axes((0.0, 0.02, 0.45, 0.96))
     axes.imshow(image)
     axes.set_anchor("W")
@@ -631,7 +637,7 @@ def draw_logo(figure: Any, image: Any) -> None:
 
 
 def draw_photos(figure: Any, files: Sequence[Path]) -> None:
-    """Draw photos side by side, each the right way up and no larger than it is printed."""
+    """Draw photos side by side, rotated upright and reduced to the printed resolution."""
     from PIL import Image, ImageOps
 
     for place, file in enumerate(files):
@@ -700,12 +706,12 @@ def draw_correlation(
 
 
 def margins(x0: float, x1: float, y0: float, y1: float) -> dict[str, Any]:
-    """Return margins of a picture as parts of its width and height."""
+    """Return arguments for a grid of axes: its edges as fractions of the width and height."""
     return {"left": x0, "right": x1, "bottom": y0, "top": y1}
 
 
 def finish(axes: Any, texts: Texts | None = None) -> None:
-    """Give axes the common look, and their numbers the decimal sign of the language."""
+    """Apply the style of all pictures to axes: grid, font size, decimal sign of the language."""
     axes.grid(alpha=0.25)
     axes.tick_params(labelsize=7)
     for side in ("top", "right"):
@@ -761,7 +767,7 @@ def _localised(axis: Any, decimal: str) -> Callable[[float, Any], str]:
 
 
 MAX_DECIMALS = 6
-"""Decimals of the numbers of an axis."""
+"""Largest number of decimals on an axis."""
 
 
 def decimals_of(step: float) -> int:

@@ -29,10 +29,10 @@ _FILES = (
     *("cjk", "notosanssc", "sourcehansans", "wqy", "msyh", "simhei", "pingfang", "heiti"),
     *("hiragino", "droidsansfallback", "arialuni"),
 )
-"""Parts of the names of their files."""
+"""Parts of the file names of fonts with Chinese letters, in lower case."""
 
 LATIN = "DejaVu Sans"
-"""Comes with matplotlib."""
+"""Family for Latin letters; it comes with matplotlib."""
 
 
 @cache
@@ -104,7 +104,7 @@ class Letters:
         """Number of replaced letters."""
 
     def __reduce__(self) -> tuple[type["Letters"], tuple[()]]:
-        """Pickle nothing: faces of FreeType cannot be, and another process has the same fonts."""
+        """Pickle without the fonts, which cannot be pickled; another process loads the same."""
         return Letters, ()
 
     def drawable(self, text: object) -> str:

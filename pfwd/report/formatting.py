@@ -73,7 +73,7 @@ def with_interval(
 def with_deviation(
     value: Any, deviation: Any, scale: float, unit: str, relative: float = 0.0
 ) -> str:
-    """Return a value with its standard deviation; a dash for none.
+    """Return a value with its standard deviation as a text; a dash if it is not known.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def with_deviation(
 
 
 def depth_of(result: DropResult, texts: Texts, unit: str = "m") -> str:
-    """Return the depth of the rock with its interval; a dash for none."""
+    """Return the depth of the rock with its interval; a dash if the model has no rock."""
     depth = result.bedrock_depth_m
     if not is_number(depth):
         return NO_VALUE
@@ -166,7 +166,7 @@ def value_of(value: PointValue | None, texts: Texts) -> str:
 
 
 def value_basis(value: PointValue | None, texts: Texts) -> str:
-    """Return the numbers that a judged value is computed with."""
+    """Return the numbers of the formula of a judged value: factor, radius, pressure, count."""
     if value is None:
         return NO_VALUE
     parts = []
@@ -198,12 +198,12 @@ def target_of(target: float | None, quantity: Quantity) -> str:
 
 
 def percent(value: Any, count: int = 2) -> str:
-    """Return a part as percent."""
+    """Return a fraction as a text in percent."""
     return f"{digits(value * 100, count)} %" if is_number(value) else NO_VALUE
 
 
 def scaled(value: Any, scale: float, unit: str, count: int = 3) -> str:
-    """Return a number in a unit; a dash for none."""
+    """Return a number times a scale as a text with a unit; a dash if it is not known."""
     return f"{digits(value * scale, count)} {unit}".rstrip() if is_number(value) else NO_VALUE
 
 

@@ -17,7 +17,7 @@ from pfwd.report.point_facts import drops_text
 from pfwd.report.texts import Texts
 
 _LAYERS_HEIGHT, _BOWL_HEIGHT = 66.0, 42.0
-"""mm, of the picture; with a bowl alone a point of three drops and eleven sensors fits a page."""
+"""Heights of the picture in mm: layers with deflection bowl, and the bowl alone."""
 
 _LAYER_RESULTS = (
     ("drop", ""),
@@ -31,7 +31,7 @@ _LAYER_RESULTS = (
 
 
 def ground_blocks(drops: Sequence[DropView], name: str, texts: Texts) -> list[Block]:
-    """Return the blocks on the ground below some drops; none for one sensor without layers.
+    """Return the blocks on layers and deflection bowl; empty for one sensor without layers.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ _PROFILE_HEIGHT = 82.0
 
 
 def peaks_blocks(point: PointView, texts: Texts) -> list[Block]:
-    """Tables of a point; none where its drops have histories on the ground."""
+    """Return the tables of peaks and stiffness of a point; empty if its drops have traces."""
     return [*_basins(point, texts), *_stiffness(point, texts)]
 
 

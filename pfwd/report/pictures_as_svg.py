@@ -38,7 +38,7 @@ class SecondDrawer(HelperProcess):
         super().__init__(_load)
 
     def request(self, pictures: Sequence[Picture]) -> Sequence[Future[str] | None]:
-        """Request these pictures, the last one first; None: the process has ended."""
+        """Start drawing pictures, the last one first; None for each if the process has ended."""
         return self.submit(data_address, pictures)
 
 
@@ -57,7 +57,7 @@ def second_drawer(survey: str, output: str) -> AbstractContextManager[SecondDraw
 
 
 def _load() -> None:
-    """Load the modules that drawing needs, before the first picture arrives."""
+    """Import the modules that drawing needs, before the first picture is requested."""
     start_matplotlib()
 
     import pfwd.report.drawing  # noqa: F401

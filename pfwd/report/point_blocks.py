@@ -40,7 +40,7 @@ from pfwd.report.texts import Texts
 _NO_RESULT = DropResult()
 
 MAX_DRAWN_DROPS = 6
-"""Drops in one picture of traces: the averaged ones, then the last before them."""
+"""Number of drops in one picture of traces: the averaged ones, else the last ones."""
 
 _DROP_RESULT_COLUMNS = (
     ("drop", ""),
@@ -58,7 +58,7 @@ _DROP_RESULT_COLUMNS = (
 
 
 _EMPTY_LETTERS = f"{formatting.NO_VALUE}; "
-"""Letters of an empty value."""
+"""Characters of a value that is not known."""
 
 _PHOTO_HEIGHT = 45.0
 """Height of a row of photos, mm."""
@@ -163,7 +163,7 @@ def _rows(point: PointView, report: Report, texts: Texts) -> list[tuple[str, str
 
 
 def _used(point: PointView, texts: Texts) -> str:
-    """Return the averaged drops, and each reason of the excluded ones once."""
+    """Return the numbers of the averaged drops, and of the excluded ones with their reasons."""
     used = ", ".join(map(str, point.progress.used)) or formatting.NO_VALUE
     excluded = _excluded(point, texts)
     return f"{used}; {texts['excluded'].lower()}: {excluded}" if excluded else used

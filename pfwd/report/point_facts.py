@@ -18,7 +18,7 @@ from pfwd.report.texts import Texts
 
 
 def verdict_of(point: PointView) -> str:
-    """Return the kind of a point's mark; a discarded point has no verdict."""
+    """Return the verdict of a point as a key of the marks; a discarded point has none."""
     return "none" if point.discarded else Verdict(point.progress.verdict).value
 
 
@@ -33,7 +33,7 @@ def used_drops(point: PointView) -> list[DropView]:
 
 
 def time_of(point: PointView) -> str:
-    """Return when the first averaged drop fell, as `local_time` does, or as the file states it."""
+    """Return the time of the first averaged drop, ISO 8601; else the time that its file states."""
     for drop in (*used_drops(point), *point.drops):
         if time := local_time(drop):
             return time
@@ -86,7 +86,7 @@ def time_with_zone(point: PointView, texts: Texts) -> str:
 
 
 MINUTE_LENGTH = len("2026-01-31 14:05")
-"""Characters of a time to the minute."""
+"""Number of characters of a time to the minute."""
 
 
 def time_cells(report: Report, texts: Texts) -> tuple[str, list[str]]:
@@ -119,7 +119,7 @@ def diagnosis_counts(point: PointView) -> bool:
 
 
 def all_warnings(point: PointView) -> list[str]:
-    """Return the messages on the point and on its drops, each once.
+    """Return the warnings about a point and its drops, each once.
 
     Warnings of fits are not among them where the diagnosis counts in their place: they would
     contradict it.
@@ -152,7 +152,7 @@ class PointMessages:
 
 
 _DROPS_BEFORE_MESSAGE = re.compile(r"drops? (\d+(?:, \d+)*): ")
-"""Beginning of a message on some drops of a point."""
+"""Pattern of the numbers of drops that a message begins with."""
 
 
 def group_point_messages(messages: Iterable[tuple[str, str]]) -> list[PointMessages]:
@@ -221,13 +221,13 @@ def drops_text(numbers: Collection[str], order: Sequence[str], texts: Texts) -> 
 
 
 MAX_LISTED_RANGES = 6
-"""Names and ranges of names that a message lists; of more it gives the count alone."""
+"""Number of point names and ranges that a message lists; of more it gives the count."""
 
 
 def points_text(
     places: Sequence[str], order: Sequence[str], names: Mapping[str, str], texts: Texts
 ) -> str:
-    """Return the points that a message holds for: all, ranges of names, or how many.
+    """Return the points that a message applies to, as a text: all, ranges, or their count.
 
     Parameters
     ----------

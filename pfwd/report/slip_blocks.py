@@ -23,7 +23,7 @@ from pfwd.report.point_facts import modulus_text, time_of, verdict_of
 from pfwd.report.texts import Texts
 
 _CODE_HEIGHT = 38.0
-"""mm, of the QR code and of what stands beside it."""
+"""Height of the QR code and of the lines to sign on beside it, mm."""
 
 
 def slip_blocks(

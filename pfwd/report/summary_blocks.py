@@ -26,7 +26,7 @@ from pfwd.report.texts import Texts
 
 
 def summary_blocks(report: Report, texts: Texts, letters: Letters) -> list[Block]:
-    """Return the blocks on damage, map and profile."""
+    """Return the blocks of the summary: survey, damage, sketch and profile of the points."""
     points = [point for point in report.points if not point.discarded]
     blocks: list[Block] = [
         Heading(texts["summary"]),

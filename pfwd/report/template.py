@@ -53,7 +53,7 @@ SCALES = {
     "percent": 1e2,
     "mm_s": 1e3,
 }
-"""Value in a unit over the SI value."""
+"""Factor from SI to each unit that a template may request, by its name."""
 
 _TEMPLATE_FIELD = re.compile(r"\{\{\s*([A-Za-z_][\w.]*)\s*(?:\|\s*(\w+)\s*)?\}\}")
 
@@ -125,7 +125,7 @@ def _open(template: str | os.PathLike[str]) -> Any:
 
 
 class _Filler:
-    """Writes values into cells."""
+    """Fills the cells of a workbook that have or contain a name of `docs/reports.md`."""
 
     def __init__(self, report: Report, template: str, company: str | None) -> None:
         self._where = f"--template {template}"
@@ -233,7 +233,7 @@ def _scaled(value: Value, unit: str | None, where: str) -> Value:
 
 
 def _put(cell: Any, value: Value) -> None:
-    """Write a value into a cell; a text is never a formula."""
+    """Write a value into a cell; a text that begins with = stays text."""
     if isinstance(value, str):
         cell.value = harmless(value)
         cell.data_type = "s"

@@ -22,17 +22,17 @@ _LANGUAGE_CODE = re.compile(r"[a-z]{2,3}(-[A-Za-z0-9]{2,8})*")
 
 
 _LINE = re.compile(r"(\.\w+, )line( \{\})")
-"""Line of a file, behind its name."""
+"""Pattern of the number of a line behind the name of its file."""
 
 
 _DROP_NUMBERS = re.compile(r"(drops?) \{\}(?:, \{\})*")
-"""Numbers of drops."""
+"""Pattern of a clause that only has numbers of drops."""
 
 _NUMBERS_FOLLOW = (
     "not verified, hence not enforced",
     "used in the formula without being verified",
 )
-"""Messages that the keys of numbers of a procedure follow."""
+"""Beginnings of messages that end with a list of keys of a procedure."""
 
 NAMES_OF_NUMBERS = {
     "seating": "seating drops",
@@ -47,7 +47,7 @@ NAMES_OF_NUMBERS = {
 
 
 class Texts:
-    """Texts by key.
+    """Texts of a report in one language, by key.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ class Texts:
         )
 
     def say(self, key: str, **values: object) -> str:
-        """Return a text with its words in braces filled in."""
+        """Return a text of the catalogue with values in place of its words in braces."""
         return self._table[key].format(**values)
 
 

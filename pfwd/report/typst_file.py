@@ -32,22 +32,22 @@ STANDARDS: tuple[Literal["a-2a"], Literal["ua-1"]] = ("a-2a", "ua-1")
 """Archiving with tags, and accessibility. Typst refuses to write a file that breaks their rules."""
 
 _CHECKSUM_CHARACTERS = 64
-"""Characters of a SHA-256."""
+"""Number of characters of a SHA-256; a table with one has smaller letters."""
 
 _MIN_SMALL_COLUMNS = 9
 """Number of columns from which a table has smaller letters."""
 
 _TABLE_WIDTH_PT = 510.0
-"""Points; A4 without its margins."""
+"""Width of a table, points: that of A4 without its margins."""
 
 _CELL_SIZE_PT, _SMALL_CELL_SIZE_PT = 7.0, 6.2
-"""Points; letters of a table, as in the template."""
+"""Font sizes of a table and of one with many columns, points, as in the template."""
 
 _BOLD_OVER_PLAIN_WIDTH = 1.17
 """Width of bold letters over plain ones."""
 
 _CELL_PADDING_PT = 6.5
-"""Points, left and right of a cell's text together."""
+"""Space left and right of the text of a cell together, points."""
 
 
 def render_pdf(
@@ -57,7 +57,7 @@ def render_pdf(
     letters: Letters,
     template: Path | None = None,
 ) -> bytes:
-    """Return the bytes of the file.
+    """Return the bytes of the PDF with these blocks.
 
     Parameters
     ----------
@@ -180,7 +180,10 @@ def _column_widths(
     size: float,
     letters: Letters,
 ) -> list[float]:
-    """Return the width of each column, points: its longest cell, the widest columns narrowed."""
+    """Return the width of each column, points.
+
+    A column is as wide as its longest cell; if the table is too wide, the widest are narrowed.
+    """
     widths_needed = []
     for title, *cells in zip(columns, *rows, strict=True):
         widths = [letters.width(word, size * _BOLD_OVER_PLAIN_WIDTH) for word in title.split(" ")]
