@@ -19,7 +19,7 @@ class Report:
     made: str
     """Local time of the report, ISO 8601."""
     zone: str
-    """Name of the time zone of `made`."""
+    """Time zone of `made` as its offset, such as UTC+02:00."""
     software: Mapping[str, str]
     """Version of each package that made numbers or pictures, by its name."""
     procedure: Procedure

@@ -17,6 +17,9 @@ from pfwd.errors import SurveyError, refusal
 from pfwd.files.output_path import require_writable
 from pfwd.matplotlib_start import start_matplotlib
 
+_MAX_SHOWN_RATIO = 1000.0
+"""Ratio of the ends of an interval from which they are not shown: they say nothing."""
+
 _BEFORE, _AFTER, _DATA = "#c44e52", "#2a6f97", "#222222"
 
 
@@ -71,6 +74,9 @@ def _draw_traces(axis: Any, diagnosed: Diagnosed) -> None:
             axis.plot(time, after * 1e6, color=_AFTER, lw=0.9)
     axis.set_title(f"{_name(diagnosed)}: {diagnosed.diagnosis.verdict}", fontsize=9)
     axis.set_ylabel("displacement, µm (down +)", fontsize=8)
+    if axis.lines:
+        names = ("base model", "recorded", "with all effects")
+        axis.legend(axis.lines[: len(names)], names, fontsize=7)
     axis.set_xlabel("ms", fontsize=8)
 
 
@@ -85,7 +91,7 @@ def _draw_residual(axis: Any, diagnosed: Diagnosed) -> None:
             axis.plot(time, 100 * (before - observed) / peak, color=_BEFORE, lw=0.8)
             axis.plot(time, 100 * (after - observed) / peak, color=_AFTER, lw=0.9)
         axis.axvline(curves.contact_end * 1e3, color="0.7", lw=0.7)
-    axis.set_title("residual before (red), after (blue)", fontsize=9)
+    axis.set_title("residual: base model (red), with all effects (blue)", fontsize=9)
     axis.set_ylabel("% of the peak", fontsize=8)
     axis.set_xlabel("ms", fontsize=8)
 
@@ -111,7 +117,8 @@ def _draw_ladder(axis: Any, diagnosed: Diagnosed) -> None:
     effects = diagnosed.diagnosis.effects
     # Effects shared by the points of a device have no evidence at a single point.
     names = [
-        effect.key if np.isfinite(known(effect.evidence)) else f"{effect.key} (shared)"
+        effect.key.replace("_", " ")
+        + ("" if np.isfinite(known(effect.evidence)) else " (shared by the points)")
         for effect in effects
     ] or ["no effect"]
     evidence = [float(np.nan_to_num(known(effect.evidence))) for effect in effects]
@@ -124,7 +131,7 @@ def _draw_ladder(axis: Any, diagnosed: Diagnosed) -> None:
     axis.set_title(
         "\n".join(
             f"{when} {_modulus(state)}, {significant(100 * state.residual_over_peak, 2)} % left"
-            for when, state in (("before", before), ("after", after))
+            for when, state in (("base model", before), ("all effects", after))
         ),
         fontsize=9,
     )
@@ -137,6 +144,9 @@ def _name(diagnosed: Diagnosed) -> str:
 
 
 def _modulus(state: FittedState) -> str:
-    """Return the modulus with its interval as text, or "no modulus"."""
+    """Return the modulus with its interval, or why there is none."""
+    low, high = state.modulus_interval_pa or (1.0, 1.0)
+    if not high < _MAX_SHOWN_RATIO * low:
+        return "E not determined"
     text = modulus_text(state.modulus_pa, state.modulus_interval_pa)
     return f"E {text}" if text else "no modulus"

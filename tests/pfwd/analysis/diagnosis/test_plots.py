@@ -62,6 +62,7 @@ def known(modulus: float | None, interval: tuple[float, float] | None) -> Fitted
             "E left open (0.4 to 5 MPa)",
         ),
         (known(None, None), "no modulus"),
+        (known(None, (8e-18, 7e11)), "E not determined"),
     ],
 )
 def test_a_ladder_tells_moduli_with_their_intervals_and_what_is_left(
@@ -69,8 +70,11 @@ def test_a_ladder_tells_moduli_with_their_intervals_and_what_is_left(
 ) -> None:
     axis: Any = Figure().subplots()
     left = replace(before, residual_rms_over_peak=1.0352)
-    _draw_ladder(axis, diagnosed(left, "A", effect("rebound", 50.0), effect("lag", math.nan)))
+    _draw_ladder(
+        axis, diagnosed(left, "A", effect("rebound", 50.0), effect("sensor_lag", math.nan))
+    )
     first, second = axis.get_title().split("\n")
-    assert first == f"before {modulus}, 104 % left"
-    assert second == "after E 45 MPa (41 to 50), 1.7 % left"
-    assert [label.get_text() for label in axis.get_yticklabels()] == ["rebound", "lag (shared)"]
+    assert first == f"base model {modulus}, 104 % left"
+    assert second == "all effects E 45 MPa (41 to 50), 1.7 % left"
+    names = [label.get_text() for label in axis.get_yticklabels()]
+    assert names == ["rebound", "sensor lag (shared by the points)"]
