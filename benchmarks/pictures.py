@@ -214,8 +214,8 @@ def _draw_complete_point(survey: Path, path: Path) -> None:
 
 
 def _draw_opened(survey: Path, tab: str, path: Path) -> None:
-    """Draw the screen of ``pfwd open``."""
-    size = 120, 24
+    """Draw a tab of ``pfwd open``; the points with the chosen one below their table."""
+    size = (120, 36) if tab == "points" else (120, 24)
     app = OpenApp(OpenedSurvey(survey), ScreenSettings(), BRAILLE)
 
     async def body() -> None:

@@ -709,6 +709,8 @@ def table_titles(rows: Sequence[PointRow]) -> dict[str, str]:
         for key in ("target", "use", "misfit", "notes"):
             if not any(getattr(row, key) for row in rows):
                 titles.pop(key)
+        if all(row.low is None for row in rows):
+            titles.pop("interval")
         if all(row.state == "-" for row in rows):
             titles.pop("verdict")
     if all(row.chainage_m is None for row in rows):
