@@ -288,7 +288,9 @@ def test_a_column_that_no_point_fills_is_left_out(survey: Path) -> None:
     row = opened(survey).rows[0]
     assert "interval" in table_titles([row])
     row = dataclasses.replace(row, low=None, high=None, target=None, verdict="none", notes="")
-    assert not {"interval", "target", "verdict", "use", "misfit", "notes"} & set(table_titles([row]))
+    assert not {"interval", "target", "verdict", "use", "misfit", "notes"} & set(
+        table_titles([row])
+    )
     diagnosed = dataclasses.replace(row, use="design value", misfit="0.3 %", verdict="pass")
     assert {"use", "misfit", "verdict"} <= set(table_titles([row, diagnosed]))
 
