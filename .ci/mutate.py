@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from cosmic_ray.commands import init
@@ -27,7 +27,8 @@ from cosmic_ray.work_item import MutationSpec, TestOutcome
 
 TOP = Path(__file__).resolve().parents[1]
 TARGET = 0.85
-# A change that makes a loop endless is noticed: by so many times the usual time, s at least.
+# A change that makes a loop endless is noticed after this multiple of the usual time, and after at
+# least this time, s.
 PATIENCE, LEAST_PATIENCE = 8, 60.0
 # First and last line and column, as cosmic-ray and ast count them.
 Place = tuple[tuple[int, int], tuple[int, int]]
@@ -45,7 +46,7 @@ def main(arguments: list[str]) -> int:
     module = Path(os.path.relpath(options.module.resolve(), TOP))
     modules = sorted((TOP / module).rglob("*.py")) if (TOP / module).is_dir() else [TOP / module]
     if not modules or not all(path.is_file() for path in modules):
-        parser.error(f"MODULE: expected a Python file or folder of this checkout, came {module}")
+        parser.error(f"MODULE: expected a Python file or folder of this checkout, got {module}")
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "checkout"
         _copy(copy)
@@ -121,18 +122,16 @@ def _is_dataclass(decorator: ast.expr) -> bool:
     return isinstance(function, ast.Name) and function.id == "dataclass"
 
 
-def _tests(module: Path) -> str:
-    """The file that mirrors a module, or the nearest folder that mirrors one above it."""
+def _tests(module: Path) -> list[str]:
+    """Return the file that mirrors a module, if there is one, and the nearest folder that does."""
     file = Path("tests") / module.parent / f"test_{module.stem}.py"
-    if file.is_file():
-        return file.as_posix()
     folder = file.parent
     while not folder.is_dir():
         folder = folder.parent
-    return folder.as_posix()
+    return [path.as_posix() for path in (file, folder) if path.exists()]
 
 
-def _command(tests: list[str]) -> str:
+def _command(tests: Sequence[str]) -> str:
     python = Path(sys.executable).as_posix()
     return f'"{python}" -m pytest -x -q -p no:xdist -m "not slow" {" ".join(tests)}'
 
@@ -142,14 +141,18 @@ def _try(specs: list[MutationSpec], options: argparse.Namespace) -> int:
     patience: dict[str, float] = {}
     noticed, survived = 0, []
     for number, spec in enumerate(specs, start=1):
-        command = _command(options.tests or [_tests(spec.module_path)])
-        if command not in patience:
-            started = time.monotonic()
-            if subprocess.call(command, shell=True, stdout=subprocess.DEVNULL) != 0:
-                print(f"the tests fail on the module as it is: {command}")
-                return 2
-            patience[command] = max(LEAST_PATIENCE, PATIENCE * (time.monotonic() - started))
-        result = mutate_and_test((spec,), command, patience[command])
+        # The folder is run only if the file, which takes less time, passes with the change.
+        steps = [options.tests] if options.tests else [[step] for step in _tests(spec.module_path)]
+        for command in map(_command, steps):
+            if command not in patience:
+                started = time.monotonic()
+                if subprocess.call(command, shell=True, stdout=subprocess.DEVNULL) != 0:
+                    print(f"the tests fail on the module as it is: {command}")
+                    return 2
+                patience[command] = max(LEAST_PATIENCE, PATIENCE * (time.monotonic() - started))
+            result = mutate_and_test((spec,), command, patience[command])
+            if result.test_outcome != TestOutcome.SURVIVED:
+                break
         where = f"{spec.module_path.as_posix()}:{spec.start_pos[0]} {spec.operator_name}"
         if result.test_outcome == TestOutcome.SURVIVED:
             survived.append(result.diff or where)
