@@ -74,10 +74,10 @@ def at_place(value: float, place: int) -> str:
 
     Examples
     --------
-    >>> at_place(1234.5, 1), at_place(1234.5, -1)
-    ('1230', '1234.5')
+    >>> at_place(1234.5, 1), at_place(1234.5, -1), at_place(-0.3, 0)
+    ('1230', '1234.5', '0')
     """
-    return f"{round(value, -place):.{max(0, -place)}f}"
+    return f"{round(value, -place):z.{max(0, -place)}f}"
 
 
 def with_ends(value: float, ends: tuple[float, float]) -> tuple[str, str, str]:
@@ -142,7 +142,7 @@ def modulus_text(modulus: float | None, interval: tuple[float, float] | None) ->
     >>> modulus_text(45.2e6, (43.4e6, 47.1e6)), modulus_text(45.2e6, None)
     ('45.2 MPa (43.4 to 47.1)', '45.2 MPa')
     >>> modulus_text(None, (11.2e6, 561.1e6))
-    'left open (11 to 560 MPa)'
+    'left open (11 to 600 MPa)'
     """
     ends = None
     if interval is not None and all(map(math.isfinite, interval)):

@@ -8,7 +8,11 @@ TOP = Path(__file__).resolve().parents[1]
 
 def test_every_attack_in_the_document_names_a_test_that_exists() -> None:
     text = (TOP / "docs" / "security.md").read_text(encoding="utf-8")
-    rows = [line for line in text[text.index("## Attacks that the tests try") :].splitlines() if "|" in line]
+    rows = [
+        line
+        for line in text[text.index("## Attacks that the tests try") :].splitlines()
+        if "|" in line
+    ]
     for row in rows[2:]:
         _, attack, happens, tests, _ = (cell.strip() for cell in row.split("|"))
         assert attack

@@ -564,7 +564,7 @@ def _change(before: FittedState, after: FittedState) -> list[str]:
         return []
     return [
         f"  the modulus changes from {first / 1e6:.3g} to {last / 1e6:.3g} MPa, by "
-        f"{100 * (last / first - 1):+.0f} %"
+        f"{100 * (last / first - 1):+z.0f} %"
     ]
 
 

@@ -1,8 +1,9 @@
 """Inversion of an archive: sources without stored results are inverted, and theirs are stored.
 
->>> options = AnalysisOptions(method="least-squares")         # doctest: +SKIP >>> with
-contextlib.closing(LocalWorkers(options, 2)) as workers: ...     summary = invert_archive(["drops"],
-"results", options, workers) >>> summary.drops, summary.failed
+>>> options = AnalysisOptions(method="least-squares")         # doctest: +SKIP
+>>> with contextlib.closing(LocalWorkers(options, 2)) as workers:  # doctest: +SKIP
+...     summary = invert_archive(["drops"], "results", options, workers)
+>>> summary.drops, summary.failed  # doctest: +SKIP
 """
 
 from __future__ import annotations

@@ -187,7 +187,7 @@ def rate(link: InstrumentLink) -> str:
         f"expected device times that increase evenly, got deviations of {jitter * 1e3:.0f} ms",
     )
     drift = (by_clock / by_host - 1) * 1e6
-    return f"{by_clock:.5g} Hz, jitter {jitter * 1e3:.1f} ms, clocks {drift:+.0f} ppm apart"
+    return f"{by_clock:.5g} Hz, jitter {jitter * 1e3:.1f} ms, clocks {drift:+z.0f} ppm apart"
 
 
 def clock(link: InstrumentLink) -> str:

@@ -229,7 +229,7 @@ def truth_lines(truth: Sequence[Mapping[str, Any]], moduli: Mapping[int, float])
         line = f"  drop {number}: E {modulus / 1e6:.2f} MPa"
         if number in moduli:
             error = 100 * (moduli[number] / modulus - 1)
-            line += f", measured {moduli[number] / 1e6:.2f} MPa, {error:+.2f} %"
+            line += f", measured {moduli[number] / 1e6:.2f} MPa, {error:+z.2f} %"
         lines.append(line)
     return lines
 

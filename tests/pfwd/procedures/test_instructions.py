@@ -187,3 +187,15 @@ def test_compaction_leaves_out_what_did_not_load_the_ground() -> None:
     found = judged(GERMAN, MEASURED, REJECTED, MEASURED)
     assert found.compaction == ((1, "seating", 5e-4), (3, "seating", 5e-4))
     assert judged(GERMAN, MEASURED, peak_deflection=None).compaction == ()
+
+
+def test_a_violated_precondition_becomes_a_sentence_with_what_to_do() -> None:
+    progress = judge(
+        GERMAN,
+        [PointDrop(n, MEASURED, peak_load=7070.0, peak_deflection=5e-4) for n in range(1, 7)],
+        plate_radius=0.1,
+    )
+    (reason, *_) = progress.faults
+    assert "plate" in reason
+    instruction = f"{reason[0].upper()}{reason[1:]}: correct it and measure the point again beside this place."
+    assert progress.instruction == instruction

@@ -19,7 +19,16 @@ from pfwd.procedures import (
     find_procedure,
     judge,
 )
-from pfwd.procedures.values import half_width_95, mean, recorded_values, spread, stress_dependence
+from pfwd.procedures.point import DiagnosedModulus, Use
+from pfwd.procedures.values import (
+    half_width_95,
+    mean,
+    moduli_of,
+    recorded_values,
+    spread,
+    stress_dependence,
+    unsupported_records,
+)
 
 GERMAN = dataclasses.replace(find_procedure("tp-bf-stb-b8.3"), seating=Number(0, "here", True))
 BRITISH = dataclasses.replace(find_procedure("mchw-885"), seating=Number(0, "here", True))
@@ -237,3 +246,40 @@ def test_heights_differ_from_a_quarter_on() -> None:
 def test_what_is_not_known_is_left_out_in_order() -> None:
     found = drops(0.5, 0.6, 0.7, pulse_duration=[0.018, None, 0.017])
     assert recorded_values(found, "pulse_duration") == [0.018, 0.017]
+
+
+def test_a_record_that_was_stored_twice_is_found_behind_drops_without_traces() -> None:
+    durations = [None, 0.017, 0.017]
+    unsupported = unsupported_records(drops(0.5, 0.4, 0.4, pulse_duration=durations))
+    assert unsupported == "drop 3: its record is a copy of that of drop 2"
+    assert unsupported_records(drops(0.4, 0.4, pulse_duration=None)) is None
+
+
+def test_the_fitted_modulus_carries_the_first_fault_of_its_drops() -> None:
+    fitted, other = moduli_of(GERMAN, drops(0.5, 0.5, modulus=45e6), None)
+    assert fitted is not None
+    assert (fitted.source, fitted.not_supported, other) == ("fitted", None, None)
+    at_fault = drops(0.5, 0.5, modulus=45e6, fit_fault=[None, "depth left open"])
+    fitted, _ = moduli_of(GERMAN, at_fault, None)
+    assert fitted is not None
+    assert fitted.not_supported == "drop 2: depth left open"
+
+
+@pytest.mark.parametrize(
+    ("use", "modulus", "sources"),
+    [
+        ("design", 45e6, ["diagnosed", "fitted"]),
+        ("with-care", 45e6, ["diagnosed", "fitted"]),
+        ("do-not-use", 45e6, ["fitted", "diagnosed"]),
+        ("design", None, ["diagnosed", None]),
+        ("do-not-use", None, ["diagnosed", None]),
+    ],
+)
+def test_the_diagnosed_modulus_is_in_force_where_it_may_be_used_or_is_the_only_one(
+    use: Use, modulus: float | None, sources: list[str | None]
+) -> None:
+    diagnosed = DiagnosedModulus(40e6, (38e6, 42e6), use, "the reason")
+    moduli = moduli_of(GERMAN, drops(0.5, modulus=modulus), diagnosed)
+    assert [m and m.source for m in moduli] == sources
+    reason = next(m.not_supported for m in moduli if m is not None and m.source == "diagnosed")
+    assert reason == ("the reason" if use == "do-not-use" else None)

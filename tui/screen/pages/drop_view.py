@@ -245,7 +245,7 @@ def _parameters(view: DropPageState, result: DropResult, width: int) -> list[Lin
         lines.append(line(f"{name:10} {text}", cell(mark, "bad")))
     correlation = result.modulus_depth_correlation
     if correlation is not None and math.isfinite(correlation):
-        text = f"correlation of the errors of modulus and depth {correlation:+.2f}"
+        text = f"correlation of the errors of modulus and depth {correlation:+z.2f}"
         lines += _paragraph(text, width)
     peak = units.with_unit("modulus", result.peak_modulus_pa)
     factor = format_number(result.peak_factor, 3)

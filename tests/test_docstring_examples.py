@@ -1,0 +1,35 @@
+"""The examples in the docstrings of all packages run and give what they show."""
+
+import ast
+import doctest
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import pfwd
+
+TOP = Path(__file__).parents[1]
+PACKAGES = ("pfwd", "pfwd_device", "pfwd_plugins", "inversion", "tui", "simulators")
+
+
+def modules_with_examples() -> Iterator[str]:
+    for package in PACKAGES:
+        for path in sorted((TOP / package).rglob("*.py")):
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            documented = (ast.Module, ast.ClassDef, ast.FunctionDef)
+            docstrings = [ast.get_docstring(n) for n in ast.walk(tree) if isinstance(n, documented)]
+            if any(text and ">>> " in text for text in docstrings):
+                parts = path.relative_to(TOP).with_suffix("").parts
+                yield ".".join(parts).removesuffix(".__init__")
+
+
+@pytest.mark.parametrize("name", list(modules_with_examples()))
+def test_the_examples_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    module = import_module(name)
+    monkeypatch.chdir(tmp_path)
+    result = doctest.testmod(
+        module, extraglobs={"pfwd": pfwd}, optionflags=doctest.ELLIPSIS, raise_on_error=False
+    )
+    assert result.failed == 0
