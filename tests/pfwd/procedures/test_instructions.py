@@ -197,5 +197,5 @@ def test_a_violated_precondition_becomes_a_sentence_with_what_to_do() -> None:
     )
     (reason, *_) = progress.faults
     assert "plate" in reason
-    instruction = f"{reason[0].upper()}{reason[1:]}: correct it and measure the point again beside this place."
-    assert progress.instruction == instruction
+    action = "correct it and measure the point again beside this place."
+    assert progress.instruction == f"{reason[0].upper()}{reason[1:]}: {action}"
