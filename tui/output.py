@@ -64,8 +64,8 @@ def clean(text: object) -> str:
 
     Examples
     --------
-    >>> clean("km 12 \\x1b[31mred")
-    'km 12 \N{REPLACEMENT CHARACTER}[31mred'
+    >>> print(ascii(clean("km 12 \x1b[31mred")))
+    'km 12 \ufffd[31mred'
     """
     text = str(text)
     if text.isascii() and text.isprintable():  # most texts: faster than the check below
