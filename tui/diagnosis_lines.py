@@ -11,6 +11,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, NamedTuple, TypeGuard
 
+from pfwd.analysis.options import PLATE_WORDS
 from pfwd.analysis.results import (
     DiagnosisResult,
     EffectParameter,
@@ -21,7 +22,7 @@ from pfwd.analysis.results import (
 from pfwd.digits import modulus_text, read_in, rounded
 from pfwd.export.json_text import json_text
 from pfwd.message_groups import as_ranges, group_messages
-from tui.format import MODEL_WORDS, PLATE_WORDS, word
+from tui.format import MODEL_WORDS, word
 from tui.output import clean, spelled
 
 if TYPE_CHECKING:

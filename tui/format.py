@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Literal
 
+from pfwd.analysis.options import METHOD_WORDS, PLATE_WORDS
 from pfwd.analysis.results import DropResult, HalfSinePulse, LayerResult, relative_spread
 from pfwd.digits import rounded, significant, with_ends
 from pfwd.message_groups import as_ranges, group_messages
@@ -20,18 +21,7 @@ UNEXPLAINED = "UNEXPLAINED"
 """Word for a residual above noise and model error, with which the modulus may be wrong."""
 
 MODEL_WORDS = {"layer": "soil on bedrock"}
-PLATE_WORDS = {
-    "rigid-rough": "rigid plate without slip",
-    "rigid-smooth": "rigid plate without friction",
-    "published": "plate of the published method",
-    "uniform": "plate with even pressure",
-}
-_METHOD_WORDS = {
-    "mpga": "genetic search",
-    "least-squares": "least squares",
-    "published": "published method",
-}
-"""Texts for values of the JSON output; a value without a text is shown as it is."""
+"""Texts for models of the JSON output; a model without a text is shown as it is."""
 
 
 def point_lines(results: Sequence[DropResult]) -> list[str]:
@@ -83,7 +73,7 @@ def settings_lines(
         f"Poisson's ratio {_short(_finite(result.poisson_ratio))}; "
         f"peak-method factor {_short(_finite(result.peak_factor))}",
         f"{model}; {_text(result.load)} load; "
-        f"{word(_METHOD_WORDS, result.method)}, seed {_text(result.seed)}",
+        f"{word(METHOD_WORDS, result.method)}, seed {_text(result.seed)}",
     )
 
 
@@ -360,7 +350,7 @@ def drop_line(point: str, number: int, result: DropResult) -> str:
         f"ν {_short(_finite(result.poisson_ratio))}",
         f"{peak_load(result)} kN",
         f"residual {percent(result.residual_rms_over_peak)} %",
-        word(_METHOD_WORDS, result.method),
+        word(METHOD_WORDS, result.method),
     ]
     parts += ["seating"] if status == "seating" else []
     parts += [] if result.explained is not False else ["NOT EXPLAINED"]

@@ -21,6 +21,19 @@ Depth = float | Literal["unknown", "none"]
 Layers = int | Literal["auto"]
 Thickness = tuple[float, ...] | Literal["unknown"]
 
+PLATE_WORDS = {
+    "rigid-rough": "rigid plate without slip",
+    "rigid-smooth": "rigid plate without friction",
+    "published": "plate of the published method",
+    "uniform": "plate with even pressure",
+}
+METHOD_WORDS = {
+    "mpga": "genetic search",
+    "least-squares": "least squares",
+    "published": "published method",
+}
+"""Texts for plates and methods, as people read them, by the name of the option."""
+
 MOST_LAYERS = 4
 """Largest number of layers with a modulus of their own, the half-space below included."""
 

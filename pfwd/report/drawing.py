@@ -335,10 +335,10 @@ def draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts) -> None:
 
 
 def _draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts, right: float) -> None:
-    wide = right - 0.09
-    residual = figure.add_axes((0.09, 0.16, wide, 0.235))
-    moved = figure.add_axes((0.09, 0.42, wide, 0.33), sharex=residual)
-    load = figure.add_axes((0.09, 0.775, wide, 0.21), sharex=residual)
+    wide = right - 0.1
+    residual = figure.add_axes((0.1, 0.16, wide, 0.235))
+    moved = figure.add_axes((0.1, 0.42, wide, 0.33), sharex=residual)
+    load = figure.add_axes((0.1, 0.775, wide, 0.21), sharex=residual)
     for axes in (load, moved):
         axes.tick_params(labelbottom=False)
     ends = []
@@ -377,7 +377,7 @@ def _draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts, right: fl
     for axes, title in zip((load, moved, residual), titles, strict=True):
         # The unit stands in a line of its own, lest the words run into each other.
         axes.set_ylabel(re.sub(", |，", "\n", texts[title]), fontsize=5.5, linespacing=1.1)
-        axes.yaxis.set_label_coords(-0.066 / wide, 0.5)
+        axes.yaxis.set_label_coords(-0.068 / wide, 0.5)
     residual.set_xlabel(texts["time_axis"], fontsize=7, labelpad=1)
     for axes in (load, moved, residual):
         axes.axhline(0.0, color="0.7", linewidth=0.6)

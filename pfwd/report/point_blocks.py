@@ -280,7 +280,8 @@ def _results(point: PointView, texts: Texts) -> list[Block]:
             where = texts["stored" if stored_result.stored else "fitted"]
             text = (
                 f"{formatting.basis_of(stored_result, texts, with_depth=False)}; "
-                f"{stored_result.method}, {texts['load']}: {texts.word(str(stored_result.load))}; "
+                f"{texts.word(str(stored_result.method))}, "
+                f"{texts['load']}: {texts.word(str(stored_result.load))}; "
                 f"{texts['seed']} {stored_result.seed}; {where}; "
                 f"{texts['peak_method']}: k = {stored_result.peak_factor or math.nan:.4g}"
             )

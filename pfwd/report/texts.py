@@ -9,6 +9,7 @@ from importlib import resources
 from typing import Any
 
 from inversion.notices import OTHER, fill_template
+from pfwd.analysis.options import METHOD_WORDS, PLATE_WORDS
 from pfwd.errors import OptionError, quote, refusal
 from pfwd.message_groups import GAP, MessageGroup, fill, split_numbers
 from pfwd.procedures.profile import CHECKS
@@ -63,7 +64,7 @@ class Texts:
         catalogue = _messages().get(code, {})
         self._messages: dict[str, str] = catalogue.get("messages", {})
         self._warnings: dict[str, str] = catalogue.get("warnings", {})
-        self._words: dict[str, str] = catalogue.get("words", {})
+        self._words: dict[str, str] = catalogue.get("words", METHOD_WORDS | PLATE_WORDS)
         self._sources: dict[str, str] = catalogue.get("sources", {})
         self._named = [
             (_pattern_with_name(text), translation)

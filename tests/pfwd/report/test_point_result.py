@@ -94,8 +94,8 @@ def test_numbers_of_a_diagnosed_point_are_those_of_its_diagnosis(survey: Path) -
     rows = rows_of(report.points[0])
     assert rows["Modulus E"].replace("\xa0", " ") == "51.2 MPa (48.6 – 53.9)"
     assert rows["Basis"] == (
-        "Drops 2 – 4, diagnosis: layer on rock at 0.887 m, rigid-rough 0.15 m, ν 0.35, "
-        "η 12 kPa s, ρ 1900 kg/m³"
+        "Drops 2 – 4, diagnosis: layer on rock at 0.887 m, rigid plate without slip 0.15 m, "
+        "ν 0.35, η 12 kPa s, ρ 1900 kg/m³"
     )
     assert rows["Use"] == (
         "design value: the record is explained and the interval is narrow; secant modulus at "
@@ -119,7 +119,7 @@ def test_a_diagnosis_of_an_earlier_version_has_fewer_numbers(survey: Path) -> No
     missing = dict.fromkeys(("viscosity_pa_s", "density_kg_m3", "bedrock_depth_m"))
     report = diagnosed_report(survey, "explained", **missing)
     assert rows_of(report.points[0])["Basis"] == (
-        "Drops 2 – 4, diagnosis: layer, rigid-rough 0.15 m, ν 0.35"
+        "Drops 2 – 4, diagnosis: layer, rigid plate without slip 0.15 m, ν 0.35"
     )
 
 
@@ -147,7 +147,10 @@ def test_numbers_are_those_of_the_fits_where_the_diagnosis_must_not_be_used(surv
     report = diagnosed_report(survey, "unexplained", discrepancy_over_peak=0.2)
     rows = rows_of(report.points[0])
     assert rows["Modulus E"].startswith("45")
-    assert rows["Basis"] == "Drops 2 – 4, mean of the fits: layer, rigid-rough 0.15 m, ν 0.35"
+    assert (
+        rows["Basis"]
+        == "Drops 2 – 4, mean of the fits: layer, rigid plate without slip 0.15 m, ν 0.35"
+    )
     assert rows["Use"] == (
         "the fits count, because the diagnosed modulus must not be used: "
         "20 % of the peak is not explained, at most 3 % is allowed"
@@ -164,7 +167,9 @@ def test_a_single_fit_has_its_depth_and_viscosity(survey: Path) -> None:
     single = replace(point, whole=None)
     single.__dict__["progress"] = progress
     basis = rows_of(single)["Basis"]
-    assert basis.startswith("Drop 3, fit: layer on rock at 6.7 – 8.9 m, rigid-rough 0.15 m, ν 0.35")
+    assert basis.startswith(
+        "Drop 3, fit: layer on rock at 6.7 – 8.9 m, rigid plate without slip 0.15 m, ν 0.35"
+    )
     assert "η 33" in basis
     assert "Use" not in rows_of(single)
 

@@ -280,7 +280,7 @@ def test_no_modulus_stands_without_interval_and_basis(survey: Path) -> None:
     text, page, _ = page_of(survey, target=40e6)
     said = " ".join(page.texts).replace("\N{NO-BREAK SPACE}", " ")
     assert re.search(r"45\.\d+ MPa \(44\.\d+ – 46\.\d+\)", said)
-    assert "half-space, rigid-rough 0.15 m, ν 0.35" in said
+    assert "half-space, rigid plate without slip 0.15 m, ν 0.35" in said
     assert "a warning of the search" in said
     cells = [html.unescape(cell) for cell in re.findall(r"<(?:td|dd)[^>]*>(.*?)</(?:td|dd)>", text)]
     moduli = [cell for cell in cells if re.search("[0-9]\N{NO-BREAK SPACE}MPa", cell)]

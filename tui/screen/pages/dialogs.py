@@ -10,9 +10,9 @@ from textual.content import Content
 from textual.screen import ModalScreen
 from textual.widgets import Button, Input, Label, Select
 
-from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.options import PLATE_WORDS, AnalysisOptions
 from pfwd.errors import OptionError
-from tui.format import PLATE_WORDS, word
+from tui.format import word
 from tui.output import clean
 from tui.screen.drawing.lines import window
 from tui.screen.pages.drop_texts import METHOD_TEXTS, MODEL_TEXTS

@@ -5,11 +5,12 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from pfwd.analysis.options import PLATE_WORDS
 from pfwd.analysis.results import DropResult, relative_spread
 from pfwd.judging import PointView
 from pfwd.procedures import PointProgress, Quantity, Verdict
 from pfwd.procedures.point import UNSUPPORTED_MARK
-from tui.format import MODEL_WORDS, PLATE_WORDS, word
+from tui.format import MODEL_WORDS, word
 from tui.screen.drawing.lines import Line, TableColumn, TableRow, TextRole, cell, fit, piece
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.state import SessionState
