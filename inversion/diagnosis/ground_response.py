@@ -316,7 +316,7 @@ def _remember(memory: dict[_K, ComplexArray], key: _K, value: ComplexArray) -> N
 
 
 def _homogeneous(grounds: Sequence[Ground]) -> Grounds:
-    """Return the parameters of grounds without layers that have the same kind."""
+    """Return the parameters of grounds without layers that all grow with depth, or none does."""
     growing = grounds[0].growth_exponent > 0.0
     names = (*_SOIL, "inverse_growth_depth" if growing else "inverse_depth", "loss_exponent")
     fields = np.array([[getattr(ground, name) for name in names] for ground in grounds]).T

@@ -496,9 +496,7 @@ class DropModel:
         return result
 
     def _stages(self, ground: Ground, active: Active) -> _Stages:
-        """Return the ground with its effects: its parameters, stiffness law and changed
-        compliance.
-        """
+        """Return the ground with its effects: parameters, stiffness law and compliance."""
         if self._latest is not None and self._latest[0] is ground and self._latest[1] is active:
             return self._latest[2]
         changed_ground, law = ground, NonlinearStiffness()

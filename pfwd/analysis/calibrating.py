@@ -196,7 +196,7 @@ def _stiffness(file: str, point: TracePoint, declared: float | None) -> float:
 
 
 def _several_rigs(groups: Sequence[tuple[float, TracePoint]]) -> list[str]:
-    """Return one sentence for each declared stiffness whose sites have different measured ones."""
+    """Return a sentence for each declared stiffness that differs between sites as measured."""
     messages = []
     ordered = sorted(groups, key=lambda one: (one[0], str(one[1].setup.site)))
     for stiffness_of_rig, of_rig in groupby(ordered, key=lambda one: one[0]):
