@@ -115,7 +115,7 @@ def test_the_centre_alone_is_the_nearest_of_both_sides(library: SurrogateLibrary
     centre = replace(QUICK, all_sensors=False)
     assert surrogate_request(drop, centre)[0].offsets == (0.0,)
     far = replace(drop, sensors=drop.sensors[1:])
-    with pytest.raises(RecordError, match=r"the nearest is at -0\.3 m"):
+    with pytest.raises(RecordError, match=r"got the nearest one at -0\.3 m"):
         invert(far, centre, library)
 
 
