@@ -83,7 +83,8 @@ class Settings:
             raise ModelError(f"layers: expected 1 to {MAX_LAYERS} or auto, got {self.layers}")
         if self.method == "published" and self.layers != 1:
             raise ModelError(
-                f"layers: the published method has one, got {self.layers}; leave one of them out"
+                f"layers: the published method has one layer, got {self.layers}; omit the layers "
+                "or the method"
             )
         if self.method == "published" and self.plate not in PLATE_MODELS:
             raise ModelError(

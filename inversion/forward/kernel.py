@@ -32,6 +32,9 @@ _NEGLIGIBLE_ECHO_NEPERS = 19.0
 class Compliance(NamedTuple):
     """Surface compliances, each ``(...)`` complex, in units of 1/G*.
 
+    ``ww`` is the vertical displacement under pressure, ``uu`` the radial displacement under shear,
+    and ``wu`` their coupling.
+
     ``wu`` and ``uu`` are None if there is only pressure (a smooth plate).
     """
 

@@ -130,10 +130,10 @@ class Texts:
         return fill_template(template, texts)
 
     def grouped_message(self, pattern: str, numbers: Sequence[str]) -> str:
-        """Return a message in this language, from its pattern and the numbers of its gaps.
+        """Return a message in this language, with the numbers in the gaps of its pattern.
 
-        A message of several clauses is translated clause by clause. What a file or a procedure is
-        called may stand before a clause.
+        Each clause of a message is translated by itself. The name of a file or of a procedure may
+        stand before a clause.
         """
         translation = GAP if pattern == GAP else self._messages.get(pattern)
         if translation is not None:

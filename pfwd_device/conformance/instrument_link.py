@@ -148,7 +148,7 @@ class InstrumentLink:
                 return response
         seconds = f"{MAX_RESPONSE_TIME_S:g} s"
         raise Failed(
-            f"expected {kind.__name__} within {seconds} of {type(message).__name__}, got "
+            f"expected {kind.__name__} within {seconds} s after {type(message).__name__}, got "
             f"{self.latest_kinds()}"
         )
 

@@ -103,7 +103,9 @@ class StoredTexts:
             heap = self._heaps[address] = self._heap(address)
         text = heap.get(index)
         if text is None or len(text) != length:
-            raise RecordingError(f"expected a text of {length} bytes, got another text or none")
+            raise RecordingError(
+                f"expected the stored text of {length} bytes, got another one or none: damaged"
+            )
         if b"\0" in text:
             raise RecordingError("expected a text without the character NUL, got one with it")
         return text

@@ -445,7 +445,7 @@ class _Reader:
         if size > self.allowance.arrays:
             raise RecordingError(
                 f"{where}: expected at most {MAX_ARRAY_BYTES} bytes of arrays in the file, got "
-                f"{size} more in this one"
+                f"an array of {size} bytes beyond that"
             )
         self.allowance.arrays -= size
         refuse_chunks(identity, where)

@@ -292,7 +292,7 @@ class Index:
             case Kind.FILE:
                 _types(data, path=str, size=int, sha256=str)
                 if _PUBLISHED_PATH.fullmatch(data["path"]) is None:
-                    raise ValueError("path: expected one within the survey")
+                    raise ValueError("path: expected a path inside the folder of the survey")
                 self.files[data["path"]] = FileEntry(
                     data["path"], data["size"], data["sha256"], data.get("number"), entry
                 )

@@ -299,7 +299,7 @@ def test_a_layer_between_that_is_not_known_is_said(
         ({"layers": 0}, "layers: expected 1 to 4 or auto, got 0"),
         ({"layers": 5}, "layers: expected 1 to 4 or auto, got 5"),
         ({"layers": "many"}, "layers: expected 1 to 4 or auto, got many"),
-        ({"layers": 2, "method": "published"}, "layers: the published method has one, got 2"),
+        ({"layers": 2, "method": "published"}, "layers: the published method has one layer, got 2"),
         (
             {"plate": "uniform", "method": "published"},
             "plate: the published method has .*, got uniform",

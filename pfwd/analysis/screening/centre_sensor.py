@@ -144,7 +144,8 @@ def _timing_fault(force: Vector, moved: Vector, step: float, unsure: float) -> s
 
     The result is None if there is no such fault.
 
-    The motion is delayed first by the largest error of timing that a sound chain may have.
+    First the motion is delayed by the largest timing error of an intact measuring chain. So such an
+    error is not reported.
     """
     lead = _half_way(force) - _half_way(moved)
     delay = round(max(lead, 0.0) + RESPONSE_LEAD / step)

@@ -61,7 +61,7 @@ def layer_lines(result: DropResult, units: Units, width: int) -> list[Line]:
 
 
 def effective_text(result: DropResult, units: Units) -> str:
-    """Return the modulus of uniform ground with the same deflection, and its depth; or empty."""
+    """Return effective modulus and effective depth as text; empty if there is none."""
     modulus, depth = result.effective_modulus_pa, result.effective_depth_m
     if modulus is None or depth is None:
         return ""
