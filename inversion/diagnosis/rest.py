@@ -15,7 +15,7 @@ _SIMILAR_RMS_RATIO = 2.0
 
 @dataclass(frozen=True, eq=False)
 class PreTriggerNoise:
-    """Drop up to the end of its record, with the noise before the trigger.
+    """Noise of a drop before its trigger, with the drop up to the end of its record.
 
     Parameters
     ----------

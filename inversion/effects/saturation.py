@@ -67,7 +67,7 @@ class Saturation(Effect):
         drop: DropContext,
         impulse_response: ImpulseResponse,
     ) -> FloatArray:
-        """Return the motion plus the motion due to the cap of the load, (n_sensors, n), m."""
+        """Return the motion plus that due to the clipped part of the load, (n_sensors, n), m."""
         if "cap" not in values or drop.flat_load is None:
             return motion
         return motion + forced_motion(impulse_response(), values["cap"] * _cap(drop), drop.step)

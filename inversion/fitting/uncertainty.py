@@ -187,7 +187,7 @@ def _load_noise(
 def _interval(
     fit: GroundFit, column: int, covariance: FloatArray, spread: float
 ) -> tuple[float, float]:
-    """Return the ends of the 95 % interval of one unit value, within the unit interval."""
+    """Return the ends of the 95 % interval of a parameter that is scaled to [0, 1]."""
     place, reach = float(fit.best.point[column]), NORMAL_95 * spread
     low, high = place - reach, place + reach
     unknown = fit.space.unknowns[column]

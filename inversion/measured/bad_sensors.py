@@ -160,8 +160,8 @@ def find_step(
 
     The result is None if there is no step.
 
-    Lost samples and a switched range leave a step between two samples that the samples around it do
-    not announce. Around each place a cubic with a step is fitted to seven samples on either side.
+    Lost samples and a switched range cause a step that the samples around it do
+    not predict. Around each place a cubic with a step is fitted to seven samples on either side.
     The height of the step is measured in units of the residual of that fit, or of the residual
     before the pulse if that is larger.
 

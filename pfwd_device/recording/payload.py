@@ -282,7 +282,8 @@ def _described(entry: object) -> tuple[str, str, tuple[int, ...], int]:
         or len(shape) > 2
         or not all(type(n) is int and 0 <= n <= MAX_ARRAY_BYTES for n in shape)
     ):
-        raise RecordingError(f"array {name[:64]}: expected one or two lengths, got another shape")
+        name = name[:64]
+        raise RecordingError(f"array {name}: expected one or two dimensions, got another shape")
     sides = tuple(shape)
     return name, dtype, sides, math.prod(sides) * np.dtype(dtype).itemsize
 

@@ -140,7 +140,7 @@ def _take_in(
 
 
 def _is_present(entry: Entry, data: dict[str, Any], index: Index) -> bool:
-    """Return True if a drop of the survey has the same key, number or number within its point."""
+    """Return True if a drop of the survey has the key or one of the numbers of the entry."""
     if entry.kind != Kind.DROP:
         return False
     return (

@@ -138,7 +138,7 @@ class SurveyDrop:
         return self._origin.read_traces(self.number)
 
     def read_facts(self) -> DropFacts:
-        """Read the declarations with the recorded peaks, or without these the traces.
+        """Read declarations and recorded peaks, or the traces where no peaks are recorded.
 
         It is the fastest access to the values of a row in a table; errors as in :meth:`read`.
         """
