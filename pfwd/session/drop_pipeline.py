@@ -141,6 +141,9 @@ class DropPipeline:
         release : callable, optional
             Called when the drop is saved, for instance to let the instrument erase its copy.
         """
+        if self.recorder is not None and not isinstance(source, ImportedDrop):
+            # The key of an imported drop is a checksum of its content.
+            record = self._with_unique_key(record, self.recorder)
         if self.recorder is not None and (duplicate := self.recorder.find(record)) is not None:
             self._last = None
             if release is not None and self.recorder.is_safe(record):
@@ -160,27 +163,6 @@ class DropPipeline:
             self.recorder.keep(record)
         else:
             self._on_saved(record, None, None)
-
-    def take_buffered(
-        self, record: DropRecord, received: float, release: Callable[[], None]
-    ) -> None:
-        """Screen and save a drop that the instrument buffers; see `take`.
-
-        If the instrument used the key of the drop before, for other samples, this is reported and
-        the drop gets a unique key: otherwise it would count as saved, and the instrument would
-        erase it.
-        """
-        if self.recorder is not None:
-            named, remarks = self.recorder.with_unique_key(record)
-            if remarks and self.recorder.find(named) is None:
-                text = (
-                    f"drop {record.point}/{record.drop.number}: the instrument used its key "
-                    f"{record.metadata['key']} (serial number, run, sample of the trigger) before, "
-                    f"for drop {remarks[-1]}, which has other samples; both are recorded"
-                )
-                self._report(Notice(text, serious=True, kind="keys used twice"))
-            record = named
-        self.take(record, received, release=release)
 
     def take_rebound(self, rebound: Rebound, *, recorded: bool) -> None:
         """Save a rebound with the last drop; `recorded`: the record of a replayed drop has it
@@ -205,6 +187,21 @@ class DropPipeline:
         if self.recorder is not None and self._last_record is not None:
             self.recorder.publish(self._last_record)
         self._last = self._last_record = None
+
+    def _with_unique_key(self, record: DropRecord, recorder: SurveyRecorder) -> DropRecord:
+        """Return a drop with a unique key, and report it if other samples had its key before.
+
+        Otherwise the drop would count as saved, and an instrument that buffers it would erase it.
+        """
+        named, remarks = recorder.with_unique_key(record)
+        if remarks and recorder.find(named) is None:
+            text = (
+                f"drop {record.point}/{record.drop.number}: the instrument used its key "
+                f"{record.metadata['key']} (serial number, run, sample of the trigger) before, "
+                f"for drop {remarks[-1]}, which has other samples; both are recorded"
+            )
+            self._report(Notice(text, serious=True, kind="keys used twice"))
+        return named
 
     def _on_saved(self, record: DropRecord, number: int | None, spare: Path | None) -> None:
         """Acknowledge a saved drop, then request its inversion."""

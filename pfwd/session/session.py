@@ -737,7 +737,7 @@ class Session:
             self._on_unusable(UnusableDrop(item.offer, str(err)))
             return
         self._pipeline.end_of_rebounds()
-        self._pipeline.take_buffered(
+        self._pipeline.take(
             record, item.received, release=lambda: self._feed.acknowledge(item.offer)
         )
         self._pipeline.end_of_rebounds()

@@ -131,7 +131,7 @@ class SurveyRecorder:
         return None if held is None else f"{held.point}/{held.drop.number}"
 
     def with_unique_key(self, record: DropRecord) -> tuple[DropRecord, list[str]]:
-        """Return a buffered drop with a key that no drop with other samples has.
+        """Return a drop with a key that no drop with other samples has.
 
         If other samples have its key, the checksum of its samples is appended to the key.
 

@@ -16,6 +16,7 @@ from pfwd.procedures import Kind, PointDrop
 from pfwd.session.events import (
     DropSaved,
     LiveSamples,
+    Notice,
     Ready,
     Rebounded,
     SensorCheck,
@@ -87,6 +88,21 @@ def test_a_survey_is_continued_at_its_last_point(log: Log, writer: Any) -> None:
     run(ScriptedFeed(connected(), began(9), pieces(ONE_DROP, 9)), log, writer)
     run(ScriptedFeed(connected(), began(10), pieces(ONE_DROP, 10)), log, writer, point="B")
     assert writer.saved == [("A", 1), ("A", 2), ("B", 1)]
+
+
+def test_a_key_used_in_an_earlier_session_hides_no_drop_with_other_samples(
+    log: Log, writer: Any
+) -> None:
+    other = stream(3.0, [(1.0, 8000.0)], seed=2)  # another drop, at the same sample
+    for counts in (ONE_DROP, other, ONE_DROP, other):  # an instrument numbers its runs from 7 again
+        run(ScriptedFeed(connected(), began(), pieces(counts)), log, writer)
+    first, second = recorded(writer)
+    assert second.metadata["key"].startswith(first.metadata["key"] + "/")
+    assert not np.array_equal(first.counts, second.counts)
+    assert len(log.of(DropSaved)) == 2
+    (conflict,) = [notice for notice in log.of(Notice) if notice.serious]
+    assert "for drop 1, which has other samples; both are recorded" in conflict.text
+    assert log.texts.count("was received again") == 2
 
 
 def test_the_point_of_the_setup_file_counts_unless_one_is_named(log: Log, writer: Any) -> None:
