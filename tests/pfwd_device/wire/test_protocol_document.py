@@ -202,3 +202,11 @@ def test_limits_are_as_documented() -> None:
         channels=(ChannelIdentity("", Role.LOAD),),
     )
     assert len(by_hand.uncobs(encode_message(minimal, 0)[:-1])) == 97 + 7
+
+
+def test_no_line_of_prose_occurs_twice() -> None:
+    text = re.sub(
+        r"^```.*?^```", "", by_hand.DOCUMENT.read_text(encoding="utf-8"), flags=re.M | re.S
+    )
+    lines = [line for line in text.splitlines() if len(line) > 30 and not line.startswith("|")]
+    assert [line for line in lines if lines.count(line) > 1] == []
