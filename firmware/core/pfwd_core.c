@@ -192,7 +192,7 @@ static void take_configure(pfwd_instrument *self, const uint8_t *payload)
             pfwd_drops_work(self);
         }
         end_run(self);
-        self->hand.active = false;
+        pfwd_drops_abandon(self);
         self->trigger.on = false; /* its times were told in samples of the other rate */
         self->rate = best;
         pfwd_drops_keep_settings(self);

@@ -349,3 +349,11 @@ void pfwd_drops_work(pfwd_instrument *self)
         go_on_copying(self);
     }
 }
+
+void pfwd_drops_abandon(pfwd_instrument *self)
+{
+    if (self->hand.active) {
+        self->hand.active = false;
+        self->drops_lost++;
+    }
+}

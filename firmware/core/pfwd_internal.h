@@ -103,6 +103,8 @@ const uint8_t *pfwd_calibration_serial(const pfwd_instrument *self);
 /* pfwd_drops.c */
 bool pfwd_drops_begin(pfwd_instrument *self);
 void pfwd_drops_work(pfwd_instrument *self);
+/* Discard the drop whose samples are still being taken, if there is one, and count it as lost. */
+void pfwd_drops_abandon(pfwd_instrument *self);
 void pfwd_drops_keep_settings(pfwd_instrument *self);
 /* Slot of a drop, PFWD_MOST_SLOTS when there is none of this name. */
 uint32_t pfwd_drops_find(const pfwd_instrument *self, uint32_t stream, uint64_t first);

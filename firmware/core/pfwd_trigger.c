@@ -30,7 +30,7 @@ void pfwd_trigger_begin_run(pfwd_instrument *self)
     state->last_trigger = 0;
     state->last_pulse = 0;
     state->last_peak = 0;
-    self->hand.active = false;
+    pfwd_drops_abandon(self);
 }
 
 static void learn(pfwd_trigger_state *state, int32_t value)

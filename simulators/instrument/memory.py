@@ -137,9 +137,10 @@ class DropBuffer:
         self.trigger = DISARMED
         self.waiting: list[WaitingDrop] = []
         self.lost = 0
-        """Number of drops for which there was no room."""
+        """Number of drops for which there was no room, or whose recording was ended."""
         self._slots, self._shunt_counts = slots, shunt_counts
         self._offers = 0
+        self._hand: int | None = None
         self.begin()
 
     @property
@@ -154,7 +155,8 @@ class DropBuffer:
         self._candidate: int | None = None
         self._stayed = self._calm = 0
         self._released = True
-        self._hand: int | None = None
+        self.lost += self._hand is not None
+        self._hand = None
         self._last: int | None = None
         self._pulse, self._peak = 0, 0.0
         """Trigger and peak of the last drop, or of the last bounce after it."""
@@ -166,8 +168,8 @@ class DropBuffer:
             replace(drop, offer=replace(drop.offer, earlier=True, clock_us=None))
             for drop in self.waiting
         ]
-        self.lost = 0
         self.begin()
+        self.lost = 0
 
     def find(self, stream: int, first_sample: int) -> WaitingDrop | None:
         """Return the oldest stored drop with a stream and an index of its first sample, or None."""

@@ -37,7 +37,7 @@ from pfwd_device.wire.messages import (
     Stop,
     Trigger,
 )
-from simulators.instrument.memory import StoredCalibration
+from simulators.instrument.memory import DISARMED, StoredCalibration
 from tests.firmware.compiled import needs_compiler
 from tests.firmware.stepping import Steps, build_steps
 
@@ -250,6 +250,23 @@ def test_a_drop_is_found_offered_sent_and_let_go_of(program: tuple[str, bool]) -
         assert status.drops_waiting in (0, 1)  # armed still: the next pulse may have come
         refused = hear(steps.step("B", encode_message(Fetch(*name), 5)), Refusal)
         assert refused == [Refusal(RefusalCode.ARGUMENT, "no such drop")]
+
+
+@pytest.mark.parametrize("ended_by", [[Configure(1e3)], [Arm(DISARMED), Start()]])
+def test_a_drop_whose_recording_is_ended_counts_as_lost(
+    program: tuple[str, bool], ended_by: list[HostMessage]
+) -> None:
+    trigger = Trigger(True, 0, 5000, 3, 100, 400, 100)
+    dialect = BinaryDialect()
+    with Steps(program[0]) as steps:
+        said = steps.step("B", encode_message(Hello(), 0) + encode_message(Arm(trigger), 1))
+        said += steps.passes(0.11)  # the drop falls after 0.1 s and is recorded for 0.04 s
+        for number, message in enumerate(ended_by, start=2):
+            said += steps.step("B", encode_message(message, number))
+        messages = dialect.feed(said + steps.passes(0.5))
+    statuses = [each for each in messages if isinstance(each, Status)]
+    assert (statuses[-1].drops_waiting, statuses[-1].drops_lost) == (0, 1)
+    assert not any(isinstance(each, DropOffer) for each in messages)
 
 
 def test_the_ring_gives_samples_again_and_says_what_is_gone(program: tuple[str, bool]) -> None:

@@ -9,6 +9,7 @@ from pfwd_device.wire.messages import (
     Acknowledge,
     Arm,
     Armed,
+    Configure,
     DropBlock,
     DropOffer,
     Fetch,
@@ -83,6 +84,18 @@ def test_a_drop_waits_over_a_pulled_cable_and_a_reset_until_it_is_acknowledged()
     (status,) = of(heard, Status)
     assert isinstance(status, Status)
     assert (status.drops_waiting, of(heard, DropOffer)) == (0, [])
+
+
+def test_a_drop_whose_recording_configure_ends_counts_as_lost() -> None:
+    scenario = {"base": "buffered", "drops": QUICK}
+    host = Host(PortlessInstrument(load_scenario(scenario), seed=1, drops=1))
+    host.say(Hello(), Arm(TRIGGER))
+    host.hear(0.58)  # the trigger is at 0.53 s, the end of the drop at 0.63 s
+    host.say(Configure(5e3), Arm(TRIGGER))
+    host.instrument.status()
+    (status,) = of(host.hear(0.0), Status)
+    assert isinstance(status, Status)
+    assert (status.drops_waiting, status.drops_lost) == (0, 1)
 
 
 def waiting(*names: int) -> DropBuffer:
