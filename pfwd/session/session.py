@@ -65,6 +65,7 @@ from pfwd_device.acquisition.items import (
     Connected,
     Disconnected,
     Gap,
+    RepeatedSamples,
     Samples,
     StreamBegan,
     UnusableDrop,
@@ -524,6 +525,13 @@ class Session:
                 self._on_armed(item)
             case StreamBegan():
                 self._finish_drop("the instrument restarted its sampling")
+            case RepeatedSamples():
+                text = (
+                    f"{item.seconds:.1f} s of samples are discarded: their numbers, from "
+                    f"{item.first} of run {item.stream} on, were received before. A drop in them "
+                    "is not recorded. Disconnect the instrument and connect it again"
+                )
+                self._report(Notice(text, serious=True, kind="repeated samples"))
             case Status():
                 self._status = item
                 self._report(InstrumentStatus(item, self._feed.counters()))

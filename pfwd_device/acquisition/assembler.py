@@ -13,7 +13,14 @@ from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from pfwd_device.acquisition.items import Counters, Gap, Item, Samples, StreamBegan
+from pfwd_device.acquisition.items import (
+    Counters,
+    Gap,
+    Item,
+    RepeatedSamples,
+    Samples,
+    StreamBegan,
+)
 from pfwd_device.identity import Identity
 from pfwd_device.wire.messages import HostMessage, Resend, SampleBlock, SamplesGone
 
@@ -99,6 +106,13 @@ class Assembler:
         self._waiting: list[_WaitingBlock] = []
         self._newest = 0
         self._open_requests: list[_ResendRequest] = []
+        self._restart_margin: int | None = None
+        """Number of samples by which a block of a new run is older than the end of the run with the
+        same number; None: no new run is expected."""
+        self._restart_limit = 0
+        """Index of the current stream up to which a new run is expected."""
+        self._repeated, self._first_repeated = 0, 0
+        """Number of samples discarded since the last new one, and index of the first of them."""
         self.configure(identity)
 
     @property
@@ -116,12 +130,27 @@ class Assembler:
 
     def configure(self, identity: Identity) -> None:
         """Use the number of channels, the sampling rate and the ring of a changed identity."""
-        rate = identity.sampling_rate
+        self._rate = rate = identity.sampling_rate
         self._channels = len(identity.channels)
         self._ring = identity.ring_samples
         blocks = 2 * _VALUES_PER_LONG_BLOCK // self._channels
         long_blocks = min(blocks, _REORDER_WINDOW_OF_LONG_BLOCKS_S * rate)
         self._window = math.ceil(max(REORDER_WINDOW_S * rate, long_blocks))
+
+    def expect_restart(self, *, reset: bool = False) -> None:
+        """Prepare for a new run of samples, which may have the number of an earlier run.
+
+        Until a second of further samples has arrived, a block begins a new run if its index lies
+        below the end of the run with its number by more than the ring and the reordering window.
+
+        Parameters
+        ----------
+        reset : bool
+            True: the instrument has restarted, so that its ring is empty.
+        """
+        margin = max(0 if reset else self._ring, self._window)
+        self._restart_margin = min(margin, self._restart_margin or margin)
+        self._restart_limit = self._expected + math.ceil(self._rate)
 
     def add(self, block: SampleBlock, received: float, time_utc: datetime.datetime) -> list[Item]:
         """Add a received block; return the samples that are now in order, and gaps between them.
@@ -139,7 +168,7 @@ class Assembler:
             self._counters.blocks_refused += 1
             return []
         items: list[Item] = []
-        if block.stream != self._stream:
+        if block.stream != self._stream or self._is_restart(block, self._expected):
             items += self.flush()
             items.append(self._begin(block))
         new = _WaitingBlock(block, received, time_utc, self._expected)
@@ -257,6 +286,11 @@ class Assembler:
         items.append(Gap(self._stream, self._expected, length))
         self._expected = end
 
+    def _is_restart(self, block: SampleBlock, end: int) -> bool:
+        """Return True if a block begins a new run with the number of a run that had this end."""
+        margin = self._restart_margin
+        return margin is not None and block.first_sample + margin < end
+
     def _begin(self, block: SampleBlock) -> StreamBegan:
         if self._stream is not None:
             self._ends_of_streams[self._stream] = self._expected
@@ -266,7 +300,9 @@ class Assembler:
         self._newest = block.first_sample
         self._open_requests.clear()
         start = 0 if block.first_sample <= self._window else block.first_sample
-        self._expected = self._ends_of_streams.pop(block.stream, start)
+        end = self._ends_of_streams.pop(block.stream, start)
+        self._expected = start if self._is_restart(block, end) else end
+        self._restart_margin = None
         self._counters.streams += 1
         return StreamBegan(block.stream)
 
@@ -344,7 +380,9 @@ class Assembler:
         old = min(max(0, self._expected - waiting.first), len(block.counts))
         self._counters.samples_repeated += old
         if end <= self._expected:
+            self._count_repeated(block, items)
             return
+        self._repeated = 0
         self._counters.samples += end - self._expected
         items.append(
             Samples(
@@ -357,3 +395,15 @@ class Assembler:
             )
         )
         self._expected = end
+        if end > self._restart_limit:
+            self._restart_margin = None
+
+    def _count_repeated(self, block: SampleBlock, items: list[Item]) -> None:
+        """Count a discarded block, and append a report for each second of consecutive ones."""
+        if not self._repeated:
+            self._first_repeated = block.first_sample
+        before = self._repeated // self._rate
+        self._repeated += len(block.counts)
+        if self._repeated // self._rate > before:
+            seconds = self._repeated / self._rate
+            items.append(RepeatedSamples(block.stream, self._first_repeated, seconds))

@@ -110,6 +110,8 @@ class Decoder:
             case Status():
                 self._clock_reading = message.clock_us, time_utc
                 self._count_status(message, received)
+                if not message.sampling:
+                    self.expect_restart()
             case DropOffer() | DropBlock() | Released():
                 return self._take_transfer_message(message, received, time_utc)
             case SamplesGone():
@@ -124,7 +126,9 @@ class Decoder:
                 self._overruns = 0
                 self._clock_reading = None
                 self.transfers.cut()
-                return [*self._flush(), message]
+                items = self._flush()
+                self.expect_restart(reset=True)
+                return [*items, message]
             case Event(kind=EventKind.END):
                 return [*self._flush(), message]
             case Event():
@@ -171,10 +175,22 @@ class Decoder:
         self.dialect.reset()
         self.transfers.cut()
         items = self._flush()
+        self.expect_restart()
         self.drop_early()
         self.suspend()
         self._introduced = False
         return items
+
+    def expect_restart(self, *, reset: bool = False) -> None:
+        """Prepare for a run of samples with the number of an earlier run, for example after Start.
+
+        Parameters
+        ----------
+        reset : bool
+            True: the instrument has restarted.
+        """
+        if self._assembler is not None:
+            self._assembler.expect_restart(reset=reset)
 
     def drop_early(self) -> None:
         """Discard the samples that were received before the identity of the instrument."""

@@ -469,6 +469,8 @@ class Driver:
             return
         if failure is None:
             for message in (*outbox, *self._decoder.requests(time.monotonic())):
+                if isinstance(message, Start):
+                    self._decoder.expect_restart()
                 self._send(transport, message)
             return
         conversation.closed()

@@ -77,6 +77,21 @@ class Gap:
     """Number of missing samples."""
 
 
+@dataclass(frozen=True, slots=True)
+class RepeatedSamples:
+    """Report of samples that were discarded, because their indices had been received before.
+
+    It follows each further second of them without a new sample in between.
+    """
+
+    stream: int
+    """Number of the stream."""
+    first: int
+    """Index of the first discarded sample."""
+    seconds: float
+    """Time that the discarded samples cover so far, s."""
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class BufferedDrop:
     """Complete drop from the memory of the instrument, which stores it until it is acknowledged."""
@@ -110,6 +125,7 @@ Item = (
     | StreamBegan
     | Samples
     | Gap
+    | RepeatedSamples
     | BufferedDrop
     | UnusableDrop
     | Armed

@@ -147,6 +147,7 @@ class PortlessInstrument:
         self._halt()
         self._drop_buffer.switched_off()
         self._on_since = self.time
+        self._starts_since_power_on = 0
         self._clock_offset = self.scenario.device.clock_start_us
         self._overruns = 0
         self._shunt, self._shunt_until = False, math.inf
@@ -364,6 +365,9 @@ class PortlessInstrument:
         self._starts += 1
         sources = [self._seed, _STREAM, self._starts, self._power_on]
         number = int(np.random.default_rng(sources).integers(1 << 32))
+        self._starts_since_power_on += 1
+        if not self.scenario.device.random_streams:
+            number = self._starts_since_power_on
         knocks = tuple(
             Knock(fault.at_s - self._sampled, fault.load)
             for fault in self.scenario.faults_of("knock")

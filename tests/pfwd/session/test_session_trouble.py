@@ -16,19 +16,26 @@ from pfwd.session.events import (
     InstrumentLost,
     InstrumentReady,
     LiveSamples,
+    Notice,
     Ready,
     SurveyFilesChanged,
 )
 from pfwd.session.measure import replay
 from pfwd.session.plan import Ending, SessionPlan
 from pfwd.session.session import Session
+from pfwd_device.acquisition.decoder import Decoder
+from pfwd_device.acquisition.items import Item, RepeatedSamples, StreamBegan
 from pfwd_device.errors import RecordingError, SetupError
 from pfwd_device.recording import SurveyWriter, read_survey, recover
-from pfwd_device.wire.messages import Event, EventKind, Refusal, Status
+from pfwd_device.wire.binary import BinaryDialect, encode_message
+from pfwd_device.wire.messages import Event, EventKind, Hello, Refusal, Start, Status
+from simulators.instrument.device import PortlessInstrument
+from simulators.instrument.scenario import load_scenario
 from tests.pfwd.scripted_feed import (
     GEOPHONE,
     IDENTITY,
     LOAD,
+    NOW,
     ONE_DROP,
     Log,
     ScriptedFeed,
@@ -191,6 +198,38 @@ def test_another_stream_begins_anew_without_being_announced(log: Log, writer: An
     first, second = log.of(DropSaved)
     assert first.saved.view.marks[0] == "cut off: the instrument restarted its sampling"
     assert second.saved.view.marks == ()
+
+
+def test_no_drop_is_lost_if_a_restarted_instrument_numbers_its_runs_from_1_again(
+    log: Log, writer: Any
+) -> None:
+    scenario = {
+        "device": {"random_streams": False},
+        "drops": {"first": 0.5, "interval": 2.0, "bounces": [0, 0]},
+        "faults": [{"kind": "reset", "at_s": 3.5}],
+    }
+    instrument = PortlessInstrument(load_scenario(scenario), drops=4, overruns=False)
+    decoder = Decoder(BinaryDialect())
+    items: list[Item] = []
+    for seconds in (3.6, 6.0):
+        for command in (Hello(), Start()):
+            instrument.receive(encode_message(command, 0))
+        instrument.advance(seconds)
+        items += decoder.feed(bytes(instrument.output), 0.0, NOW)
+        instrument.output.clear()
+    run(ScriptedFeed(items), log, writer)
+    assert items.count(StreamBegan(1)) == 2
+    assert len(recorded(writer)) == len(instrument.truth()) == 4
+    assert decoder.counters.samples_repeated == 0
+
+
+def test_discarded_samples_are_reported(log: Log, writer: Any) -> None:
+    repeated = RepeatedSamples(7, 0, 1.0)
+    run(ScriptedFeed(connected(), began(), pieces(ONE_DROP), repeated), log, writer)
+    (notice,) = [each for each in log.of(Notice) if each.serious]
+    assert notice.text.startswith(
+        "1.0 s of samples are discarded: their numbers, from 0 of run 7 on, were received before."
+    )
 
 
 def test_the_drop_in_hand_keeps_its_calibration_when_another_instrument_comes(

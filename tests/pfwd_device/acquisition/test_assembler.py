@@ -1,5 +1,6 @@
 """Each sample once, in order, and what is missing located to the sample."""
 
+import dataclasses
 import datetime
 import random
 from collections.abc import Iterable, Sequence
@@ -10,7 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pfwd_device.acquisition.assembler import Assembler
-from pfwd_device.acquisition.items import Counters, Gap, Item, Samples, StreamBegan
+from pfwd_device.acquisition.items import (
+    Counters,
+    Gap,
+    Item,
+    RepeatedSamples,
+    Samples,
+    StreamBegan,
+)
 from pfwd_device.wire.messages import SampleBlock
 from tests.pfwd_device.acquisition.scripted import block, counts, identity
 
@@ -125,6 +133,69 @@ def test_a_stray_block_of_the_old_stream_repeats_nothing() -> None:
     assert [item for item in items if isinstance(item, Samples) and item.stream == 7] == items[1:2]
     assert counters.samples_repeated == 20
     assert counters.samples == 60
+
+
+def assembler_after(seconds: int, ring: int = 0) -> tuple[Assembler, Counters]:
+    """Assembler that has received a run of this length, in s."""
+    counters = Counters()
+    target = Assembler(dataclasses.replace(identity(rate=RATE), ring_samples=ring), counters)
+    for each in blocks_of([100] * (100 * seconds)):
+        target.add(each, 0.0, UTC)
+    return target, counters
+
+
+@pytest.mark.parametrize(
+    ("ring", "reset", "end_s", "is_new"),
+    [
+        (0, False, 1, True),
+        (20_000, False, 3, True),
+        (20_000, False, 2, False),  # the ring still has sample 0
+        (20_000, True, 2, True),  # a reset empties the ring
+    ],
+)
+def test_a_new_run_may_have_the_number_of_the_last_one(
+    ring: int, reset: bool, end_s: int, is_new: bool
+) -> None:
+    target, counters = assembler_after(end_s, ring)
+    target.expect_restart(reset=reset)
+    items = [*target.add(block(0), 1.0, UTC), *target.add(block(20), 1.0, UTC)]
+    assert ranges(items) == [("stream", 7, 7), ("samples", 0, 40)] * is_new
+    assert counters.samples_repeated == 40 * (not is_new)
+    assert counters.samples_lost == 0
+
+
+def test_a_new_run_may_have_the_number_of_an_earlier_one() -> None:
+    target, counters = assembler_after(3)
+    target.add(block(0, 20, 8), 1.0, UTC)
+    target.expect_restart()
+    assert ranges(target.add(block(0), 2.0, UTC)) == [("stream", 7, 7), ("samples", 0, 20)]
+    assert counters.samples_repeated == 0
+
+
+def test_blocks_of_the_old_run_may_follow_the_request_of_a_new_one() -> None:
+    target, counters = assembler_after(1)
+    target.expect_restart()
+    items = [*target.add(block(10_000, 5000), 1.0, UTC), *target.add(block(0), 1.0, UTC)]
+    assert ranges(items) == [("samples", 10_000, 15_000), ("stream", 7, 7), ("samples", 0, 20)]
+    # A second later the new run was not begun: the request changed nothing.
+    target.expect_restart()
+    for each in blocks_of([20] * 1000, 20):
+        target.add(each, 2.0, UTC)
+    assert target.add(block(0), 3.0, UTC) == []
+    assert counters.samples_repeated == 20
+
+
+def test_more_than_a_second_of_repeated_samples_is_reported() -> None:
+    target, counters = assembler_after(3)
+    reports = []
+    for each in blocks_of([100] * 250, 100):
+        reports += target.add(each, 1.0, UTC)
+    assert reports == [RepeatedSamples(7, 100, 1.0), RepeatedSamples(7, 100, 2.0)]
+    for number in range(300):  # each block arrives twice: nothing is missing
+        first = 30_000 + 100 * number
+        repeated = [target.add(block(first, 100), 2.0, UTC) for _ in range(2)][1]
+        assert repeated == []
+    assert counters.samples_repeated == 25_000 + 30_000
 
 
 def test_a_long_gap_needs_two_blocks() -> None:

@@ -95,6 +95,22 @@ def test_what_is_sent_twice_is_handed_on_once() -> None:
     assert decoder.counters.samples_repeated == 100
 
 
+@pytest.mark.parametrize("sign", [Event(EventKind.BOOT, 0), status(sampling=False), None])
+def test_a_run_with_a_used_number_is_new_after_a_sign_of_a_restart(sign: Message | None) -> None:
+    """The sign is an event, a status, or a cut link."""
+    run = [identity(), *(block(20 * k) for k in range(100))]
+    decoder = Decoder(BinaryDialect())
+    items = feed(decoder, encode(run))
+    items += feed(decoder, encode([sign])) if sign is not None else decoder.cut()
+    items += feed(decoder, encode(run[:80]))
+    runs = [each for each in story(items) if isinstance(each, tuple | StreamBegan)]
+    assert [each for each in runs if each != (identity(), True)] == [
+        (identity(), False), StreamBegan(7), (7, 0, 2000, False),
+        StreamBegan(7), (7, 0, 1580, False),
+    ]  # fmt: skip
+    assert decoder.counters.samples_repeated == 0
+
+
 @pytest.mark.parametrize("kind", [EventKind.END, EventKind.BOOT])
 def test_before_the_end_everything_is_handed_on(kind: EventKind) -> None:
     decoder = Decoder(BinaryDialect())

@@ -1,5 +1,6 @@
 """The driver with an instrument in the same process; real ports in test_driver_links.py."""
 
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -173,6 +174,22 @@ def test_a_reset_in_mid_stream(make: MakeDriver, tell: bool) -> None:
     assert len(of(items, StreamBegan)) == 2
     assert len(of(items, Event)) == driver.counters.instrument_resets == int(tell)
     assert not of(items, Disconnected)
+
+
+def test_a_new_run_after_stop_and_start_may_have_the_same_number(make: MakeDriver) -> None:
+    instrument = Instrument()
+    driver = make(Socket(instrument), sampling_rate=1000.0)
+    collect(driver, lambda seen: len(of(seen, Samples)) > 20)
+    instrument._status_at = math.inf  # no status reports that it does not sample
+    driver.stop()
+    while Stop() not in instrument.received:
+        driver.next(0.05)
+    instrument.stream -= 1
+    driver.start()
+    items = collect(driver, lambda seen: bool(seen) and is_samples(seen[-1]))
+    assert of(items, StreamBegan) == [StreamBegan(101)]
+    assert of(items, Samples)[0].first == 0
+    assert driver.counters.samples_repeated == 0
 
 
 def test_a_new_stream_is_no_mystery(make: MakeDriver) -> None:
