@@ -24,7 +24,7 @@ from inversion.records import known
 from inversion.result import InversionResult
 from pfwd.analysis.analyse import record_of
 from pfwd.files.traces import read_traces
-from pfwd.spawning import worker_pool
+from pfwd.spawning import WorkerPool
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Ground, Layer, Plate
 
@@ -134,7 +134,7 @@ def finite_elements(report: Reporter, count: int, seed: int, jobs: int) -> None:
     )
     drawn = cases(count, seed)
     if jobs > 1:
-        with worker_pool(jobs) as pool:
+        with WorkerPool(jobs) as pool:
             solved = list(pool.map(_solved, drawn))
     else:
         solved = [_solved(case) for case in drawn]

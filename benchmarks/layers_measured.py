@@ -23,7 +23,7 @@ from inversion.inference.structures import fit_drops
 from inversion.threads import single_threaded_blas
 from pfwd.analysis.diagnosis.entries import entries_of
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.spawning import worker_pool
+from pfwd.spawning import WorkerPool
 
 LADDER: tuple[tuple[str, tuple[tuple[str, ...], ...]], ...] = (
     ("homogeneous", ((), ("bedrock",))),
@@ -51,7 +51,7 @@ def measured(report: Reporter, files: Sequence[Path], header: Path | None, jobs:
     ]
     report.title("measured drops of several sensors (residual in % of the peak, E of the subgrade)")
     if jobs > 1:
-        with worker_pool(jobs) as pool:
+        with WorkerPool(jobs) as pool:
             ladders = list(pool.map(_ladder, points))
     else:
         ladders = [_ladder(records) for records in points]

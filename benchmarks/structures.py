@@ -36,7 +36,7 @@ from inversion.inference.structures import (
 )
 from inversion.threads import single_threaded_blas
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.spawning import worker_pool
+from pfwd.spawning import WorkerPool
 
 # Effects that a diagnosis of the published survey detected; part of every fit with --hypotheses.
 _COMMON_EFFECTS: Structure = frozenset(
@@ -165,7 +165,7 @@ def run(arguments: list[str]) -> int:
     report = Reporter(arguments)
     report.title(f"log evidence of the last drop, {len(records)} points")
     function = hypothesis_evidence if options.hypotheses else candidate_evidence
-    with worker_pool(options.jobs) as pool:
+    with WorkerPool(options.jobs) as pool:
         rows = list(pool.map(function, records))
     for name, row in summed(rows).items():
         report.record(structure=name, **row)

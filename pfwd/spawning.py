@@ -5,25 +5,20 @@ The current folder may be a survey of unknown origin.
 
 import contextlib
 import os
+import pickle
 import threading
+import traceback
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager
 from multiprocessing import parent_process, resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
-from typing import Protocol, TypeVar
+from typing import Any, Self, TypeVar
 
 from pfwd_device.child_python import children_shielded, ignore_interrupts
 
-
-class Closable(Protocol):
-    """Interface of an object whose processes have to be ended."""
-
-    def close(self) -> None:
-        """End the processes."""
-
-
-_C = TypeVar("_C", bound=Closable)
+_C = TypeVar("_C")
 _T = TypeVar("_T")
 _R = TypeVar("_R")
 
@@ -51,18 +46,94 @@ def spawn_context() -> SpawnContext:
     return _ShieldedContext()
 
 
-def worker_pool(count: int) -> ProcessPoolExecutor:
-    """Return a pool of processes that ignore Ctrl+C and end with this process.
+class WorkerPool(ThreadPoolExecutor):
+    """Pool of processes that ignore Ctrl+C and end with this process.
 
-    Each process watches this one, because after this one is killed it would wait for work without
-    end.
+    Each process has a thread of this one and a pipe of its own, which ends with the process. The
+    processes of `ProcessPoolExecutor` share their pipes. If one of them is killed while it sends a
+    result, that pool waits for the rest of the result without end, and so does the end of Python.
+
+    If an exception such as an interrupt leaves the ``with`` block, the processes are killed.
 
     Parameters
     ----------
     count : int
-        Number of processes.
+        Number of processes. Each starts with its first task.
     """
-    return ProcessPoolExecutor(count, spawn_context(), initializer=_begin_worker)
+
+    def __init__(self, count: int) -> None:
+        super().__init__(count)
+        self.processes: list[SpawnProcess] = []
+        """Processes that were started."""
+        self._pipes: list[Any] = []
+        self._of_thread = threading.local()
+        self._starting = threading.Lock()
+        self._killed = False
+
+    def submit(self, function: Callable[..., _R], /, *args: Any, **kwargs: Any) -> Future[_R]:
+        """Request the call of a function in a process.
+
+        The result is `BrokenProcessPool` if the process ends before it.
+        """
+        return super().submit(self._call, function, args, kwargs)
+
+    def kill(self) -> None:
+        """Kill the processes; calls without a result fail."""
+        with self._starting:
+            self._killed = True
+        for process in self.processes:
+            process.kill()
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Wait for the requested calls, then end the processes."""
+        try:
+            super().shutdown(wait, cancel_futures=cancel_futures)
+            if wait:
+                for process, pipe in zip(self.processes, self._pipes, strict=True):
+                    pipe.close()
+                    process.join()
+        except BaseException:
+            self.kill()
+            raise
+
+    def __exit__(self, *error: Any) -> None:
+        is_interrupted = error[0] is not None
+        if is_interrupted:
+            self.kill()
+        self.shutdown(cancel_futures=is_interrupted)
+
+    def _call(
+        self, function: Callable[..., _R], args: tuple[Any, ...], kwargs: dict[str, Any]
+    ) -> _R:
+        call = pickle.dumps((function, args, kwargs))
+        try:
+            pipe = self._pipe()
+            pipe.send_bytes(call)
+            answer = pipe.recv_bytes()
+        except (EOFError, OSError) as err:
+            raise BrokenProcessPool(f"a worker process ended before its result: {err}") from err
+        is_result, value = pickle.loads(answer)
+        if not is_result:
+            raise value
+        result: _R = value
+        return result
+
+    def _pipe(self) -> Any:
+        """Return the pipe to the process of this thread, which is started at the first call."""
+        if not hasattr(self._of_thread, "pipe"):
+            with self._starting:
+                if self._killed:
+                    raise EOFError("the pool was closed")
+                context = spawn_context()
+                ours, theirs = context.Pipe()
+                # A daemon is terminated at the end of Python, which would wait for any other.
+                process = context.Process(target=_serve, args=(theirs,), daemon=True)
+                process.start()
+                theirs.close()
+                self.processes.append(process)
+                self._pipes.append(ours)
+                self._of_thread.pipe = ours
+        return self._of_thread.pipe
 
 
 class HelperProcess:
@@ -75,28 +146,31 @@ class HelperProcess:
     """
 
     def __init__(self, load: Callable[[], None]) -> None:
-        self._pool = worker_pool(1)
+        self._pool = WorkerPool(1)
         self._pool.submit(load)
 
-    def submit(
-        self, function: Callable[[_T], _R], items: Sequence[_T]
-    ) -> Sequence[Future[_R] | None]:
+    def submit(self, function: Callable[[_T], _R], items: Sequence[_T]) -> Sequence[Future[_R]]:
         """Request the result of each item, the last item first.
 
         Returns
         -------
-        sequence of Future or None
-            In the order of the items; None: the process has ended.
+        sequence of Future
+            In the order of the items.
         """
-        requests: list[Future[_R] | None] = [None] * len(items)
-        with contextlib.suppress(BrokenProcessPool):
-            for number in reversed(range(len(items))):
-                requests[number] = self._pool.submit(function, items[number])
-        return requests
+        requests = [self._pool.submit(function, item) for item in reversed(items)]
+        return requests[::-1]
 
     def close(self) -> None:
         """End the process; items that it has not started are not computed."""
         self._pool.shutdown(cancel_futures=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        if error[0] is not None:
+            self._pool.kill()
+        self.close()
 
 
 def helper_result(request: Future[_R] | None) -> _R | None:
@@ -120,31 +194,37 @@ def processors() -> int:
 
 
 @contextlib.contextmanager
-def beside(start: Callable[[], _C], helps: bool) -> Iterator[_C | None]:
+def beside(start: Callable[[], AbstractContextManager[_C]], helps: bool) -> Iterator[_C | None]:
     """Return a context with a helper object, or with None.
 
     Parameters
     ----------
     start : callable
-        Makes the object and starts its processes.
+        Makes the object, whose end as a context ends its processes.
     helps : bool
-        False: the processes would not help, and the context has None; so it has if they cannot be
-        started.
+        False: the processes would not help, and the context has None.
     """
-    started = None
-    if helps:
-        with contextlib.suppress(OSError):  # this process then does all the work
-            started = start()
-    try:
-        yield started
-    finally:
-        if started is not None:
-            started.close()
+    if not helps:
+        yield None
+        return
+    with start() as helper:
+        yield helper
 
 
-def _begin_worker() -> None:
+def _serve(pipe: Any) -> None:
+    """Call the functions that are received through the pipe until it is closed."""
     ignore_interrupts()
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            call = pipe.recv_bytes()
+            try:
+                function, args, kwargs = pickle.loads(call)
+                answer = pickle.dumps((True, function(*args, **kwargs)))
+            except Exception as err:
+                err.add_note(traceback.format_exc())
+                answer = pickle.dumps((False, err))
+            pipe.send_bytes(answer)
 
 
 def _end_with_parent() -> None:

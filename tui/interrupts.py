@@ -8,6 +8,7 @@ interrupt is raised again afterwards.
 
 import _thread
 import contextlib
+import math
 import signal
 import sys
 import threading
@@ -19,9 +20,13 @@ from typing import Any
 IMPORT_RETRY_S = 0.05
 """Time after which an interrupt that came during an import is raised again."""
 
-MAX_DELAY_S = 5.0
+MAX_DELAY_S = 3.0
 """Longest delay of an interrupt: imports take less, and a longer one may be a program that an
 import runs."""
+
+REPEAT_S = 1.0
+"""Time after an interrupt in which a second signal is ignored: ``timeout`` sends its signal to the
+command and then to its process group. A second interrupt would break off the end of the command."""
 
 _IMPORTING = "<frozen importlib."
 
@@ -35,9 +40,13 @@ def stopped_by_signals() -> Iterator[None]:
         return
     main = threading.get_ident()
     waiting_since: list[float] = []
+    last = -math.inf
 
     def stop(number: int, frame: FrameType | None) -> None:
+        nonlocal last
         now = time.monotonic()
+        if now - last < REPEAT_S:
+            return
         if _is_importing(frame):
             waiting_since.append(now)
             if now - waiting_since[0] < MAX_DELAY_S:
@@ -45,12 +54,15 @@ def stopped_by_signals() -> Iterator[None]:
                 _thread.start_new_thread(_raise_later, (number, main))
                 return
         waiting_since.clear()
+        last = now
         raise KeyboardInterrupt
 
     previous_hook = sys.unraisablehook
 
     def handle_unraisable(event: Any) -> None:
+        nonlocal last
         if issubclass(event.exc_type, KeyboardInterrupt):
+            last = -math.inf
             # Raised later, because an exception in this callback is only printed, too.
             _thread.start_new_thread(_raise_later, (signal.SIGINT, main))
         else:

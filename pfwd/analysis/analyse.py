@@ -36,7 +36,7 @@ from pfwd.errors import SurveyError
 from pfwd.files.header import PointSetup
 from pfwd.files.reading import read_points
 from pfwd.files.traces import TracePoint
-from pfwd.spawning import worker_pool
+from pfwd.spawning import WorkerPool
 from pfwd_device import Drop
 from pfwd_device.recording import SurveyDrop
 
@@ -326,7 +326,7 @@ def analyse_files(
     # Build the tables once, so that the workers find them in the cache.
     for path in paths:
         _build_surrogate_of(path, options, library)
-    with worker_pool(min(jobs, len(paths))) as pool:
+    with WorkerPool(min(jobs, len(paths))) as pool:
         work = partial(_analyse_in_worker, options=options, use_stored=use_stored)
         yield from pool.map(work, paths)
 

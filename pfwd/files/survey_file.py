@@ -28,7 +28,7 @@ from typing import Any, BinaryIO, NamedTuple, NoReturn
 import numpy as np
 
 from pfwd.files.photos import MAX_PHOTO_BYTES, photos_of
-from pfwd.spawning import worker_pool
+from pfwd.spawning import WorkerPool
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import DropRecord, SurveyDrop, SurveyPoint
 from pfwd_device.recording.drop_file import (
@@ -392,7 +392,7 @@ def _check(
     with contextlib.ExitStack() as stack:
         # A few drops take less time than the start of a process.
         parallel = jobs > 1 and len(parts) >= MIN_PARALLEL_PARTS
-        run = stack.enter_context(worker_pool(jobs)).map if parallel else map
+        run = stack.enter_context(WorkerPool(jobs)).map if parallel else map
         for n_intact_in_part, problems in run(check_part, parts):
             n_intact += n_intact_in_part
             damaged += problems

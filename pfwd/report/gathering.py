@@ -47,7 +47,7 @@ from pfwd.procedures import (
 )
 from pfwd.report.content import Report
 from pfwd.report.fits import curves_of
-from pfwd.spawning import worker_pool
+from pfwd.spawning import WorkerPool
 from pfwd_device import Drop
 from pfwd_device.recording import DropRecord, Survey, SurveyPoint, read_survey
 
@@ -309,7 +309,7 @@ def _gather_points(gatherer: "_Gatherer", jobs: int) -> Iterator[list[PointView]
     task = partial(
         _gather_in_worker, folder, gatherer.options, gatherer.job, gatherer.new_diagnoses
     )
-    with worker_pool(min(jobs, len(points))) as pool:
+    with WorkerPool(min(jobs, len(points))) as pool:
         for sentences, instruments, parts in pool.map(task, range(len(points))):
             for sentence in sentences:
                 gatherer.tell(sentence)

@@ -1,12 +1,19 @@
 """Signals that come at bad moments: during an import, and where Python calls back by itself."""
 
+import os
 import signal
 import subprocess
 import sys
 import textwrap
+import time
 from pathlib import Path
 
 import pytest
+
+from pfwd.files.importing import import_files
+from pfwd.files.traces import TracePoint, write_traces
+from tests.pfwd.report.surveys import SETUP, half_sine_drop
+from tests.tui.console import PFWD
 
 TOP = Path(__file__).resolve().parents[2]
 PATIENCE = 30.0
@@ -111,3 +118,71 @@ def test_in_another_thread_nothing_is_changed() -> None:
     thread.start()
     thread.join()
     assert seen == [before]
+
+
+END_S = 10.0
+"""Longest time, s, from the signal to the end of a command while ten programs share a processor."""
+
+
+@pytest.fixture(scope="module")
+def surveys(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two surveys of eight points, in a folder."""
+    top = tmp_path_factory.mktemp("surveys")
+    files = []
+    for number in range(8):
+        drops = tuple(half_sine_drop(n, 8000.0 + 30 * number + n) for n in (1, 2, 3))
+        write_traces(top / f"{number}.csv", TracePoint("", SETUP, drops, ()))
+        files.append(str(top / f"{number}.csv"))
+    for name in ("one", "two"):
+        list(import_files(files, top / "surveys" / name))
+    return top / "surveys"
+
+
+def processes_of(group: int) -> list[str]:
+    """The command lines of the processes of a group."""
+    listed = subprocess.run(["ps", "-Aww", "-o", "pgid=,args="], capture_output=True, text=True)
+    rows = (line.strip().partition(" ") for line in listed.stdout.splitlines())
+    return [words for number, _, words in rows if number == str(group)]
+
+
+@pytest.mark.posix
+@pytest.mark.parametrize(
+    ("words", "to_group"),
+    [
+        (("diagnose", "{}/one", "{}/two", "--jobs", "2", "--refit"), True),
+        (("diagnose", "{}/one", "{}/two", "--jobs", "2", "--refit"), False),
+        (("invert", "{}/one", "{}/two", "--jobs", "2", "--refit"), True),
+        (("invert", "{}", "--archive", "{}/../archive", "--jobs", "2"), True),
+        (("report", "{}/one", "-o", "{}/../report.html", "--jobs", "2", "--refit"), True),
+    ],
+    ids=["diagnose", "diagnose, the command alone", "invert", "invert --archive", "report"],
+)
+def test_a_command_with_workers_ends_soon(
+    words: tuple[str, ...], to_group: bool, surveys: Path
+) -> None:
+    """Signals as ``timeout`` sends them: to the command, and then to it and its workers."""
+    command = [*PFWD, *(word.format(surveys) for word in words)]
+    with subprocess.Popen(
+        command, cwd=TOP, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
+    ) as process:  # fmt: skip
+        try:
+            until = time.monotonic() + 3 * PATIENCE
+            while not any("spawn_main" in each for each in processes_of(process.pid)):
+                assert process.poll() is None, "it has ended before the signal"
+                assert time.monotonic() < until
+                time.sleep(0.05)
+            sent = time.monotonic()
+            process.terminate()
+            if to_group:
+                os.killpg(process.pid, signal.SIGTERM)
+            _, err = process.communicate(timeout=PATIENCE)
+            took = time.monotonic() - sent
+        finally:
+            process.kill()
+    assert err.splitlines()[-1] == "pfwd: stopped"
+    assert process.returncode == 0
+    assert took < END_S * max(1.0, os.getloadavg()[0] / 10)
+    while rest := [each for each in processes_of(process.pid) if "spawn_main" in each]:
+        assert time.monotonic() < sent + PATIENCE, rest
+        time.sleep(0.05)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from threading import Lock
@@ -20,7 +20,7 @@ from inversion.diagnosis import (
 from inversion.inference.diagnose import diagnose_point
 from inversion.inference.instrument import InstrumentKnowledge
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint
-from pfwd.spawning import worker_pool
+from pfwd.spawning import WorkerPool
 
 # Number of devices that are diagnosed at the same time, for each process.
 _AT_ONCE = 2
@@ -112,19 +112,19 @@ class Workers:
 
     def __init__(self, count: int) -> None:
         self._count = count
-        self._pool: ProcessPoolExecutor | None = None
+        self._pool: WorkerPool | None = None
         self._waiting: ThreadPoolExecutor | None = None
 
     def __enter__(self) -> Workers:
         if self._count > 1:
-            self._pool = worker_pool(self._count)
+            self._pool = WorkerPool(self._count)
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *error: Any) -> None:
         # Threads that wait for a process end when the processes end.
         for pool in (self._pool, self._waiting):
             if pool is not None:
-                pool.shutdown(cancel_futures=True)
+                pool.__exit__(*error)
 
     def map(self, function: Callable[..., _R], *columns: Sequence[Any]) -> Iterator[_R]:
         """Yield the results of a function for rows of the columns, in order."""

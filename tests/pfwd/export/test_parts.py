@@ -140,7 +140,7 @@ def test_a_process_that_has_ended_is_asked_for_nothing(survey: Path) -> None:
     content = read_survey(survey)
     second = SecondProcess()
     try:
-        second._pool._broken = "killed"  # type: ignore[attr-defined]
+        second._pool.kill()
         order = Order(content, row_maker=second)
         assert list(row_texts(order, table_texts)) == list(row_texts(Order(content), table_texts))
     finally:
@@ -197,7 +197,7 @@ def test_one_process_does_alone_what_two_would_not_do_sooner(
     monkeypatch.setattr(parts, "processors", lambda: cores)
     if large:
         monkeypatch.setattr(parts, "MIN_LEDGER_BYTES", 1)
-    monkeypatch.setattr(spawning, "worker_pool", None)  # would be called
+    monkeypatch.setattr(spawning, "WorkerPool", None)  # would be called
     name = str(survey) if large is not None else str(survey / "missing")
     with second_process(name, jobs) as second:
         assert second is None
@@ -206,14 +206,18 @@ def test_one_process_does_alone_what_two_would_not_do_sooner(
 def test_a_system_that_starts_no_process_is_no_obstacle(
     survey: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refused(count: int) -> None:
+    def refused(process: object) -> None:
         raise OSError(11, "Resource temporarily unavailable")
 
     monkeypatch.setattr(parts, "processors", lambda: 2)
     monkeypatch.setattr(parts, "MIN_LEDGER_BYTES", 1)
-    monkeypatch.setattr(spawning, "worker_pool", refused)
+    monkeypatch.setattr(spawning.ShieldedProcess, "start", refused)
+    content = read_survey(survey)
     with second_process(str(survey), 2) as second:
-        assert second is None
+        futures = asked(second, content, table_texts)
+        assert "unavailable" in str(futures[0].exception(TIMEOUT))
+        order = Order(content, row_maker=second)
+        assert list(row_texts(order, table_texts)) == list(row_texts(Order(content), table_texts))
 
 
 @pytest.mark.parametrize("form", ["table", "jsonl"])
