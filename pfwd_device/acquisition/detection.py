@@ -125,8 +125,12 @@ class RawRebound:
 class PulseReason(enum.StrEnum):
     """Reason why a pulse of the load is reported; the value is the text for the operator."""
 
+    SHUNT_ON = "not recorded: the calibration shunt was on"
+    BOUNCE_OF_SHUNTED = "not recorded: bounce of the pulse for which the calibration shunt was on"
     REST_UNKNOWN = "not recorded: the load at rest was not known yet"
+    REST_CHANGING = "not recorded: the load at rest was changing"
     NOT_RELEASED = "not recorded: the load had not returned to rest since the pulse before"
+    SAME_RECORD = "not recorded as a drop of its own: it is in the record of the pulse before it"
     CUT_OFF = "not recorded: the samples ended before it could be distinguished from a bounce"
     MAYBE_BOUNCE = "recorded as a drop, may be a bounce: samples before it are missing"
     MAYBE_DROP = "recorded as a bounce, may be a drop: samples before it are missing"

@@ -8,7 +8,8 @@ rest by more than a threshold and stays away.
 A pulse is a bounce (rebound) of the drop before it if three conditions hold: it follows another
 pulse within `MAX_FLIGHT_TIME_S`, its peak is below `MAX_BOUNCE_PEAK_RATIO` of the peak of that
 pulse, and it lies within the rebound window of the drop. Any other pulse is a drop. A pulse that
-cannot be recorded, or whose kind is uncertain because samples are missing, is reported.
+cannot be recorded, or whose kind is uncertain because samples are missing, is reported: all samples
+outside of records are watched for pulses (`pulse_watch`), also those with the shunt on.
 """
 
 import math
@@ -31,6 +32,7 @@ from pfwd_device.acquisition.detection import (
     ReboundsOver,
 )
 from pfwd_device.acquisition.items import Gap, Samples
+from pfwd_device.acquisition.pulse_watch import REACH_QUANTA, PulseWatch, UnrecordedPulse
 from pfwd_device.acquisition.window import Window, runs
 from pfwd_device.calibration import counts_per_unit, load_channel
 from pfwd_device.errors import SetupError
@@ -43,8 +45,14 @@ REST_TRACKING_GAIN = 0.03
 """Fraction of the difference by which the estimate of the load at rest approaches the level of each
 quantum. So the estimate follows a drift within 0.3 s and averages the noise."""
 NEW_REST_AFTER_QUANTA = 100
-"""Number of successive quanta with another load after which the load at rest is estimated again,
-for example after an object was put on the plate."""
+"""Number of successive quanta with another load after which the load at rest is estimated again."""
+STEADY_QUANTA = 10
+"""Number of successive quanta with another load, but no pulse in any of them, after which this load
+is that at rest, for example when a person stands on the plate."""
+SECOND_PULSE = 0.5
+PULSE_GAP = 0.25
+"""A record has a second pulse if the load falls below this fraction of its peak and then rises
+again above `SECOND_PULSE`, as in the screening of drops. A smaller one is a bounce or a knock."""
 MIN_RECORD_SAMPLES = 16
 """Smallest number of samples in a record: fewer do not resolve a pulse."""
 LONG_GAP_S = 1.0
@@ -85,15 +93,8 @@ class _Last:
     """Peak of that pulse, counts; for a bounce with missing samples the largest possible peak."""
     incomplete: bool
     """True if samples near the peak of the drop are missing, so that its peak may be higher."""
-
-
-@dataclass(slots=True)
-class _Unrecorded:
-    """Pulse in a part of the stream where no drop can begin."""
-
-    start: int
-    end: int
-    peak: float
+    recorded: bool = True
+    """False if the shunt hid the drop, so that its bounces have no drop to belong to."""
 
 
 class Detector:
@@ -112,8 +113,9 @@ class Detector:
         rate = identity.sampling_rate
         self._channels = len(identity.channels)
         self._load = load_channel(identity)
-        per_newton = abs(counts_per_unit(identity.channels[self._load], identity))
-        self._per_newton = per_newton
+        signed = counts_per_unit(identity.channels[self._load], identity)
+        self._sign = math.copysign(1.0, signed)  # of the load in a pulse, as the latest one had it
+        self._per_newton = per_newton = abs(signed)
         self._min_threshold = settings.threshold * per_newton
         self._full = 1 << (identity.adc_bits - 1)
         self._quantum = max(1, round(rate / QUANTA_PER_SECOND))
@@ -145,16 +147,13 @@ class Detector:
         self._rest = at_rest
         self._frozen = at_rest is not None
         self._early: list[tuple[float, float]] = []
-        self._unwatched: list[tuple[int, float, float]] = []
-        """(index, low, high) of the quanta in which the load at rest was not known."""
-        self._unrecorded: _Unrecorded | None = None
-        self._low = math.inf
-        """Smallest departure from rest since the last record, while the load has not returned to
-        rest, counts."""
+        self._watch, self._shunt_watch = PulseWatch(self._confirm), PulseWatch(self._confirm)
+        self._watched_from = first
+        """Index of the first sample after the last record."""
         self._holes: deque[tuple[int, int]] = deque()
         """(start, end) of the latest missing samples; a bounce of a pulse in them may follow."""
         self._released = True
-        self._off_rest = 0
+        self._off_rest = self._steady = 0
         self._open: _Trigger | None = None
         self._last: _Last | None = None
         self._operator_trigger: int | None = None
@@ -223,9 +222,7 @@ class Detector:
         if isinstance(item, Gap):
             self._note_hole(self._window.end, self._window.end + item.length)
             return list(self._skip(item.length))
-        if item.shunt:  # samples with the shunt on are no measurement
-            return list(self._skip(len(item.counts)))
-        self._window.append(item.counts)
+        self._window.append(item.counts, shunt=item.shunt)
         return list(self._scan())
 
     def finish(self, reason: str) -> list[DetectedItem]:
@@ -259,15 +256,9 @@ class Detector:
 
     def _scan_remainder(self) -> Iterator[DetectedItem]:
         """Scan the samples after the last complete quantum and report the unrecorded pulses."""
-        end = self._window.end
-        if end > self._scanned:
-            yield from self._complete(end)
-            if self._open is None:
-                self._open = self._find_trigger(end)
-                yield from self._classify_by_time(self._open)
-                yield from self._complete(end)
-        yield from self._report_unwatched()
-        yield from self._report_unrecorded()
+        if self._window.end > self._scanned:
+            yield from self._scan_quantum(self._scanned, self._window.end)
+        yield from self._end_watch()
 
     def _skip(self, length: int) -> Iterator[DetectedItem]:
         filled = min(length, self._retained + self._after + self._rebound_window)
@@ -276,7 +267,7 @@ class Detector:
         if length > filled:
             self._jump(length - filled)
         if length >= self._long_gap:
-            yield from self._report_unwatched()
+            yield from self._end_watch()
             self._rest, self._early, self._frozen = None, [], False
 
     def _note_hole(self, start: int, end: int) -> None:
@@ -317,10 +308,15 @@ class Detector:
 
     def _scan_quantum(self, start: int, end: int) -> Iterator[DetectedItem]:
         yield from self._complete(end)
-        if self._open is None:
-            yield from self._learn(start, end)
+        if self._open is not None:
+            yield from self._watch_shunted(start, end)
+        else:
+            self._learn(start, end)
+            reason = PulseReason.REST_CHANGING if self._released else PulseReason.NOT_RELEASED
+            reason = PulseReason.REST_UNKNOWN if self._rest is None else reason
             self._open = self._find_trigger(end)
-            yield from self._watch_unreleased(start, end)
+            yield from self._watch_unrecorded(start, end, reason)
+            yield from self._watch_shunted(start, end)
             yield from self._classify_by_time(self._open)
             # A record may be shorter than a quantum.
             yield from self._complete(end)
@@ -337,10 +333,14 @@ class Detector:
             peak = self._peak(trigger, self._rebound_after)
             assert self._last is not None
             if self._is_bounce(trigger, peak, self._last):
-                yield self._rebound(trigger, peak, self._last)
+                if self._last.recorded:
+                    yield self._rebound(trigger, peak, self._last)
+                else:
+                    self._last.pulse, self._last.peak = trigger.index, peak
+                    trigger.reason = PulseReason.BOUNCE_OF_SHUNTED
                 if trigger.reason is not None:
                     yield self._report(trigger.index, peak, trigger.reason)
-                self._stop_recording()
+                yield from self._stop_recording(trigger, self._rebound_after)
                 return
             # Too large for a bounce, so it is a drop.
             trigger.may_bounce = False
@@ -353,11 +353,23 @@ class Detector:
             peak = self._peak(trigger, self._after)
             incomplete = self._is_incomplete(trigger)
             self._last = _Last(trigger.index, deadline, trigger.index, peak, incomplete)
-            self._stop_recording()
+            yield from self._stop_recording(trigger, self._after)
             self._frozen = False
 
-    def _stop_recording(self) -> None:
-        self._open, self._released, self._low = None, False, math.inf
+    def _stop_recording(self, trigger: _Trigger, length: int) -> Iterator[DetectedItem]:
+        """Watch again the samples that follow a record; report pulses with the shunt on in it."""
+        self._open, self._released = None, False
+        self._watched_from = trigger.index + length
+        counts, missing = self._window.part(trigger.index, self._watched_from)
+        load = counts[~missing, self._load] - trigger.at_rest.load
+        level = None
+        if load.size:
+            top = int(np.abs(load).argmax())
+            self._sign = math.copysign(1.0, load[top])
+            # A pulse that begins within the record rises from the load before it.
+            since = max(top, load.size - REACH_QUANTA * self._quantum)
+            level = self._sign * trigger.at_rest.load + float((self._sign * load[since:]).min())
+        yield from self._end_watch(level)
 
     def _classify_by_time(self, trigger: _Trigger | None) -> Iterator[DetectedItem]:
         """Decide from the time of a new pulse whether it may be a bounce of the last drop.
@@ -402,61 +414,89 @@ class Detector:
         return PulseReport(self._stream, index, round(peak), reason)
 
     def _records(self, trigger: _Trigger, cut_off: str | None) -> Iterator[DetectedItem]:
-        """Yield the record of a drop, and a report if the drop may be a bounce."""
+        """Yield the record of a drop, and reports if it may be a bounce or has a second pulse."""
         yield self._record(trigger, cut_off)
+        peak = self._peak(trigger, self._after)
         if trigger.reason is not None:
-            yield self._report(trigger.index, self._peak(trigger, self._after), trigger.reason)
+            yield self._report(trigger.index, peak, trigger.reason)
+        counts, missing = self._window.part(trigger.index, trigger.index + self._after)
+        away = np.abs(counts[:, self._load] - trigger.at_rest.load)
+        is_high = away > max(SECOND_PULSE * peak, self._threshold(trigger.at_rest))
+        # Samples between the two levels decide nothing.
+        decided = np.flatnonzero((is_high | (away < PULSE_GAP * peak)) & ~missing)
+        rises = decided[1:][is_high[decided[1:]] & ~is_high[decided[:-1]]]
+        n_first = int(decided.size == 0 or not is_high[decided[0]])
+        for rise in rises[n_first:]:
+            second = float(away[rise : rise + self._rebound_after].max())
+            yield self._report(trigger.index + int(rise), second, PulseReason.SAME_RECORD)
 
-    def _watch_unreleased(self, start: int, end: int) -> Iterator[DetectedItem]:
-        """Yield reports of pulses that begin before the load has returned to rest."""
-        if self._open is not None or self._released or self._rest is None:
-            yield from self._report_unrecorded()
+    def _watch_unrecorded(
+        self, start: int, end: int, reason: PulseReason
+    ) -> Iterator[DetectedItem]:
+        """Yield reports of the pulses in samples that belong to no record."""
+        if self._frozen:
             return
-        away = self._present_departure(start, end, self._rest)
-        if away.size < self._confirm:
-            return
-        low = min(self._low, float(away[0]))
-        rise = away - np.minimum.accumulate(np.concatenate([[low], away]))[1:]
-        high = float(np.partition(rise, -self._confirm)[-self._confirm])
-        if high > self._threshold(self._rest):
-            self._unrecorded = _extended(self._unrecorded, start, end, high)
-            return
-        yield from self._report_unrecorded()
-        self._low = min(self._low, float(away.min()))
+        counts, missing = self._window.part(start, end)
+        missing[: max(0, self._watched_from - start)] = True
+        if self._open is not None:
+            missing[max(0, self._open.index - start) :] = True
+        load = self._sign * counts[~missing, self._load].astype(float)
+        yield from self._report_unrecorded(
+            self._watch.add(start, end, load, reason, self._watch_threshold)
+        )
+        if self._open is not None:
+            yield from self._report_unrecorded(self._watch.finish(self._watch_threshold))
 
-    def _report_unrecorded(self) -> Iterator[DetectedItem]:
-        pulse, self._unrecorded = self._unrecorded, None
-        if pulse is not None:
-            yield self._report_without_record(pulse, PulseReason.NOT_RELEASED)
+    def _watch_shunted(self, start: int, end: int) -> Iterator[DetectedItem]:
+        """Yield reports of the pulses in samples with the calibration shunt on."""
+        load = self._sign * self._window.shunted(start, end)[:, self._load].astype(float)
+        yield from self._report_unrecorded(
+            self._shunt_watch.add(start, end, load, PulseReason.SHUNT_ON, self._watch_threshold)
+            if load.size
+            else self._shunt_watch.finish(self._watch_threshold)
+        )
 
-    def _report_without_record(self, pulse: _Unrecorded, reason: PulseReason) -> PulseReport:
-        """Return the report of an unrecorded pulse.
+    def _end_watch(self, level: float | None = None) -> Iterator[DetectedItem]:
+        """Report the remaining pulses; see `PulseWatch.begin` for the load that follows."""
+        yield from self._report_unrecorded(self._watch.finish(self._watch_threshold, level))
+        yield from self._report_unrecorded(self._shunt_watch.finish(self._watch_threshold))
 
-        The pulse is treated like missing samples: a following pulse may be its bounce.
+    @property
+    def _watch_threshold(self) -> float:
+        """Smallest peak of a pulse to report, counts above the load around it.
+
+        The lowest of some hundred samples, with which a pulse is compared, lies below their level
+        by more than twice the noise.
         """
-        self._holes.append((pulse.start, max(pulse.end, pulse.start + self._hides_pulse)))
-        return self._report(pulse.start, pulse.peak, reason)
+        noises = [noise for _, noise in self._early]
+        noise = float(np.median(noises)) if noises else 0.0
+        rest = self._rest or AtRest(0.0, noise)
+        return self._threshold(rest) + 2.0 * rest.noise
 
-    def _report_unwatched(self) -> Iterator[DetectedItem]:
-        """Yield reports of the pulses in the time in which the load at rest was not known."""
-        quanta, self._unwatched = self._unwatched, []
-        rest = self._rest
-        if rest is None and len(self._early) > 1:
-            level, noise = np.median(self._early, axis=0)
-            rest = AtRest(float(level), float(noise))
-        if rest is None:
-            return
-        threshold = self._threshold(rest)
-        pulse: _Unrecorded | None = None
-        for index, low, high in quanta:
-            away = max(abs(low - rest.load), abs(high - rest.load))
-            if away > threshold:
-                pulse = _extended(pulse, index, index + self._quantum, away)
-            elif pulse is not None:
-                yield self._report_without_record(pulse, PulseReason.REST_UNKNOWN)
-                pulse = None
-        if pulse is not None:
-            yield self._report_without_record(pulse, PulseReason.REST_UNKNOWN)
+    def _report_unrecorded(self, pulses: Iterator[UnrecordedPulse]) -> Iterator[DetectedItem]:
+        for pulse in pulses:
+            if pulse.reason is PulseReason.SHUNT_ON:
+                yield from self._expect_bounces(pulse)
+            else:
+                # It is treated like missing samples: a following pulse may be its bounce.
+                hole = pulse.start, max(pulse.end, pulse.start + self._hides_pulse)
+                self._holes.append(hole)
+            yield self._report(pulse.start, pulse.peak, pulse.reason)
+
+    def _expect_bounces(self, pulse: UnrecordedPulse) -> Iterator[DetectedItem]:
+        """Begin the time in which pulses are bounces of one that the shunt has hidden."""
+        if self._open is not None:
+            return  # the pulse that is being recorded decides
+        last = self._last
+        if last is not None and pulse.start < last.deadline:
+            soon = pulse.start - last.pulse <= self._flight
+            if soon and pulse.peak < MAX_BOUNCE_PEAK_RATIO * last.peak:
+                last.pulse, last.peak = pulse.start, pulse.peak
+                return
+        if last is not None:
+            yield ReboundsOver()
+        start, deadline = pulse.start, pulse.start + self._rebound_window
+        self._last = _Last(start, deadline, start, pulse.peak, incomplete=False, recorded=False)
 
     def _departure(self, first: int, last: int, rest: AtRest) -> NDArray[np.float64]:
         """Return the difference between load and rest, counts, without sign; 0 for missing samples.
@@ -468,12 +508,6 @@ class Detector:
         away[missing] = 0.0
         return away
 
-    def _present_departure(self, first: int, last: int, rest: AtRest) -> NDArray[np.float64]:
-        """Return the difference between load and rest, counts, without sign or missing samples."""
-        counts, missing = self._window.part(first, last)
-        away: NDArray[np.float64] = np.abs(counts[~missing, self._load] - rest.load)
-        return away
-
     def _peak(self, trigger: _Trigger, length: int) -> int:
         away = self._departure(trigger.index, trigger.index + length, trigger.at_rest)
         return round(float(away.max()))
@@ -481,20 +515,12 @@ class Detector:
     def _threshold(self, rest: AtRest) -> float:
         return max(self._min_threshold, self.settings.noise_factor * rest.noise)
 
-    def _learn(self, start: int, end: int) -> Iterator[DetectedItem]:
-        """Update the estimate of the load at rest from a group of samples (quantum).
-
-        Yield reports of earlier pulses when the load at rest becomes known.
-        """
+    def _learn(self, start: int, end: int) -> None:
+        """Update the estimate of the load at rest from a group of samples (quantum)."""
         if self._frozen:
             return
         counts, missing = self._window.part(start, end)
         load = counts[~missing, self._load].astype(float)
-        if self._rest is None and load.size >= self._confirm:
-            # Smallest and largest load without spikes that are too short to confirm a trigger.
-            n_spike = self._confirm - 1
-            ends = np.partition(load, (n_spike, load.size - 1 - n_spike))
-            self._unwatched.append((start, float(ends[n_spike]), float(ends[-1 - n_spike])))
         if load.size < max(2, (end - start) // 2):
             return
         # This runs a hundred times each second, so median and root mean square use fast forms.
@@ -506,25 +532,23 @@ class Detector:
             if len(self._early) >= WARM_UP_QUANTA:
                 levels, noises = np.median(self._early, axis=0)
                 self._rest = AtRest(float(levels), float(noises))
-                # This quantum is scanned for a drop, so it is not reported.
-                self._unwatched = [each for each in self._unwatched if each[0] < start]
-                yield from self._report_unwatched()
                 self._early = []
             return
         rest = self._rest
         quiet = self.settings.hysteresis * self._threshold(rest)
         if np.abs(load - rest.load).max() < quiet:
-            self._off_rest = 0
+            self._off_rest = self._steady = 0
             self._rest = AtRest(
                 rest.load + REST_TRACKING_GAIN * (level - rest.load),
                 rest.noise + REST_TRACKING_GAIN * (noise - rest.noise),
             )
             return
         self._off_rest += 1
-        if self._off_rest >= NEW_REST_AFTER_QUANTA:
-            self._rest, self._early = None, []
-            self._off_rest, self._released = 0, True
-            yield from self._report_unrecorded()
+        self._steady = self._steady + 1 if np.abs(load - level).max() < quiet else 0
+        if self._steady >= STEADY_QUANTA or self._off_rest >= NEW_REST_AFTER_QUANTA:
+            self._rest = AtRest(level, rest.noise) if self._steady else None
+            self._early, self._released = [], True
+            self._off_rest = self._steady = 0
 
     def _find_trigger(self, end: int) -> _Trigger | None:
         """Return the first trigger that the samples before `end` confirm, or None."""
@@ -583,13 +607,6 @@ class Detector:
         largest = MAX_BOUNCE_PEAK_RATIO * last.peak if self._is_incomplete(trigger) else 0.0
         last.pulse, last.peak = trigger.index, max(peak, largest)
         return RawRebound(self._stream, first, trigger.index, last.trigger, peak, counts)
-
-
-def _extended(pulse: _Unrecorded | None, start: int, end: int, peak: float) -> _Unrecorded:
-    """Return the pulse extended by a part of the stream, or a new pulse."""
-    if pulse is None:
-        return _Unrecorded(start, end, peak)
-    return _Unrecorded(pulse.start, end, max(pulse.peak, peak))
 
 
 def _starts_of_rows(flags: NDArray[np.bool_], length: int) -> NDArray[np.bool_]:

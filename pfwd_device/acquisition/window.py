@@ -21,22 +21,29 @@ class Window:
         self.start = first
         self._counts = np.zeros((0, channels), np.int32)
         self._missing = np.zeros(0, bool)
+        self._shunted = np.zeros(0, bool)
 
     @property
     def end(self) -> int:
         """Index of the next sample that will be appended."""
         return self.start + len(self._counts)
 
-    def append(self, counts: NDArray[np.int32]) -> None:
-        """Append received samples, (n, channels), in counts of the converter."""
-        self._counts = np.concatenate([self._counts, counts])
-        self._missing = np.concatenate([self._missing, np.zeros(len(counts), bool)])
+    def append(self, counts: NDArray[np.int32], *, shunt: bool = False) -> None:
+        """Append received samples, (n, channels), in counts of the converter.
+
+        With the calibration shunt on they are no measurement: `part` returns them as missing.
+        """
+        self._extend(counts, missing=shunt, shunted=shunt)
 
     def append_missing(self, length: int) -> None:
         """Append `length` missing samples."""
         zeros = np.zeros((length, self._counts.shape[1]), np.int32)
-        self._counts = np.concatenate([self._counts, zeros])
-        self._missing = np.concatenate([self._missing, np.ones(length, bool)])
+        self._extend(zeros, missing=True, shunted=False)
+
+    def _extend(self, counts: NDArray[np.int32], *, missing: bool, shunted: bool) -> None:
+        self._counts = np.concatenate([self._counts, counts])
+        self._missing = np.concatenate([self._missing, np.full(len(counts), missing)])
+        self._shunted = np.concatenate([self._shunted, np.full(len(counts), shunted)])
 
     def forget_before(self, index: int) -> None:
         """Discard the samples before an index in the stream."""
@@ -44,6 +51,7 @@ class Window:
         if count:
             self._counts = self._counts[count:]
             self._missing = self._missing[count:]
+            self._shunted = self._shunted[count:]
             self.start += count
 
     def part(self, first: int, last: int) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
@@ -58,7 +66,9 @@ class Window:
         """
         if first >= self.start and last <= self.end:
             rows = slice(first - self.start, last - self.start)
-            return self._counts[rows].copy(), self._missing[rows].copy()
+            counts, missing = self._counts[rows].copy(), self._missing[rows].copy()
+            counts[missing] = 0
+            return counts, missing
         counts = np.zeros((last - first, self._counts.shape[1]), np.int32)
         missing = np.ones(last - first, bool)
         low, high = max(first, self.start), min(last, self.end)
@@ -67,7 +77,13 @@ class Window:
             rows = slice(low - self.start, high - self.start)
             counts[inside] = self._counts[rows]
             missing[inside] = self._missing[rows]
+            counts[missing] = 0
         return counts, missing
+
+    def shunted(self, first: int, last: int) -> NDArray[np.int32]:
+        """Return the samples with the shunt on from index `first` to before `last`."""
+        rows = slice(max(0, first - self.start), max(0, last - self.start))
+        return self._counts[rows][self._shunted[rows]]
 
 
 def runs(flags: NDArray[np.bool_]) -> tuple[tuple[int, int], ...]:

@@ -220,15 +220,100 @@ def test_a_pulse_after_a_long_gap_is_reported():
     assert reasons(detections) == [PulseReason.REST_UNKNOWN]
 
 
-def test_a_pulse_on_top_of_a_load_that_stays_is_reported():
-    counts = stream_of(pulses_at((1.5, 8000.0)), 4.0)
-    counts[10_000:20_000] += 900  # somebody stands on the plate
+def test_drops_beside_a_person_on_the_plate_are_recorded_as_soon_as_the_load_is_steady():
+    pulses = pulses_at((1.13, 8000.0), (1.18, 7000.0), (1.95, 8000.0), (2.5, 7000.0))
+    counts = stream_of(pulses, 4.0)
+    counts[10_000:30_000] += 900
     detections, _ = feed(counts)
-    assert triggers(detections, RawDrop) == pytest.approx([10_000], abs=3)
-    (report,) = [each for each in detections if isinstance(each, PulseReport)]
-    assert report.reason is PulseReason.NOT_RELEASED
-    assert report.trigger == pytest.approx(15_000, abs=100)
-    assert report.peak == pytest.approx(8000, abs=100)
+    recorded = triggers(detections, RawDrop)
+    assert recorded == pytest.approx([10_000, 19_500, 25_000], abs=5)
+    first, second = (each for each in detections if isinstance(each, PulseReport))
+    assert {first.reason, second.reason} == {PulseReason.NOT_RELEASED}
+    assert [first.trigger, second.trigger] == pytest.approx([11_300, 11_800], abs=100)
+    assert [first.peak, second.peak] == pytest.approx([8000, 7000], abs=100)
+
+
+@pytest.mark.parametrize("drift", [-600.0, -150.0, 150.0, 600.0, 1500.0])
+@pytest.mark.parametrize("peak", [430.0, 8000.0])
+def test_a_drift_of_the_load_hides_no_pulse_and_is_none(drift, peak):
+    counts = stream_of(pulses_at((2.0, peak)), 4.0)
+    counts[:, 0] += np.rint(drift * np.arange(len(counts)) / RATE).astype(np.int32)
+    detections, _ = feed(counts)
+    events = triggers(detections, RawDrop) + triggers(detections, PulseReport)
+    assert set(reasons(detections)) <= {PulseReason.REST_CHANGING}
+    assert events == pytest.approx([20_000], abs=130)
+
+
+@pytest.mark.parametrize("polarity", [1, -1])
+def test_a_second_pulse_in_the_record_of_a_drop_is_reported(polarity):
+    pulses = pulses_at((1.0, 8000.0), (1.06, 6000.0), (2.5, 8000.0), (2.56, 3000.0))
+    detections, _ = feed(stream_of(pulses, 4.0) * polarity)
+    assert len(triggers(detections, RawDrop)) == 2
+    (report,) = (each for each in detections if isinstance(each, PulseReport))
+    assert report.reason is PulseReason.SAME_RECORD
+    assert report.trigger == pytest.approx(10_650, abs=40)
+    assert report.peak == pytest.approx(6000, abs=30)
+
+
+@pytest.mark.parametrize("after", [0.094, 0.0975, 0.0995])
+@pytest.mark.parametrize("peak", [550.0, 8000.0])
+def test_a_second_pulse_over_the_end_of_a_record_is_reported(after, peak):
+    detections, _ = feed(stream_of(pulses_at((1.0, 8000.0), (1.0 + after, peak)), 4.0))
+    assert len(triggers(detections, RawDrop)) == 1
+    assert set(reasons(detections)) <= {PulseReason.NOT_RELEASED, PulseReason.SAME_RECORD}
+    assert reasons(detections) or triggers(detections, RawRebound)
+
+
+def test_a_missing_part_of_a_pulse_is_no_second_pulse():
+    detections, _ = feed(stream_of(pulses_at((1.0, 8000.0)), 4.0), gaps=[(10_070, 15)])
+    assert reasons(detections) == []
+
+
+def test_a_pulse_beside_spikes_is_no_pulse():
+    counts = stream_of([], 3.0)
+    counts[15_000:15_060:30] += 5000
+    counts[15_001:15_061:30] += 5000
+    assert feed(counts)[0] == []
+
+
+def feed_shunted(counts, start, end, settling=0, chunk=700):
+    """The same with the shunt of 5 kN on from `start` to before `end`; it settles by a ramp."""
+    counts = counts.copy()
+    counts[start:end, 0] += np.minimum(5000, 5000 * np.arange(end - start) // max(1, settling))
+    detector, detections = Detector(IDENTITY), []
+    detector.begin(7)
+    edges = {0, start, end, len(counts), *range(0, len(counts), chunk)}
+    for low, high in itertools.pairwise(sorted(edges)):
+        item = Samples(7, low, counts[low:high], start <= low < end, 0.0, NOW)
+        detections += detector.feed(item)
+    return detections + detector.finish("the link was lost")
+
+
+@pytest.mark.parametrize("at", [1.0, 1.001, 1.01, 1.03, 1.06, 1.3, 1.48])
+@pytest.mark.parametrize(("peak", "settling"), [(450.0, 1), (2000.0, 500), (8000.0, 300)])
+def test_a_pulse_with_the_shunt_on_is_reported_and_its_bounce_is_no_drop(settling, at, peak):
+    pulses = pulses_at((at, peak), (at + 0.6, 0.4 * peak), (at + 0.9, 0.15 * peak), (4.0, 8000.0))
+    detections = feed_shunted(stream_of(pulses, 5.0), 10_000, 15_000, settling)
+    assert triggers(detections, RawDrop) == pytest.approx([40_000], abs=5)
+    first, *bounces = (each for each in detections if isinstance(each, PulseReport))
+    assert first.reason is PulseReason.SHUNT_ON
+    assert first.trigger == pytest.approx(at * RATE, abs=100)
+    assert len(bounces) == sum(part * peak > THRESHOLD for part in (0.4, 0.15))
+    assert {each.reason for each in bounces} <= {PulseReason.BOUNCE_OF_SHUNTED}
+
+
+@pytest.mark.parametrize("settling", [1, 300, 500])
+def test_the_shunt_alone_is_no_pulse(settling):
+    assert feed_shunted(stream_of([], 3.0), 10_000, 15_000, settling) == []
+    assert feed_shunted(stream_of([], 3.0), 10_000, 10_220, settling) == []
+
+
+def test_a_bounce_with_the_shunt_on_belongs_to_its_drop():
+    pulses = pulses_at((1.0, 8000.0), (1.5, 4000.0), (1.8, 2000.0), (1.9, 1000.0))
+    detections = feed_shunted(stream_of(pulses, 4.0), 14_000, 17_000)
+    assert len(triggers(detections, RawDrop)) == 1
+    assert reasons(detections) == [PulseReason.SHUNT_ON]
+    assert triggers(detections, RawRebound) == pytest.approx([18_000, 19_000], abs=30)
 
 
 def test_a_bounce_after_a_gap_in_the_drop_is_a_drop_with_a_report():
