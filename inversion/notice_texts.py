@@ -5,22 +5,50 @@ result can be read without importing the inversion. When a sentence is changed, 
 added to `EARLIER`, because stored results contain it.
 """
 
+from typing import Literal
+
+Invalidates = Literal["nothing", "fit", "record"]
+"""What a warning forbids as the basis of a verdict: "fit" is a fitted modulus, which may look right
+although a declaration or the model is wrong; "record" is every value of the drop, a diagnosed
+modulus and the peaks included."""
+
+
+class Template(str):
+    """Sentence of a warning that invalidates the fitted modulus or the whole record of a drop.
+
+    A plain `str` as a template invalidates nothing.
+
+    Parameters
+    ----------
+    text : str
+    invalidates : "fit" or "record"
+    """
+
+    invalidates: Invalidates
+
+    def __new__(cls, text: str, invalidates: Invalidates = "fit") -> "Template":
+        """Return the sentence with its meaning for a verdict."""
+        template = super().__new__(cls, text)
+        template.invalidates = invalidates
+        return template
+
+
 TEMPLATES: dict[str, str] = {
     # of a result
-    "parameter-on-bound": "{parameter:words} sits on a bound of the search",
-    "residual-not-explained": (
+    "parameter-on-bound": Template("{parameter:words} sits on a bound of the search"),
+    "residual-not-explained": Template(
         "residual not explained: over the fit it is {residual_over_noise:.1f} times the noise and "
         "the model's error together ({residual_over_peak:.1f*100} % of the peak); the model lacks "
         "an effect that may change the modulus: diagnose the point"
     ),
-    "tail-not-explained": (
+    "tail-not-explained": Template(
         "record after the contact not explained: {tail_over_peak:.1f*100} % of the peak is left "
         "where the load has gone, while the contact fits. The plate left the ground, the ground "
         "is layered, or geophone, plate mass, plate radius, load gain or time axis is not as "
         "declared; the interval of the modulus does not cover this"
     ),
-    "not-converged": "the fit did not converge",
-    "density-suspect": (
+    "not-converged": Template("the fit did not converge"),
+    "density-suspect": Template(
         "density suspect: expected {usual_kg_m3:.0f} kg/m3 as soils have, got "
         "{density_kg_m3:.0f} kg/m3; check what is declared of load gain, plate radius, plate "
         "mass, time axis and geophone"

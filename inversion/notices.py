@@ -16,7 +16,7 @@ from functools import cache, lru_cache
 from types import MappingProxyType
 from typing import Any, Self
 
-from inversion.notice_texts import EARLIER, TEMPLATES
+from inversion.notice_texts import EARLIER, TEMPLATES, Invalidates, Template
 
 Value = float | int | str | tuple[float, ...] | tuple[str, ...]
 
@@ -76,6 +76,12 @@ class Notice(str):
     def __reduce__(self) -> tuple[type[Self], tuple[str, dict[str, Value]]]:
         return type(self), (self.code, dict(self.values))
 
+    @property
+    def invalidates(self) -> Invalidates:
+        """What the warning forbids as the basis of a verdict; a property of its code."""
+        template = _templates[self.code]
+        return template.invalidates if isinstance(template, Template) else "nothing"
+
     def texts(self) -> dict[str, str]:
         """Return the values as texts, formatted as in the English sentence, by name."""
         return {
@@ -95,6 +101,15 @@ class Notice(str):
     def to_json(self) -> dict[str, Any]:
         """Return the warning as an entry of ``warning_codes``: ``code`` and ``values``."""
         return {"code": self.code, "values": {k: _plain(v) for k, v in self.values.items()}}
+
+
+def invalidating(notices: Iterable[str], what: Invalidates) -> Notice | None:
+    """Return the first warning that invalidates the "fit" or the "record"; None: there is none.
+
+    A fit to an invalid record is invalid, too. Sentences without a code invalidate nothing.
+    """
+    coded = (notice for notice in notices if isinstance(notice, Notice))
+    return next((notice for notice in coded if notice.invalidates in (what, "record")), None)
 
 
 def text_notice(text: str) -> Notice:

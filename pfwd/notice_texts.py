@@ -4,24 +4,28 @@ A stored result is used again only if its warnings about setup and drop are equa
 sentence therefore makes stored results with this warning stale: they are computed again.
 """
 
+from inversion.notice_texts import Template
+
 STIFFNESS_TEST = "stiffness test: the weight fell on a rig of springs, so there is no modulus"
 """Warning, and reason why a drop is not inverted."""
 
 TEMPLATES: dict[str, str] = {
     # of a setup
     "stiffness-test": STIFFNESS_TEST,
-    "plate-mass-not-declared": "plate_mass_kg is not declared: taken as 0",
-    "plate-mass-too-small": (
+    "plate-mass-not-declared": Template("plate_mass_kg is not declared: taken as 0"),
+    "plate-mass-too-small": Template(
         "plate_mass_kg = {plate_mass_kg:g} is less than a plate of radius {plate_radius_m:g} m "
         "weighs: the modulus may be read a third too low. Declare what moves between load cell "
         "and ground, usually 5 to 25 kg for a radius of 0.15 m"
     ),
-    "geophone-not-declared": (
+    "geophone-not-declared": Template(
         "response of the geophone is not declared: taken as none; a geophone of 4.5 Hz reads the "
         "peak of a 17 ms pulse up to 18 % too low and the modulus 10 to 30 % too high. Declare "
         "geophone_natural_frequency_hz and geophone_damping, or 0 Hz where the record is corrected"
     ),
-    "plate-radius-suspect": "units suspect: plate_radius_m = {plate_radius_m:g} (in metres?)",
+    "plate-radius-suspect": Template(
+        "units suspect: plate_radius_m = {plate_radius_m:g} (in metres?)", "record"
+    ),
     "header-key-unknown": "header key {key} is not known to the format: kept, not used",
     "poisson-ratio-not-declared": "Poisson's ratio is not declared: taken as {poisson_ratio:g}",
     # of a drop
@@ -33,16 +37,20 @@ TEMPLATES: dict[str, str] = {
     "sensor-clipped": (
         "clipped samples: {quantity:words} at {offset_m:g} m, {samples:d} in flat tops"
     ),
-    "time-axis-suspect": (
+    "time-axis-suspect": Template(
         "time axis suspect: the pulse lasts {pulse_duration_s:.2g*1000} ms, on a plate of radius "
-        "{plate_radius_m:g} m usually 11 to 30 ms; check the sampling rate"
+        "{plate_radius_m:g} m usually 11 to 30 ms; check the sampling rate",
+        "record",
     ),
-    "load-suspect": "units suspect: peak load {peak_load_n:.3g/1000} kN (in N?)",
-    "deflection-suspect": (
+    "load-suspect": Template(
+        "units suspect: peak load {peak_load_n:.3g/1000} kN (in N?)", "record"
+    ),
+    "deflection-suspect": Template(
         "units suspect: {quantity:words} at {offset_m:g} m deflects by "
-        "{deflection_m:.3g*1000} mm (in {unit}?)"
+        "{deflection_m:.3g*1000} mm (in {unit}?)",
+        "record",
     ),
-    "polarity-suspect": (
+    "polarity-suspect": Template(
         "polarity suspect: {quantity:words} at {offset_m:g} m moves upward under the load"
     ),
     "sensor-dead": "dead extra channel: {quantity:words} at {offset_m:g} m, {fault}; left out",

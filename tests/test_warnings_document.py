@@ -8,20 +8,25 @@ import re
 from pathlib import Path
 
 import pfwd  # noqa: F401  registers its warnings
+from inversion.notice_texts import Template
 from inversion.notices import fill_template, gaps_of, templates
 
 PAGE = Path(__file__).parents[1] / "docs" / "warnings.md"
 TABLE = re.compile(
-    r"\| code \| sentence, with its values in braces \|\n.*?(?=\n\n|\n\Z|\Z)", re.DOTALL
+    r"\| code \| (?:no verdict by \| )?sentence, with its values in braces \|\n.*?(?=\n\n|\n\Z|\Z)",
+    re.DOTALL,
 )
+
+FORBIDDEN = {"nothing": "", "fit": "fitted modulus", "record": "any value"}
 
 
 def table() -> str:
     """The table of all codes, sorted."""
-    lines = ["| code | sentence, with its values in braces |", "|---|---|"]
+    lines = ["| code | no verdict by | sentence, with its values in braces |", "|---|---|---|"]
     for code, template in sorted(templates().items()):
         sentence = fill_template(template, {name: f"`{{{name}}}`" for name in gaps_of(template)})
-        lines.append(f"| `{code}` | {sentence.replace('``', '')} |")
+        level = template.invalidates if isinstance(template, Template) else "nothing"
+        lines.append(f"| `{code}` | {FORBIDDEN[level]} | {sentence.replace('``', '')} |")
     return "\n".join(lines)
 
 

@@ -2,12 +2,13 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from inversion.notices import Notice, invalidating
 from pfwd.analysis.results import DropResult, MeasuredFacts, fit_fault
 from pfwd.analysis.screening.drops import CENTRE, Screening, pulse_peak, unbroken_part
 from pfwd.files.header import IMPORTED, PEAK_DEVIATIONS, PointSetup
@@ -81,7 +82,7 @@ def point_drop(
     if centre and duration:
         facts |= _deflection(unbroken, centre[0], setup, start, duration)
     fact = PointDrop(drop.number, kind, reason=discarded or None, **facts)
-    return with_modulus(fact, result, setup)
+    return with_modulus(fact, result, setup, screening.warnings)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, slots=True)
@@ -312,7 +313,10 @@ def _contradicts_its_file(number: int, setup: PointSetup | None) -> bool:
 
 
 def with_modulus(
-    facts: PointDrop, result: DropResult | None, setup: PointSetup | None = None
+    facts: PointDrop,
+    result: DropResult | None,
+    setup: PointSetup | None = None,
+    warnings: Sequence[Notice] = (),
 ) -> PointDrop:
     """Return the facts of a drop with the modulus of a result, or without a modulus.
 
@@ -322,8 +326,11 @@ def with_modulus(
     result : DropResult or None
     setup : PointSetup, optional
         Setup of the drop; it holds the difference of its peaks from those stored in its file.
+    warnings : sequence of Notice
+        Warnings of the screening; those of the result are used as well.
     """
-    fault = None
+    warned = (*warnings, *(() if result is None else result.warnings or ()))
+    fault: str | None = invalidating(warned, "record")
     if _contradicts_its_file(facts.number, setup):
         fault = "the record contradicts the peak that its file stores"
     if result is None or result.modulus_pa is None:

@@ -15,7 +15,7 @@ from inversion.diagnosis.findings import FittedState as FittedState
 from inversion.diagnosis.findings import HeldOut as HeldOut
 from inversion.diagnosis.findings import HeldOutPart as HeldOutPart
 from inversion.errors import RecordFormatError
-from inversion.notices import Notice
+from inversion.notices import Notice, invalidating
 from inversion.records import JsonRecord
 from inversion.result import HalfSinePulse as HalfSinePulse
 from inversion.result import InversionResult
@@ -182,6 +182,9 @@ class DiagnosisResult(StoredRecord):
         if value is None or ends is None or explained_to is None or not 0.0 < value < math.inf:
             reason = "the diagnosis leaves the modulus open"
             return _UseAssessment("do-not-use", reason, self._remedy(_REMEDY_OPEN))
+        fault = invalidating(self.warnings or (), "record")
+        if fault is not None:
+            return _UseAssessment("do-not-use", fault, self._remedy(_REMEDY_UNITS))
         low, high = ends
         if self.verdict in ("clean", "explained"):
             reach = max(high - value, value - low) / value
@@ -235,6 +238,7 @@ _REMEDY_UNEXPLAINED = (
     "one more sensor beside the plate"
 )
 _REMEDY_DECLARATION = "correct the declaration that the warning names and diagnose again"
+_REMEDY_UNITS = "correct what the file or the setup declares and diagnose again"
 _REMEDY_GAPS = "measure again: samples of the record are missing, or its range was switched"
 _REMEDIES_OF_WARNINGS = {
     "sensor-upside-down": _REMEDY_DECLARATION,
@@ -398,22 +402,17 @@ class DropResult(InversionResult, StoredRecord):
         return self.half_sine_load_n if self.peak_load_n is None else self.peak_load_n
 
 
-DECISIVE_PARAMETERS = ("modulus", "density", "depth", "thickness")
-"""Parts of the names of parameters that make the modulus invalid when they are on a bound of the
-search. A viscosity on its bound only widens the interval."""
-
-
 def fit_fault(result: DropResult) -> str | None:
     """Return the reason, other than the residual, why the data do not support a modulus.
 
-    The result is None if the data support it.
+    It is what the search reports, or else the first warning that invalidates a fit. The result is
+    None if there is neither.
     """
     if result.converged is False:
         return "the fit did not converge"
     for name in result.at_bound or ():
-        if any(part in name for part in DECISIVE_PARAMETERS):
-            return f"{name.replace('_', ' ')} is on a bound of the search"
-    return None
+        return f"{name.replace('_', ' ')} is on a bound of the search"
+    return invalidating(result.warnings or (), "fit")
 
 
 @dataclass(frozen=True, slots=True)

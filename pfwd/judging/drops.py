@@ -108,7 +108,7 @@ class DropView:
         """
         if self.moved_to is not None:
             return PointDrop(self.number, Kind.REJECTED, reason=self.moved_to)
-        facts = with_modulus(self.own, self.result, self.setup)
+        facts = with_modulus(self.own, self.result, self.setup, self.warnings)
         if self.discarded is None or facts.kind is Kind.REJECTED:
             return facts
         reason = self.discarded or None

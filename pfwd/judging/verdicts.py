@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from inversion.notices import Notice
+from inversion.notices import Notice, invalidating
 from pfwd.analysis.result_store import holds
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.files.header import PointSetup
@@ -165,7 +165,8 @@ def fit_before_diagnosis(diagnosis: DiagnosisResult) -> PointModulus | None:
     if before is None or before.modulus_pa is None:
         return None
     limit = OUR_TOLERANCES["most_residual"]
-    fault = residual_fault(before.contact_residual_rms_over_peak, limit)
+    fault: str | None = invalidating(diagnosis.warnings or (), "fit")
+    fault = fault or residual_fault(before.contact_residual_rms_over_peak, limit)
     return PointModulus(before.modulus_pa, before.modulus_interval_pa, "fitted", fault)
 
 

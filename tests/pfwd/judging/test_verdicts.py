@@ -6,6 +6,8 @@ from typing import Any
 import pytest
 
 from inversion.forward.layered import LAYERED_PLATE_MODELS
+from inversion.notice_texts import Template
+from inversion.notices import Notice, Value, templates
 from pfwd.analysis.result_store import PLATES, basis_of
 from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
 from pfwd.digits import with_ends
@@ -13,7 +15,7 @@ from pfwd.export.point_rows import judged_values
 from pfwd.files.header import PointSetup
 from pfwd.judging import DropView, Job, PointView, Station, drop_from_traces
 from pfwd.judging.drops import classify_drops
-from pfwd.judging.verdicts import modulus_in_force
+from pfwd.judging.verdicts import fit_before_diagnosis, modulus_in_force
 from pfwd.procedures import (
     Kind,
     Number,
@@ -268,9 +270,9 @@ def test_a_record_that_contradicts_its_stored_peak_decides_nothing(
         )
 
 
-def test_viscosity_on_a_bound_and_a_modest_residual_are_supported() -> None:
+def test_a_modest_residual_is_supported() -> None:
     some = drops()
-    modest = {"at_bound": ["viscosity"], "contact_residual_rms_over_peak": 0.09}
+    modest = {"contact_residual_rms_over_peak": 0.09}
     some[-1] = some[-1].with_result(DropResult.from_json(result_of(len(some), 45e6) | modest))
     progress = judge_point(Job(procedure=plain_procedure()), PointView("1", some, target=20e6))
     assert progress.verdict is Verdict.PASS
@@ -278,6 +280,58 @@ def test_viscosity_on_a_bound_and_a_modest_residual_are_supported() -> None:
     strict = dataclasses.replace(strict, checks={"most_residual": Number(0.05, "here", False)})
     progress = judge_point(Job(procedure=strict), PointView("1", some, target=20e6))
     assert "at most 5 % is allowed" in progress.verdict_reason
+
+
+WARNED: dict[str, dict[str, Value]] = {
+    "plate-mass-not-declared": {},
+    "plate-mass-too-small": {"plate_mass_kg": 0.0, "plate_radius_m": 0.15},
+    "geophone-not-declared": {},
+    "density-suspect": {"usual_kg_m3": (1200.0, 2600.0), "density_kg_m3": 400.0},
+    "residual-not-explained": {"residual_over_noise": 3.0, "residual_over_peak": 0.02},
+    "tail-not-explained": {"tail_over_peak": 0.05},
+    "polarity-suspect": {"quantity": "displacement", "offset_m": 0.0},
+    "time-axis-suspect": {"pulse_duration_s": 0.0067, "plate_radius_m": 0.15},
+    "load-suspect": {"peak_load_n": 7e6},
+    "deflection-suspect": {
+        "quantity": "displacement",
+        "offset_m": 0.0,
+        "deflection_m": 0.5,
+        "unit": "m",
+    },
+    "plate-radius-suspect": {"plate_radius_m": 150.0},
+}
+"""Warnings of a drop that make its fitted modulus doubtful, with their values."""
+
+
+@pytest.mark.parametrize("code", WARNED)
+def test_a_warning_that_doubts_the_fit_leaves_the_point_undecided(code: str) -> None:
+    warning = Notice(code, WARNED[code])
+    some = drops()
+    last = DropResult.from_json(result_of(len(some), 45e6))
+    some[-1] = some[-1].with_result(dataclasses.replace(last, warnings=(warning,)))
+    job = Job(procedure=plain_procedure())
+    for target in (20e6, 80e6):
+        progress = judge_point(job, PointView("1", some, target=target))
+        assert progress.verdict is Verdict.UNDECIDED
+        assert progress.verdict_reason_code is ReasonCode.NOT_SUPPORTED
+        assert f"drop 6: {warning}" in progress.verdict_reason
+    # A diagnosis names the cause, unless the numbers themselves are wrong.
+    found = diagnosis()
+    diagnosed = judge_point(job, PointView("1", some, target=20e6, diagnosis=found))
+    is_of_record = warning.invalidates == "record"
+    assert diagnosed.verdict is (Verdict.UNDECIDED if is_of_record else Verdict.PASS)
+    e_vd = judge_point(Job(procedure=find_procedure("mndot"), target=1e-3), PointView("1", some))
+    assert (e_vd.verdict_reason_code is ReasonCode.NOT_SUPPORTED) == is_of_record
+    warned = dataclasses.replace(found, warnings=(warning,))
+    assert warned.use == ("do-not-use" if is_of_record else "design")
+    before = fit_before_diagnosis(dataclasses.replace(warned, before=warned.after))
+    assert before is not None
+    assert before.not_supported == warning
+
+
+def test_every_other_warning_leaves_the_verdict() -> None:
+    doubts = {code for code, text in templates().items() if isinstance(text, Template)}
+    assert doubts == {*WARNED, "not-converged", "parameter-on-bound"}
 
 
 def test_a_diagnosis_changes_no_deflection() -> None:
