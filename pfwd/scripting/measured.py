@@ -523,14 +523,33 @@ def _vector(name: str, values: ArrayLike) -> NDArray[np.float64]:
     return vector
 
 
+_HINTS_BY_KIND = {
+    "c": "take the real part",
+    "M": "subtract the first and divide by numpy.timedelta64(1, 's')",
+    "m": "divide by numpy.timedelta64(1, 's')",
+    "V": "take one field",
+}
+"""Hints for arrays that hold no real numbers, by the kind of their NumPy type."""
+
+
 def _numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    # A conversion would replace masked values by what lies under the mask, discard imaginary parts
+    # and turn dates into counts of their units.
+    parts = values if isinstance(values, list | tuple) else [values]
+    if any(np.ma.is_masked(part) for part in parts):
+        actual = "masked values"
+        raise TraceError(refusal(name, "numbers", actual, "interpolate the missing values"))
     try:
-        array = np.asarray(values, dtype=np.float64)
+        array = np.asarray(values)
+        hint = _HINTS_BY_KIND.get(array.dtype.kind)
+        numbers = array.astype(np.float64) if hint is None else array
     except (TypeError, ValueError) as err:
         raise TraceError(refusal(name, "numbers", quote(values))) from err
-    if not np.all(np.isfinite(array)):
+    if hint is not None:
+        raise TraceError(refusal(name, "real numbers", f"values of type {array.dtype}", hint))
+    if not np.all(np.isfinite(numbers)):
         raise TraceError(refusal(name, "finite numbers", "NaN or infinity"))
-    return array
+    return numbers
 
 
 def points_of(

@@ -179,6 +179,31 @@ TIME = np.arange(100) * 1e-4
         ),
         ((TIME**2, WAVE, WAVE), {"plate_radius": 0.1}, r"time: expected uniform, rising steps"),
         ((TIME, np.nan * WAVE, WAVE), {"plate_radius": 0.1}, r"load: expected finite numbers"),
+        (
+            (TIME, np.ma.masked_greater(WAVE, 0.9), WAVE),
+            {"plate_radius": 0.1},
+            r"load: expected numbers, got masked values; interpolate the missing values",
+        ),
+        (
+            (TIME, WAVE, [WAVE, np.ma.masked_greater(WAVE, 0.9)]),
+            {"plate_radius": 0.1, "offsets": [0, 1]},
+            r"values: expected numbers, got masked values",
+        ),
+        (
+            (TIME, WAVE, WAVE + 1j),
+            {"plate_radius": 0.1},
+            r"values: expected real numbers, got values of type complex128; take the real part",
+        ),
+        (
+            (np.arange(100).astype("datetime64[us]"), WAVE, WAVE),
+            {"plate_radius": 0.1},
+            r"time: expected real numbers, got values of type datetime64\[us\]; subtract",
+        ),
+        (
+            (np.arange(100).astype("timedelta64[us]"), WAVE, WAVE),
+            {"plate_radius": 0.1},
+            r"time: expected real numbers, got values of type timedelta64\[us\]; divide",
+        ),
         ((TIME, "abc", WAVE), {"plate_radius": 0.1}, r"load: expected numbers, got 'abc'"),
         (
             (TIME, WAVE, WAVE),
