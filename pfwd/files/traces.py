@@ -245,7 +245,9 @@ def _at(file: str, line: int) -> str:
 
 
 def _not_text(where: str, content: str) -> str:
-    return refusal(where, "UTF-8 text", content, "save it as CSV in UTF-8")
+    return refusal(
+        where, "UTF-8 text", content, "save a table as CSV in UTF-8, copy a damaged file again"
+    )
 
 
 def _check_file(file: str) -> None:

@@ -66,8 +66,9 @@ def read(file: str, request: Request) -> list[TracePoint]:
     name = os.path.basename(file)
     lines = list(lines_of(file))
     if len(lines) < 4 or not lines[0][1].startswith("R80"):
-        hint = "is it a Dynatest .fwd?"
-        raise TraceError(refusal(file, "a text that begins with R80", quote(lines[0][1]), hint))
+        expected = "a .fwd that begins with R80 (Dynatest) or has the line ROAD SYSTEM (Sweco)"
+        first = next((line for _, line in lines if line.strip()), "")
+        raise TraceError(refusal(file, expected, quote(first), "copy a damaged file again"))
     where = f"{file}, line 3"
     recorded_radius, offsets = _head(lines[2][1], where)
     remarks = []

@@ -53,7 +53,7 @@ FOREIGN_FORMATS = (
         "Rincent Minidyn, Maxidyn, Heavydyn",
         (".dynz", ".prjz", ".mpvz"),
         f"{_PACKAGE}.rincent:read",
-        lambda head: head.startswith(b"PK\x03\x04"),
+        lambda head: head.startswith((b"PK\x03\x04", b"PK\x05\x06")),
     ),
     Format(
         "JILS time history",
@@ -79,7 +79,12 @@ FOREIGN_FORMATS = (
         f"{_PACKAGE}.pddx:read",
         lambda head: b"[Pavement Deflection Data Exchange File]" in head,
     ),
-    Format("Sweco .fwd", (), f"{_PACKAGE}.sweco:read", lambda head: b"ROAD SYSTEM" in head),
+    Format(
+        "Sweco .fwd",
+        (),
+        f"{_PACKAGE}.sweco:read",
+        lambda head: b"ROAD SYSTEM" in head or b"Load plate radius [mm]" in head,
+    ),
     Format(
         "Dynatest .fwd", (".fwd",), f"{_PACKAGE}.dynatest:read", lambda head: head[:3] == b"R80"
     ),

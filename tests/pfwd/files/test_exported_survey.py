@@ -1,6 +1,7 @@
 """Exported surveys: whatever of them a reader could see changed is told by the check."""
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -66,6 +67,21 @@ def test_single_bits_that_a_reader_sees_are_noticed(exported: Path, tmp_path: Pa
         else:
             noticed += 1
     assert noticed > 10
+
+
+def test_a_survey_that_was_cut_off_is_not_refused_as_a_drop(
+    exported: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # As for a survey that is larger than any drop file.
+    monkeypatch.setattr("pfwd_device.recording.drop_file.MAX_DROP_FILE_BYTES", 100)
+    data, path = exported.read_bytes(), tmp_path / "s.h5"
+    path.write_bytes(data[: len(data) // 2])
+    message = "an exported survey or a drop file, got damage: .*; copy it again"
+    for reader in (read_points, survey_content):
+        with pytest.raises(SurveyError, match=message):
+            reader(path)
+    (damage,) = check_survey(path)[0]["damaged"]
+    assert re.search(message, damage)
 
 
 @pytest.mark.slow

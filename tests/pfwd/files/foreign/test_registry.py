@@ -12,6 +12,7 @@ from pfwd.files.foreign import registry
 from pfwd.files.reading import read_points
 from tests.installed_package import install
 from tests.pfwd.files.foreign.builders import pulse, thy
+from tests.pfwd.files.foreign.peaks_builders import places, sweco
 
 pytestmark = pytest.mark.filterwarnings("ignore::pfwd_plugins.PluginWarning")
 
@@ -26,6 +27,8 @@ def read(file, request):
 
 FORMAT = Format("toys", (".thy", ".toy", ".csv"), read, recognises)
 """
+
+SWECO = sweco(places()).encode()
 
 Offer = Callable[..., None]
 
@@ -53,6 +56,30 @@ def offer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Offer]:
 def test_every_reader_is_there() -> None:
     for form in (*registry.FOREIGN_FORMATS, registry.DELIMITED_TEXT):
         assert callable(form.reader())
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"\0" * 5000 + SWECO, r"begins with R80 \(Dynatest\) or has the line ROAD SYSTEM \(Sweco"),
+        (b"PK\5\6" + bytes(18), "expected database.json or database.xml in the archive"),
+        (b"XX\3\4" + bytes(range(256)), "save a table as CSV in UTF-8, copy a damaged file again"),
+    ],
+)
+def test_a_damaged_file_is_not_refused_by_the_reader_of_another_format(
+    tmp_path: Path, content: bytes, message: str
+) -> None:
+    file = tmp_path / "a.fwd"
+    if content.startswith((b"PK", b"XX")):
+        file = tmp_path / "a.zip"
+    file.write_bytes(content)
+    with pytest.raises(TraceError, match=message):
+        read_points(file)
+
+
+def test_a_sweco_file_without_its_first_lines_is_read(tmp_path: Path) -> None:
+    (tmp_path / "a.fwd").write_bytes(SWECO.replace(b"ROAD SYSTEM", b"XXXX"))
+    assert len(read_points(tmp_path / "a.fwd")) == len(places())
 
 
 def test_a_file_of_ours_is_never_read_by_another_package(offer: Offer, tmp_path: Path) -> None:
