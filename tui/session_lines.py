@@ -21,6 +21,7 @@ from pfwd.session.events import (
     InstrumentReady,
     JobReported,
     Notice,
+    NotReady,
     PointDiagnosed,
     Ready,
     Rebounded,
@@ -106,6 +107,9 @@ class SessionLines:
                 self._say(event.text, logging.WARNING)
             case InstrumentLost(reason):
                 self._say(f"INSTRUMENT LOST: {reason}", logging.WARNING)
+            case NotReady(reason):
+                if self._repeats.due("not ready") is not None:
+                    self._say(f"not ready: {reason}", logging.WARNING)
             case Ready():
                 if self._repeats.due("ready") is not None:
                     self._say("ready")

@@ -91,6 +91,13 @@ class Ready:
 
 
 @dataclass(frozen=True, slots=True)
+class NotReady:
+    """No drop can be recorded until the next `Ready`."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class SensorCheck:
     """Result of a check of the load cell's zero and span, and of the noise of every channel."""
 
@@ -301,6 +308,7 @@ SessionEvent = (
     | LiveSamples
     | InstrumentStatus
     | Ready
+    | NotReady
     | SensorCheck
     | DropSaved
     | DropNotSaved

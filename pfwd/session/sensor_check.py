@@ -32,9 +32,6 @@ LARGEST_ZERO_FLOOR = 150.0
 SHUNT_ANSWER = 2.0
 """Longest time from the command until the shunt is on, or off again, s."""
 
-HIT = 400.0
-"""Largest change of the load while the shunt is on, N; a larger change is an impact."""
-
 REPEAT_AFTER = 0.25
 """Time after which a command to the shunt is repeated if it has no effect, s."""
 
@@ -70,9 +67,7 @@ class SensorChecker:
         self._rate = identity.sampling_rate
         self._load_index = load_channel(identity)
         self._has_shunt = identity.channels[self._load_index].shunt is not None
-        self._is_on = self._is_hit = False
-        self._n_on = 0  # samples since the shunt went on
-        self._load_range = (np.inf, -np.inf)  # N, while the shunt is on and settled
+        self._is_on = False
         self._begin()
 
     @property
@@ -81,6 +76,11 @@ class SensorChecker:
         recorded.
         """
         return self._due or self._is_on
+
+    @property
+    def shunt_requested(self) -> bool:
+        """True if the check itself has switched the shunt on."""
+        return self._shunt_requested
 
     def _begin(self) -> None:
         self._due = True
@@ -129,14 +129,13 @@ class SensorChecker:
             One sentence each.
         """
         self._repeat_command(samples)
-        self._detect_hit(samples)
         if not at_rest:
             self._idle = 0
             self._interrupt()
             return None
         self._idle += len(samples.counts)
         if not self._due:
-            if self._is_hit or self._idle > CHECK_INTERVAL * self._rate:
+            if self._idle > CHECK_INTERVAL * self._rate:
                 self._begin()
             return None
         if self._is_measured:
@@ -144,23 +143,6 @@ class SensorChecker:
         if not self._shunt_requested:
             return self._feed_rest(samples)
         return self._feed_shunted(samples)
-
-    def _detect_hit(self, samples: Samples) -> None:
-        """Detect an impact while the shunt is on, because the detection ignores these samples."""
-        if not samples.shunt:
-            self._n_on = 0
-            self._load_range = (np.inf, -np.inf)
-            return
-        settling = max(0, round(SETTLING * self._rate) - self._n_on)
-        self._n_on += len(samples.counts)
-        counts = samples.counts[settling:, self._load_index]
-        if counts.size == 0:
-            return
-        channel = self._identity.channels[self._load_index]
-        load = to_si(counts, channel, self._identity.volts_per_count)
-        lowest, highest = self._load_range
-        self._load_range = (min(lowest, float(load.min())), max(highest, float(load.max())))
-        self._is_hit |= self._load_range[1] - self._load_range[0] > HIT
 
     def _feed_rest(self, samples: Samples) -> Finding | None:
         if samples.shunt:
@@ -198,9 +180,7 @@ class SensorChecker:
 
     def _conclude(self) -> Finding:
         self._due = False
-        finding = self._result()
-        self._is_hit = False
-        return finding
+        return self._result()
 
     def _result(self) -> Finding:
         identity = self._identity
@@ -227,11 +207,6 @@ class SensorChecker:
                     f"span of the load cell: expected {load.shunt:.0f} N from the shunt, got "
                     f"{reading:.0f} N; calibrate the load cell again"
                 )
-        if self._is_hit:
-            faults.append(
-                "impact while the calibration shunt was on: drops cannot be recorded during this "
-                "check. Wait until the instrument is reported as ready and repeat the drop"
-            )
         if self._is_on:
             faults.append(
                 f"the calibration shunt is still on {SHUNT_ANSWER:.0f} s after it was switched "

@@ -40,6 +40,7 @@ from pfwd.session.events import (
     JobReported,
     LiveSamples,
     Notice,
+    NotReady,
     PointBegan,
     Ready,
     Repeats,
@@ -171,7 +172,7 @@ class Session:
         self._declared: dict[str, Any] = {}
         self._detector: Detector | None = None
         self._stream: int | None = None
-        self._was_ready = False
+        self._was_ready = self._shunted = False
         self._connection_stored = True
         self._sampled = self._next_trigger = 0
         self._checker: SensorChecker | None = None
@@ -562,7 +563,8 @@ class Session:
             return
         self._detector = detector
         self._identity, self._declared = identity, declared
-        self._was_ready, self._armed = False, None
+        self._was_ready = self._shunted = False
+        self._armed = None
         self._connected, self._connection_stored = item, False
         n_unreported = self._stored_events.due("connected")
         if n_unreported is not None:
@@ -707,13 +709,22 @@ class Session:
             self._stream = item.stream
         self._last_samples = item
         self._sampled += len(item.counts)  # counted here: numbers of the instrument may be wrong
+        self._watch_shunt(item)
         self._on_detected(self._detector.feed(item))
         self._report(LiveSamples(item, self._identity, self._detector.drop_load))
         self._check_sensors(item)
-        checking = self._checker is not None and self._checker.due
+        checking = item.shunt or (self._checker is not None and self._checker.due)
         if self._feed.live and self._detector.ready and not checking and not self._was_ready:
             self._was_ready = True
             self._report(Ready())
+
+    def _watch_shunt(self, item: Samples) -> None:
+        """Report that the shunt prevents drops, except during the check before the first drop."""
+        own_check = self._checker is not None and self._checker.shunt_requested
+        if item.shunt and not self._shunted and (self._was_ready or not own_check):
+            self._report(NotReady("the shunt is on, so that no drop can be recorded"))
+        self._shunted = item.shunt
+        self._was_ready = self._was_ready and not item.shunt
 
     def _check_sensors(self, item: Samples) -> None:
         if self._checker is None or self._detector is None:

@@ -15,6 +15,7 @@ from pfwd.files.header import PointSetup
 from pfwd.judging import Job, drop_from_traces
 from pfwd.procedures import plain_procedure
 from pfwd.session.events import (
+    N_REPORTED_FIRST,
     CalibrationChanged,
     DropAnalysed,
     DropNotSaved,
@@ -22,6 +23,7 @@ from pfwd.session.events import (
     Edited,
     JobReported,
     Notice,
+    NotReady,
     SavedDrop,
     SensorCheck,
     TableBuilding,
@@ -199,6 +201,13 @@ def test_the_check_of_the_sensors(capsys: pytest.CaptureFixture[str]) -> None:
     assert output.out == ""
     assert "load cell NOT OK: zero 12 N, span 97.0 %" in output.err
     assert "load cell OK: zero 12 N, no shunt to check the span" in output.err
+
+
+def test_that_no_drop_can_be_recorded(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = SessionLines(as_json=True, analysed=True)
+    for _ in range(100):  # an instrument may switch its shunt without end
+        lines.print_event(NotReady("the shunt is on"))
+    assert capsys.readouterr().err == "pfwd: not ready: the shunt is on\n" * N_REPORTED_FIRST
 
 
 def test_a_drop_on_one_line() -> None:

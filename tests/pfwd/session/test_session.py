@@ -17,6 +17,7 @@ from pfwd.session.events import (
     DropSaved,
     LiveSamples,
     Notice,
+    NotReady,
     Ready,
     Rebounded,
     SensorCheck,
@@ -248,6 +249,35 @@ def test_ready_comes_after_the_check_of_the_sensors(log: Log, writer: Any) -> No
     (record,) = recorded(writer)
     assert record.metadata["check"]["zero_n"] == pytest.approx(20, abs=1)
     assert record.metadata["check"]["faults"] == []
+    assert log.of(NotReady) == []  # it was not ready before
+
+
+@pytest.mark.parametrize("at", [1.0, 1.02, 1.3, 1.48])
+def test_a_drop_with_the_shunt_on_is_reported_at_once_whoever_switched_it_on(
+    log: Log, writer: Any, at: float
+) -> None:
+    counts = stream(4.0, [(at, 8000.0), (at + 0.6, 3000.0)])
+    counts[10_000:15_000, 0] += 5000
+    feed = ScriptedFeed(
+        connected(),
+        began(),
+        pieces(counts[:10_000]),
+        pieces(counts[10_000:15_000], 7, 10_000, shunt=True),
+        pieces(counts[15_000:], 7, 15_000),
+    )
+    run(feed, log, writer)
+    (not_ready,) = log.of(NotReady)
+    assert not_ready.reason == "the shunt is on, so that no drop can be recorded"
+    before, after = (at for at, event in enumerate(log) if isinstance(event, Ready))
+    hidden, bounce = (event for event in log.of(Notice) if event.kind == "pulses")
+    assert before < log.index(not_ready) < log.index(hidden) < log.index(bounce)
+    assert log.index(not_ready) < after
+    assert "pulse of 8.00 kN at 1." in hidden.text
+    assert "not recorded: the calibration shunt was on. Check the last drops" in hidden.text
+    seen = [event for event in log.of(LiveSamples) if event.samples.first < round(at * RATE)]
+    assert log.index(hidden) <= log.index(seen[-1]) + 4  # within 0.2 s
+    assert log.of(DropSaved) == []
+    assert "bounce of the pulse" in bounce.text
 
 
 def test_a_survey_of_a_session_is_whole(log: Log, tmp_path: Path) -> None:

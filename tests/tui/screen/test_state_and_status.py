@@ -16,6 +16,7 @@ from pfwd.session.events import (
     InstrumentLost,
     JobReported,
     Notice,
+    NotReady,
     PointBegan,
     PointDiagnosed,
     Ready,
@@ -201,6 +202,8 @@ def test_every_state_has_its_word() -> None:
     assert word(state) == "WAITING"
     state.take(ready())
     assert word(state) == "SETTLING"
+    state.take(NotReady("the shunt is on"))
+    assert word(state) == "NOT READY"
     state.take(Ready())
     assert word(state) == "READY"
     assert word(state, pulse_age=0.1) == "DROP"

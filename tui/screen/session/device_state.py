@@ -28,7 +28,8 @@ class Device:
     connected: bool = False
     lost_reason: str = ""
     ready: bool = False
-    """True once the load at rest is known."""
+    """True once the load at rest is known, while drops can be recorded."""
+    not_ready_reason: str = ""
     battery_low: bool = False
     check_faults: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()

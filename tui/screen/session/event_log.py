@@ -12,6 +12,7 @@ from pfwd.session.events import (
     InstrumentLost,
     InstrumentReady,
     Notice,
+    NotReady,
     PointBegan,
     Ready,
     Rebounded,
@@ -36,6 +37,8 @@ def log_event(event: ScreenEvent) -> None:
             log.warning("%s", event.text)
         case InstrumentLost(reason):
             log.warning("instrument lost: %s", reason)
+        case NotReady(reason):
+            log.warning("not ready: %s", reason)
         case Ready():
             log.info("ready")
         case SensorCheck(details, faults):

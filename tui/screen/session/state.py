@@ -25,6 +25,7 @@ from pfwd.session.events import (
     JobReported,
     LiveSamples,
     Notice,
+    NotReady,
     PointBegan,
     PointDiagnosed,
     PointReported,
@@ -286,8 +287,10 @@ class SessionState:
                 pass  # they are drawn from their envelope
             case InstrumentStatus():
                 self._on_status(event)
+            case NotReady(reason):
+                self.device.ready, self.device.not_ready_reason = False, reason
             case Ready():
-                self.device.ready = True
+                self.device.ready, self.device.not_ready_reason = True, ""
             case SensorCheck(_, faults):
                 self.device.check_faults = faults
             case DropSaved():

@@ -162,6 +162,8 @@ def _next_action(state: SessionState, coordinates: tuple[float, float] | None) -
         return StatusWord("COMPUTING", f"the model's table, once for this plate: {part}", "busy")
     if state.session is None:
         return StatusWord("STARTING", "looking for the instrument", "busy")
+    if device.connected and device.not_ready_reason:
+        return StatusWord("NOT READY", device.not_ready_reason, "alarm")
     if device.connected and not device.ready:
         return StatusWord(
             "SETTLING", "leave the weight alone: the load at rest is measured", "busy"
