@@ -1,19 +1,25 @@
-"""Drops that the instrument itself detects and buffers: trigger settings, conversion to raw drops.
+"""Drops that the instrument itself detects and buffers: settings, conversion, reports of lost ones.
 
 Other instruments stream all samples, and this program detects the drops.
 """
 
 import math
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
+from pfwd.session.events import DropsWaiting, Notice, Repeats
+from pfwd.session.survey_recorder import SurveyRecorder
 from pfwd_device.acquisition.detection import AtRest, DetectionSettings, RawDrop
 from pfwd_device.acquisition.items import BufferedDrop
 from pfwd_device.calibration import counts_per_unit, load_channel
 from pfwd_device.identity import Identity
-from pfwd_device.wire.messages import Trigger
+from pfwd_device.wire.messages import Status, Trigger
 
+LOST_EVENT = "drops lost"
+"""Event of a survey: drops that the instrument lost."""
 _MIN_SAMPLES_AT_REST = 8
 """Smallest number of samples before the trigger from which the load at rest is estimated."""
 _MIN_PRE_TRIGGER = 1e-9
@@ -108,3 +114,93 @@ def marks_of_buffered(item: BufferedDrop) -> list[str]:
     if item.offer.earlier:
         marks.append("buffered before the instrument restarted: its time is that of the transfer")
     return marks
+
+
+class UnrecordedDrops:
+    """Reports of drops that an instrument lost, or stores at the end of a session.
+
+    Parameters
+    ----------
+    report : callable
+        Receives the messages.
+    recorder : SurveyRecorder or None
+        Survey that stores them as events; None: nothing is recorded.
+    """
+
+    def __init__(self, report: Callable[[Notice], None], recorder: SurveyRecorder | None) -> None:
+        self._report = report
+        self._recorder = recorder
+        self._lost: dict[str, int] = {}
+        """Number of drops lost by each instrument since its power-on, by serial number."""
+        self._stored_events = Repeats()
+
+    def restart(self, identity: Identity | None) -> None:
+        """Expect that a restarted instrument counts its lost drops from 0 again."""
+        if identity is not None:
+            self._lost[identity.serial_number] = 0
+
+    def compare(self, status: Status, identity: Identity | None, point: str) -> None:
+        """Report the drops that an instrument lost since its last status.
+
+        Parameters
+        ----------
+        status : Status
+        identity : Identity or None
+            None: the instrument is not known yet.
+        point : str
+            Name of the present test point.
+        """
+        total = status.drops_lost
+        if identity is None or total is None:
+            return
+        serial = identity.serial_number
+        before = self._lost.get(serial)
+        if before is None and self._recorder is not None:
+            before = _last_recorded(self._recorder.writer.contents().events, serial)
+        self._lost[serial] = total
+        # After a power-on the instrument counts from 0 again.
+        count = total if before is None or total < before else total - before
+        if not count:
+            return
+        n_unsaved = self._stored_events.due(LOST_EVENT)
+        if self._recorder is not None and n_unsaved is not None:
+            details = {"serial_number": serial, "point": point, "drops": count}
+            details |= {"since_power_on": total}
+            details |= {"more_before": n_unsaved} if n_unsaved else {}
+            self._recorder.keep_event(LOST_EVENT, details)
+        older = "; they may be older than this survey" if before is None else ""
+        text = (
+            f"drops lost by the instrument {serial}: {count} ({total} since power-on{older}). Its "
+            "memory was full, or its sampling was started again. Compare the recorded drops with "
+            "those that fell, and repeat the missing ones"
+        )
+        self._report(Notice(text, serious=True, kind="lost drops"))
+
+    def report_waiting(self, status: Status, identity: Identity | None) -> None:
+        """Report the drops that an instrument stores at the end of a session."""
+        count = status.drops_waiting
+        if not count:
+            return
+        serial = "" if identity is None else identity.serial_number
+        if self._recorder is not None:
+            self._recorder.keep_event("drops waiting", {"serial_number": serial, "drops": count})
+        instrument = f"instrument {serial}".rstrip()
+        text = (
+            f"drops that wait in the {instrument} and are not recorded: {count}. Measure with "
+            "this survey again to record them"
+        )
+        if identity is None or not identity.lasting:
+            text += ", and do not switch the instrument off before"
+        self._report(DropsWaiting(text, serious=True))
+
+
+def _last_recorded(events: Iterable[Mapping[str, Any]], serial_number: str) -> int | None:
+    """Return the number of lost drops, since its power-on, in the last event of an instrument."""
+    total = None
+    for event in events:
+        details = event.get("details")
+        if event.get("event") == LOST_EVENT and isinstance(details, Mapping):
+            value = details.get("since_power_on")
+            if details.get("serial_number") == serial_number and type(value) is int:
+                total = value
+    return total

@@ -294,6 +294,11 @@ class BatteryLow(Notice):
 
 
 @dataclass(frozen=True, slots=True)
+class DropsWaiting(Notice):
+    """Drops wait in the instrument at the end of the session and are not recorded."""
+
+
+@dataclass(frozen=True, slots=True)
 class StorageLow(Notice):
     """The disk is nearly full, or has room again."""
 

@@ -12,7 +12,7 @@ from pfwd_device.acquisition.detection import AtRest, DetectionSettings
 from pfwd_device.acquisition.items import Item
 from pfwd_device.identity import Identity
 from pfwd_device.recording.record import DropRecord
-from pfwd_device.wire.messages import DropOffer
+from pfwd_device.wire.messages import DropOffer, Status
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -72,9 +72,9 @@ class Feed(Protocol):
         """Report to the instrument that a buffered drop is saved and may be erased."""
         ...
 
-    def settle(self) -> None:
+    def settle(self) -> Status | None:
         """Wait until the instrument has confirmed the acknowledged drops, but at most a few
-        seconds.
+        seconds; return its last status.
         """
         ...
 

@@ -11,7 +11,7 @@ from pfwd.session.setup_file import MeasuringSetup
 from pfwd_device.acquisition.driver import Driver
 from pfwd_device.errors import DeviceRefused
 from pfwd_device.recording import CaptureWriter
-from pfwd_device.wire.messages import DropOffer
+from pfwd_device.wire.messages import DropOffer, Status
 
 SETTLE_TIME_S = 2.0
 """Longest wait for confirmations at the end of a session. An acknowledgement that was lost is
@@ -91,9 +91,12 @@ class LiveFeed:
         """Report to the instrument that a buffered drop is saved and may be erased."""
         self._driver.acknowledge(offer)
 
-    def settle(self) -> None:
-        """Wait until the instrument has confirmed the acknowledged drops, or `SETTLE_TIME_S`."""
+    def settle(self) -> Status | None:
+        """Wait until the instrument has confirmed the acknowledged drops, or `SETTLE_TIME_S`;
+        return its last status.
+        """
         self._driver.settle(SETTLE_TIME_S)
+        return self._driver.status
 
     def counters(self) -> dict[str, float | None]:
         """Return the numbers of discarded messages by kind, and the drift of the instrument's

@@ -23,7 +23,12 @@ from pfwd.judging import Job, JobRequest, SurveyView, point_views
 from pfwd.judging.earlier_rules import changed_verdicts
 from pfwd.judging.stations import similar_name
 from pfwd.procedures.judging import RULES_EVENT, RULES_VERSION
-from pfwd.session.buffered_drops import marks_of_buffered, raw_drop_of, settings_of
+from pfwd.session.buffered_drops import (
+    UnrecordedDrops,
+    marks_of_buffered,
+    raw_drop_of,
+    settings_of,
+)
 from pfwd.session.calibration_change import (
     calibration_changes,
     last_recorded_identity,
@@ -179,6 +184,7 @@ class Session:
         self._last_check: dict[str, Any] | None = None
         self._last_samples: Samples | None = None
         self._status: Status | None = None
+        self._unrecorded = UnrecordedDrops(self._report, self._recorder)
         self._calibrated: dict[str, Identity] = {}
         """Identities with accepted calibration, by serial number."""
         self._unanswered: tuple[Connected, CalibrationChanged] | None = None
@@ -390,7 +396,10 @@ class Session:
         if self._recorder is not None:
             self._recorder.finish(hurry)
         self._pipeline.end_of_rebounds()
-        self._feed.settle()
+        status = self._feed.settle()
+        if status is not None:
+            self._unrecorded.compare(status, self._identity, self._point)
+            self._unrecorded.report_waiting(status, self._identity)
 
     def _report_stored_point(self, name: str) -> None:
         """Report a point with its drops from before this session, once."""
@@ -536,6 +545,8 @@ class Session:
             case Status():
                 self._status = item
                 self._report(InstrumentStatus(item, self._feed.counters()))
+                if self._feed.lost_since is None:  # otherwise it may be another instrument
+                    self._unrecorded.compare(item, self._identity, self._point)
             case Event():
                 self._on_event(item)
             case Refusal():
@@ -678,6 +689,8 @@ class Session:
         elif item.kind == EventKind.BOOT:
             text = f"the instrument restarted {item.text}".rstrip()
             self._report(Notice(text, kind="restarts"))
+            if self._feed.lost_since is None:
+                self._unrecorded.restart(self._identity)
 
     def _report(self, event: SessionEvent) -> None:
         """Apply an event to the view and report it to the listener.

@@ -32,7 +32,7 @@ RESPONSE_TIMEOUT_S = 4.0
 opened."""
 _GREETING_INTERVAL_S = 0.3
 _REQUEST_INTERVAL_S = 1.0
-_STATUS_TIMEOUT_S = 0.75
+STATUS_TIMEOUT_S = 0.75
 """Longest wait for a status, s: an instrument sends one at least every half second."""
 _MAX_STATUS_AGE_S = 0.3
 """Time since the last block of samples after which the status "does not sample" is believed, s."""
@@ -292,7 +292,7 @@ class Conversation:
         elif self._sampling is False or not was_connected:
             self._start(now)
         else:
-            self._enter(Stage.LOOKING, now, _STATUS_TIMEOUT_S, _STATUS_TIMEOUT_S)
+            self._enter(Stage.LOOKING, now, STATUS_TIMEOUT_S, STATUS_TIMEOUT_S)
         return action
 
     def _receive_status(self, status: Status, now: float) -> SampleAction:

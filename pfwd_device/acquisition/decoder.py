@@ -60,6 +60,8 @@ class Decoder:
         """Latest identity of the instrument."""
         self.accepted: Identity | None = None
         """Identity to which the samples belong; None while samples wait."""
+        self.status: Status | None = None
+        """Latest status of the accepted instrument."""
         self._automatic = automatic
         self._introduced = False
         self._was_connected = False
@@ -112,6 +114,9 @@ class Decoder:
                 self._count_status(message, received)
                 if not message.sampling:
                     self.expect_restart()
+                if self.accepted is not None:
+                    self.status = message
+                    self.transfers.waiting = message.drops_waiting
             case DropOffer() | DropBlock() | Released():
                 return self._take_transfer_message(message, received, time_utc)
             case SamplesGone():

@@ -8,11 +8,13 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
 from pfwd_device.acquisition.conversation import (
     RESPONSE_TIMEOUT_S,
+    STATUS_TIMEOUT_S,
     Conversation,
     SampleAction,
     Stage,
@@ -45,6 +47,7 @@ from pfwd_device.wire.messages import (
     InstrumentMessage,
     Shunt,
     Start,
+    Status,
     Stop,
     Trigger,
 )
@@ -200,6 +203,15 @@ class Driver:
         """
         return self._decoder.clock.speed
 
+    @property
+    def status(self) -> Status | None:
+        """Latest status of the instrument, with the number of drops that it stores since then.
+
+        None before the first status.
+        """
+        status, waiting = self._decoder.status, self._decoder.transfers.waiting
+        return None if status is None else replace(status, drops_waiting=waiting)
+
     def open_port(self) -> None:
         """Open the port without reading from it or sending to it; `open` then uses it.
 
@@ -309,7 +321,9 @@ class Driver:
     def settle(self, timeout: float) -> bool:
         """Wait until the instrument has confirmed the deletion of all acknowledged drops.
 
-        Call it before `close` and no more `next`: items that arrive meanwhile are discarded.
+        If it stores other drops, or has not sent a status yet, wait for its next status too, so
+        that `status` is up to date. Call it before `close` and no more `next`: items that arrive
+        meanwhile are discarded.
 
         Parameters
         ----------
@@ -321,13 +335,17 @@ class Driver:
         bool
             True if all deletions were confirmed.
         """
-        deadline = time.monotonic() + timeout
+        start = time.monotonic()
+        deadline, status_by = start + timeout, start + STATUS_TIMEOUT_S
         while True:
             self._acknowledge()
             self._conclude()
-            if not self._decoder.transfers.unreleased:
+            now = time.monotonic()
+            if not self._decoder.transfers.unreleased and (
+                now >= status_by or not self._needs_status()
+            ):
                 return True
-            remaining = deadline - time.monotonic()
+            remaining = deadline - now
             if remaining <= 0 or self._transport is None or self._closed:
                 return False
             self.next(min(remaining, _MAX_WAIT_S))
@@ -390,6 +408,13 @@ class Driver:
                 f"{self.url or 'the instrument'}: expected an instrument that accepts commands, "
                 "got one that only sends lines; change its settings at the instrument itself"
             )
+
+    def _needs_status(self) -> bool:
+        """Return True if only the next status reports the number of drops that are lost or wait."""
+        status, identity = self.status, self._identity
+        if status is None:
+            return identity is not None and identity.keeps_drops
+        return bool(status.drops_waiting)
 
     def _queue_command(self, message: HostMessage) -> None:
         self._commands.append(message)

@@ -15,7 +15,7 @@ from pfwd_device.acquisition.items import Connected, Disconnected, Gap, Samples,
 from pfwd_device.errors import StorageFull
 from pfwd_device.identity import ChannelIdentity, Identity, Role
 from pfwd_device.recording import DropRecord, Rebound, SurveyWriter, read_survey
-from pfwd_device.wire.messages import DropOffer
+from pfwd_device.wire.messages import DropOffer, Status
 
 RATE = 10_000
 NOW = datetime.datetime(2026, 5, 4, 12, 0, tzinfo=datetime.UTC)
@@ -111,6 +111,7 @@ class ScriptedFeed:
         self.lost_since: float | None = None
         self.shunts: list[bool] = []
         self.acknowledged: list[tuple[int, int]] = []
+        self.last_status: Status | None = None
         self.closed = False
         self.hushed = 0
         self._forever = forever
@@ -134,8 +135,8 @@ class ScriptedFeed:
     def acknowledge(self, offer: DropOffer) -> None:
         self.acknowledged.append((offer.stream, offer.first_sample))
 
-    def settle(self) -> None:
-        pass
+    def settle(self) -> Status | None:
+        return self.last_status
 
     def counters(self) -> dict[str, float | None]:
         return {"samples_lost": 3, "drift_ppm": None}

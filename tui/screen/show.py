@@ -72,8 +72,9 @@ def leaving_lines(state: "SessionState", source: SessionSource) -> list[str]:
         return []
     points = [point for point in state.points.values() if state.drops_of(point)]
     drops = sum(len(state.drops_of(point)) for point in points)
+    waiting = [state.drops_waiting] if state.drops_waiting else []
     if not drops:
-        return [f"{folder}: no drop was recorded"]
+        return [f"{folder}: no drop was recorded", *waiting]
     verdicts = Counter(
         progress.verdict.value
         for point in points
@@ -85,6 +86,7 @@ def leaving_lines(state: "SessionState", source: SessionSource) -> list[str]:
     safe = f"; {state.n_unsaved} NOT SAFE" if state.n_unsaved else ", all on the disk"
     return [
         f"{folder}: {measured}{safe}",
+        *waiting,
         f"next: {', or '.join(next_commands(folder))}",
     ]
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pfwd.session.buffered_drops import trigger_for
-from pfwd.session.events import DropSaved, Notice
+from pfwd.session.events import DropSaved, DropsWaiting, Notice
 from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
 from pfwd_device.acquisition.detection import DetectionSettings
@@ -16,7 +16,7 @@ from pfwd_device.acquisition.items import BufferedDrop, UnusableDrop
 from pfwd_device.errors import StorageFull
 from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_device.wire.fields import pack_int24
-from pfwd_device.wire.messages import Armed, DropOffer
+from pfwd_device.wire.messages import Armed, DropOffer, Event, EventKind, Status
 from tests.pfwd import scripted_feed
 from tests.pfwd.scripted_feed import Log, ScriptedFeed
 
@@ -184,3 +184,59 @@ def test_a_drop_that_no_replay_could_cut_is_reported_and_the_next_is_recorded(
     assert "run and sample 9/1) is not recorded and stays in the instrument" in log.texts
     assert reason in log.texts
     assert len(read_survey(tmp_path / "survey").drops) == 1
+
+
+def lost_drops(total: int) -> Status:
+    return Status(0, None, None, 0, False, drops_waiting=0, drops_lost=total)
+
+
+def test_drops_that_the_instrument_lost_are_reported_once_each(tmp_path: Path) -> None:
+    """Compared over a lost link, a restart of the instrument, and a restart of the program."""
+    log = Log()
+    boot = Event(EventKind.BOOT, 0)
+    parts = [
+        [lost_drops(total) for total in (0, 2, 2)],
+        [scripted_feed.lost(), scripted_feed.connected(again=True), lost_drops(3)],
+        [boot, lost_drops(3)],
+    ]
+    for items in (parts, [lost_drops(3), lost_drops(4)], [lost_drops(1)]):
+        with SurveyWriter.open(tmp_path / "survey") as writer:
+            feed = ScriptedFeed(scripted_feed.connected(), *items)
+            Session(feed, log, SessionPlan(options=None), writer).run()
+    texts = [notice.text for notice in log.of(Notice) if notice.serious]
+    counts = ["2 (2", "1 (3", "3 (3", "1 (4", "1 (1"]
+    assert [text.partition(" since power-on)")[0] for text in texts] == [
+        f"drops lost by the instrument T-1: {count}" for count in counts
+    ]
+    events = read_survey(tmp_path / "survey").events
+    assert [each["details"] for each in events if each["event"] == "drops lost"] == [
+        {"serial_number": "T-1", "point": "1", "drops": count, "since_power_on": total}
+        for count, total in ((2, 2), (1, 3), (3, 3), (1, 4), (1, 1))
+    ]
+
+
+def test_drops_lost_before_the_first_report_may_be_older_than_the_survey(tmp_path: Path) -> None:
+    log = Log()
+    with SurveyWriter.open(tmp_path / "survey") as writer:
+        feed = ScriptedFeed(lost_drops(9), scripted_feed.connected(), lost_drops(2))
+        Session(feed, log, SessionPlan(options=None), writer).run()
+    assert "T-1: 2 (2 since power-on; they may be older than this survey)" in log.texts
+    assert "9" not in log.texts  # perhaps of another instrument, as its identity was not known
+
+
+def test_drops_that_wait_in_the_instrument_at_the_end_are_reported(tmp_path: Path) -> None:
+    log = Log()
+    with SurveyWriter.open(tmp_path / "survey") as writer:
+        feed = ScriptedFeed(scripted_feed.connected(), armed(), kept())
+        feed.last_status = dataclasses.replace(lost_drops(1), drops_waiting=2)
+        Session(feed, log, SessionPlan(options=None), writer).run()
+    (notice,) = log.of(DropsWaiting)
+    assert notice.serious
+    assert notice.text == (
+        "drops that wait in the instrument T-1 and are not recorded: 2. Measure with this survey "
+        "again to record them, and do not switch the instrument off before"
+    )
+    *_, before, last = read_survey(tmp_path / "survey").events
+    assert before["event"] == "drops lost"  # no status came earlier
+    assert last["event"] == "drops waiting"
+    assert last["details"] == {"serial_number": "T-1", "drops": 2}

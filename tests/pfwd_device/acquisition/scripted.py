@@ -68,6 +68,7 @@ class Instrument:
         self.refusals: dict[type, list[int]] = {}
         """Codes to answer with, one after the other; the last one stays."""
         self.overruns = 0
+        self.drops_waiting: int | None = None
         self._end = BinaryInstrumentEnd()
         self._sent = 0
         self._out = bytearray()
@@ -132,7 +133,8 @@ class Instrument:
             now = time.monotonic()
             if now >= self._status_at:
                 self._status_at = now + 0.2
-                self.say(Status(self.clock_us, 3.9, 21.0, self.overruns, self.sampling))
+                state = self.overruns, self.sampling, self.drops_waiting
+                self.say(Status(self.clock_us, 3.9, 21.0, *state))
             rate = self.identity.sampling_rate
             while self.sampling and (now - self._began) * rate >= self._next + 20:
                 clock = self.clock_us

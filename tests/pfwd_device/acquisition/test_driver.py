@@ -176,6 +176,20 @@ def test_a_reset_in_mid_stream(make: MakeDriver, tell: bool) -> None:
     assert not of(items, Disconnected)
 
 
+@pytest.mark.parametrize("remaining", [0, 2])
+def test_the_drops_that_wait_at_the_end_are_those_of_the_last_status(
+    make: MakeDriver, remaining: int
+) -> None:
+    instrument = Instrument()
+    instrument.drops_waiting = 3
+    driver = make(Socket(instrument))
+    collect(driver, lambda seen: driver.status is not None and driver.status.drops_waiting == 3)
+    instrument.drops_waiting = remaining
+    assert driver.settle(30.0)
+    assert driver.status is not None
+    assert driver.status.drops_waiting == remaining
+
+
 def test_a_new_run_after_stop_and_start_may_have_the_same_number(make: MakeDriver) -> None:
     instrument = Instrument()
     driver = make(Socket(instrument), sampling_rate=1000.0)

@@ -10,7 +10,7 @@ from textual import events
 from pfwd.judging import Job, Station
 from pfwd.judging.stations import next_name
 from pfwd.procedures import Verdict, find_procedure
-from pfwd.session.events import DropNotSaved, JobReported
+from pfwd.session.events import DropNotSaved, DropsWaiting, JobReported
 from pfwd.session.plan import Ending
 from tests.tui.screen.scripted import (
     App,
@@ -219,5 +219,7 @@ def test_leaving_prints_a_summary_and_the_next_commands(tmp_path: Path) -> None:
         assert first.endswith("Ring road: 1 point, 6 drops, all on the disk")
         assert "pfwd open" in second
         assert "-o report.html" in second
+        await deliver(app, pilot, DropsWaiting("drops wait: 2", serious=True))
+        assert leaving_lines(app.state, app.source)[1] == "drops wait: 2"
 
     play(App(source, ScreenSettings(bell=False)), script)

@@ -18,6 +18,7 @@ from pfwd.session.events import (
     DropNotPublished,
     DropNotSaved,
     DropSaved,
+    DropsWaiting,
     Edited,
     InstrumentLost,
     InstrumentReady,
@@ -111,6 +112,8 @@ class SessionState:
         """Number of drops for which the disk has room, once that is low."""
         self.files_trouble = ""
         """Reason why drops are not in the folder of the survey; empty: all are."""
+        self.drops_waiting = ""
+        """Report of drops that wait in the instrument since the end of the session; empty: none."""
         self.recorded = False
         """True if drops come from a recording."""
         self.version = 0
@@ -321,6 +324,9 @@ class SessionState:
             case StorageLow(drops_remaining=count):
                 self.drops_remaining = count
                 self._on_notice(event)
+            case DropsWaiting(text):
+                self.drops_waiting = text
+                self._on_notice(event)
             case Notice():
                 self._on_notice(event)
             case SessionStarted():
@@ -359,7 +365,7 @@ class SessionState:
             yield from self.drops_of(point).values()
 
     def _on_began(self, event: SessionStarted) -> None:
-        self.session, self.ended = event.session, None
+        self.session, self.ended, self.drops_waiting = event.session, None, ""
         self.device.lost_reason = ""
         if event.point:
             self._begin_point(event.point)
