@@ -18,6 +18,7 @@ from pfwd.errors import OptionError, TraceError, quote, refusal
 from pfwd.export.json_text import without_nan
 from pfwd.files.header import PointSetup, declared_values
 from pfwd.files.importing import Kind, kind_of
+from pfwd.files.plausible_units import refuse_wrong_units
 from pfwd.files.reading import read_points
 from pfwd.files.traces import (
     DROP_COLUMN,
@@ -470,7 +471,11 @@ def drop(
         geophone_damping=geophone_damping,
     )
     sensors = (Channel(r, quantity, row) for r, row in zip(places, table, strict=True))
-    return Drop(_with_warnings(setup, DeviceDrop(1, axis, force, tuple(sensors))), 0)
+    made = DeviceDrop(1, axis, force, tuple(sensors))
+    unit = "m" if quantity == "displacement" else "m/s"
+    hint = f"is the time in s, the load in N, and are the values in {unit}?"
+    refuse_wrong_units([made], setup, "arrays", hint)
+    return Drop(_with_warnings(setup, made), 0)
 
 
 def time_and_load(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from inversion.notices import Notice, Value
 from pfwd.analysis.screening.centre_sensor import Response, centre_sensor_fault
 from pfwd.files.header import PointSetup
+from pfwd.files.plausible_units import SUSPECT_DEFLECTION, SUSPECT_LOAD
 from pfwd.files.traces import TracePoint
 from pfwd.notice_texts import STIFFNESS_TEST
 from pfwd_device import Channel, Drop
@@ -202,13 +203,6 @@ MIN_QUIET_SAMPLES = 8
 
 CENTRE = 1e-3
 """Distance from the plate centre, m, below which a sensor is the centre sensor."""
-
-SUSPECT_DEFLECTION = 0.02
-"""Deflection, m, above which a warning is due: the plate has punched into the ground, or the values
-are in mm."""
-
-SUSPECT_LOAD = 500e3
-"""Peak load, N, above which a warning is due: the heaviest falling weights reach some 300 kN."""
 
 CLIPPING_SCATTER = 0.01
 """Fraction by which the level of clipping may differ between drops, because their offsets were

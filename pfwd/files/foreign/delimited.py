@@ -11,6 +11,7 @@ import numpy as np
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.foreign.column_map import Column, ColumnMap, read_map
 from pfwd.files.foreign.common import Request, Values, even_time, make_drop, point_of
+from pfwd.files.plausible_units import refuse_wrong_units
 from pfwd.files.traces import (
     MAX_DROP_NUMBER,
     MAX_FILE_DROPS,
@@ -54,7 +55,10 @@ def read(file: str, request: Request) -> list[TracePoint]:
     merged = Request(
         columns.declarations | request.declarations, request.channels, request.column_map
     )
-    return [point_of(file, {}, drops, merged)]
+    point = point_of(file, {}, drops, merged)
+    hint = f"are the units of time, load and sensors in {columns.file} those of the columns?"
+    refuse_wrong_units(drops, point.setup, file, hint)
+    return [point]
 
 
 def _numbers(stream: TextIO, file: str, columns: ColumnMap) -> tuple[Values, Sequence[int]]:

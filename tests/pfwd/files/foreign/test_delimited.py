@@ -26,8 +26,8 @@ column = 2
 unit = "N"
 [[sensor]]
 column = 3
-quantity = "velocity"
-unit = "m/s"
+quantity = "displacement"
+unit = "m"
 offset_m = 0.0
 [text]
 names = false
@@ -104,10 +104,27 @@ def test_units_of_force(tmp_path: Path, unit: str, factor: float) -> None:
     np.testing.assert_allclose(point.drops[0].load, one.load, rtol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("stated", "wrong", "message"),
+    [
+        ('"s"', '"ms"', "a load pulse of 0.05 to 1000 ms, got 0.00994 ms"),
+        ('"N"', '"kN"', "a peak load of at most 500 kN, got 8e.03 kN"),
+        ('"m"', '"um"', "a peak load over peak deflection of 0.1 to 5000 MN/m, got"),
+    ],
+)
+def test_a_map_with_a_wrong_unit_is_refused(
+    tmp_path: Path, stated: str, wrong: str, message: str
+) -> None:
+    (tmp_path / "m.toml").write_text(SIMPLE.replace(f"unit = {stated}", f"unit = {wrong}"))
+    one = pulse(rate=1e4)
+    time = (np.arange(300) / 1e4).tolist()
+    (tmp_path / "a.csv").write_text(text_of([time, one.load.tolist(), one.sensors[0].tolist()]))
+    with pytest.raises(TraceError, match=rf"a\.csv: expected {message}.*units .* in .*m\.toml"):
+        read_points(tmp_path / "a.csv", column_map=tmp_path / "m.toml")
+
+
 def test_upward_channels_are_turned(tmp_path: Path) -> None:
-    turned = SIMPLE.replace('unit = "m/s"', 'unit = "mil"\npositive = "up"').replace(
-        '"velocity"', '"displacement"'
-    )
+    turned = SIMPLE.replace('unit = "m"', 'unit = "mil"\npositive = "up"')
     (tmp_path / "m.toml").write_text(turned)
     one = pulse(rate=1e4)
     time = (np.arange(300) / 1e4).tolist()
@@ -153,7 +170,7 @@ WRONG_MAPS = [
     (SIMPLE.replace("column = 3", 'column = "v"'), "positions from 1, as the file has no names"),
     (SIMPLE.replace("offset_m = 0.0", "offset_m = -inf"), "offset_m: expected a finite number"),
     (SIMPLE.replace("offset_m = 0.0", ""), "offset_m: expected a finite number, in m, got none"),
-    (SIMPLE.replace('"velocity"', '"jerk"'), 'sensor\\[1\\].quantity: expected "velocity" or'),
+    (SIMPLE.replace('"displacement"', '"jerk"'), 'sensor\\[1\\].quantity: expected "velocity" or'),
     (SIMPLE + 'encoding = "hex"', "an encoding such as utf-8"),
     (SIMPLE + 'decimal = ","', "another sign than the delimiter"),
     (SIMPLE + "skip_lines = -1", "a whole number from 0 to 100000"),
