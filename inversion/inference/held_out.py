@@ -16,7 +16,7 @@ from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.effects.base import Values
 from inversion.forward.library import SurrogateLibrary
-from inversion.inference.instrument import choose_structure, drop_predictor, structure_evidence
+from inversion.inference.instrument import drop_predictor, rank_at_point
 from inversion.inference.next_drop import DropPredictor
 from inversion.inference.point_model import PointModel
 from inversion.inference.population import (
@@ -105,7 +105,8 @@ def held_out_error(
     reduced = without_held_out(records, mode, place)
     with single_threaded_blas():
         if structure is None:
-            structure = choose_structure([structure_evidence(reduced, declared_effects, library)])
+            evidence = rank_at_point(reduced, declared_effects, library).evidence
+            structure = max(sorted(evidence, key=sorted), key=evidence.__getitem__)
         predictors = [
             drop_predictor(reduced, of, summaries, declared, library)
             for of, summaries, declared in (

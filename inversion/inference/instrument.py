@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,9 +24,12 @@ from inversion.inference.population import (
 )
 from inversion.inference.posterior import PointFit
 from inversion.inference.structures import (
+    Ranking,
     Structure,
     effects_of,
+    fit_briefly,
     fit_drops,
+    min_gain,
     rank_structures,
 )
 from inversion.threads import single_threaded_blas
@@ -38,25 +41,53 @@ MAX_RANKED_POINTS = 5
 _MAX_POINT_EVIDENCE, _MIN_TOTAL_EVIDENCE = 10.0, 3.0
 
 
-def structure_evidence(
+def rank_at_point(
     records: PointRecords, declared_effects: Mapping[str, Values], library: SurrogateLibrary
-) -> dict[Structure, float]:
-    """Return the log evidence of each candidate structure for the last drop of a point."""
+) -> Ranking:
+    """Return the ranking of the candidate structures by the last drop of a point."""
     point = Point(records, library).coarse()
     return rank_structures(point, len(point.drops) - 1, declared_effects)
 
 
-def choose_structure(evidence: Sequence[Mapping[Structure, float]]) -> Structure:
+def structure_evidence(
+    records: PointRecords,
+    structure: Structure,
+    declared_effects: Mapping[str, Values],
+    library: SurrogateLibrary,
+) -> float | None:
+    """Return the log evidence of a structure for the last drop of a point, see `Ranking`.
+
+    The result is None if the fit fails.
+    """
+    point = Point(records, library).coarse()
+    fit = fit_briefly(point, structure, len(point.drops) - 1, declared_effects)
+    return None if fit is None else fit.log_evidence - min_gain(structure)
+
+
+def choose_structure(
+    rankings: Sequence[Ranking], evidence_at: Callable[[int, Structure], float | None]
+) -> Structure:
     """Return the structure with the largest log evidence, summed over the points.
 
-    Only structures that every point has are compared.
+    Only structures that every point has are compared. The best one is fitted where it has only an
+    upper bound, and its evidence is added to the rankings, until the best one is fitted at every
+    point.
 
     Parameters
     ----------
-    evidence : for each point, log evidence by structure
+    rankings : Ranking of each point
+    evidence_at : fits a structure at a point, given by its index, and returns the log evidence;
+        None: the fit failed
     """
-    common = frozenset.intersection(*(frozenset(of_point) for of_point in evidence))
-    return max(sorted(common, key=sorted), key=lambda s: sum(of[s] for of in evidence))
+    while True:
+        at_points = [ranking.bounds | ranking.evidence for ranking in rankings]
+        common = frozenset.intersection(*map(frozenset, at_points))
+        best = max(sorted(common, key=sorted), key=lambda s: sum(of[s] for of in at_points))
+        missing = [place for place, of in enumerate(rankings) if best not in of.evidence]
+        if not missing:
+            return best
+        for place in missing:
+            rankings[place].add(best, evidence_at(place, best))
 
 
 def summarise_point(
@@ -160,13 +191,18 @@ class Instrument:
         with single_threaded_blas():
             return self._predictor(place).predict(record, self._library)
 
+    def _evidence(self, place: int, structure: Structure) -> float | None:
+        """Return the log evidence of a structure at a point, see `structure_evidence`."""
+        records = self._points[place]
+        return structure_evidence(records, structure, self._declared_effects, self._library)
+
     def _predictor(self, place: int) -> DropPredictor:
         if self._structure is None:
-            evidence = [
-                structure_evidence(records, self._declared_effects, self._library)
+            rankings = [
+                rank_at_point(records, self._declared_effects, self._library)
                 for records in self._points[:MAX_RANKED_POINTS]
             ]
-            self._structure = choose_structure(evidence)
+            self._structure = choose_structure(rankings, self._evidence)
             if len(self._points) > 1:
                 self._summaries = [
                     summarise_point(records, self._structure, self._declared_effects, self._library)

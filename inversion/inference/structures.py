@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -25,6 +26,26 @@ Structure = frozenset[str]
 ALWAYS = frozenset({"sensor_lag", "plate_inertia"})
 _BEND = frozenset({"stress_dependence", "hysteretic_unloading"})
 _BRIEF_ITERATIONS = 8
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """Log evidence of the candidate structures of a point, minus `min_gain`.
+
+    Parameters
+    ----------
+    evidence : log evidence of the structures that were fitted
+    bounds : upper bounds of it for structures that were not fitted
+    """
+
+    evidence: dict[Structure, float] = field(default_factory=dict)
+    bounds: dict[Structure, float] = field(default_factory=dict)
+
+    def add(self, structure: Structure, log_evidence: float | None) -> None:
+        """Store the log evidence of a structure in place of its bound; None: its fit failed."""
+        self.bounds.pop(structure, None)
+        if log_evidence is not None:
+            self.evidence[structure] = log_evidence
 
 
 def effects_of(structure: Structure, declared_effects: Collection[str] = ()) -> tuple[Effect, ...]:
@@ -91,9 +112,7 @@ def fit_briefly(
     return max(fits, key=lambda fit: fit.log_evidence, default=None)
 
 
-def rank_structures(
-    point: Point, drop: int, declared_effects: Mapping[str, Values]
-) -> dict[Structure, float]:
+def rank_structures(point: Point, drop: int, declared_effects: Mapping[str, Values]) -> Ranking:
     """Return the log evidence of the candidate structures for one drop, or an upper bound of it.
 
     Parameters
@@ -110,16 +129,15 @@ def rank_structures(
 
 def fit_richest_first(
     candidates: Sequence[Structure], fit: Callable[[Structure], Posterior | None]
-) -> dict[Structure, float]:
+) -> Ranking:
     """Return the log evidence of structures, or an upper bound of it.
 
     Only structures that could be the best are fitted.
 
-    The minimum gain of the effects (`Effect.min_gain`) is subtracted. Structures with many effects
-    are fitted first. Without some of its effects a structure gains at most their Occam factor. A
-    structure is not fitted if this bound, for any of the next richer structures, is below the best
-    evidence; its evidence is then the smallest of these bounds. A structure that contains the best
-    one gives no bound, as its own fit may have failed.
+    Structures with many effects are fitted first. Without some of its effects a structure gains at
+    most their Occam factor. A structure is not fitted if this bound, for any of the next richer
+    structures, is below the best evidence; its bound is then the smallest of these. A structure
+    that contains the best one gives no bound, as its own fit may have failed.
 
     Parameters
     ----------
@@ -127,7 +145,8 @@ def fit_richest_first(
     fit : returns the fit of a structure; None: the fit failed
     """
     fits: dict[Structure, Posterior] = {}
-    evidence: dict[Structure, float] = {}
+    ranking = Ranking()
+    evidence = ranking.evidence
     for structure in sorted(candidates, key=len, reverse=True):
         best = max(fits, key=lambda s: evidence[s], default=structure)
         needed = min_gain(structure)
@@ -138,13 +157,13 @@ def fit_richest_first(
         }
         next_richer = [s for s in bounds if not any(subset < s for subset in bounds)]
         if bounds and all(not best <= s and bounds[s] < evidence[best] for s in next_richer):
-            evidence[structure] = min(bounds.values())
+            ranking.bounds[structure] = min(bounds.values())
             continue
         fit_of_richer = fit(structure)
         if fit_of_richer is not None:
             fits[structure] = fit_of_richer
-            evidence[structure] = fit_of_richer.log_evidence - needed
-    return evidence
+            ranking.add(structure, fit_of_richer.log_evidence - needed)
+    return ranking
 
 
 def min_gain(structure: Structure) -> float:

@@ -17,10 +17,11 @@ from inversion.inference.held_out import Allow, count_held_out, held_out_error
 from inversion.inference.instrument import (
     MAX_RANKED_POINTS,
     choose_structure,
+    rank_at_point,
     structure_evidence,
     summarise_point,
 )
-from inversion.inference.structures import Structure
+from inversion.inference.structures import Ranking, Structure
 from inversion.notices import Notice
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint, instrument_of
 from pfwd.analysis.diagnosis.points import (
@@ -128,18 +129,23 @@ class _Survey:
         # One more than needed, because a point is not used in the choice of its own structure.
         n_ranked = min(len(points), MAX_RANKED_POINTS + 1) if len(points) > 1 else 0
         work = workers.map(
-            partial(_evidence, declared_effects=declared_effects), self._records[:n_ranked]
+            partial(_ranking, declared_effects=declared_effects), self._records[:n_ranked]
         )
         counted = counter("candidate models", n_ranked).counted(self._names[:n_ranked], work)
-        self._evidence = list(counted)
+        self._rankings = list(counted)
 
     def structure_without(self, place: int) -> Structure | None:
         """Return the structure that the other points support best.
 
         The result is None if there are no other points.
         """
-        evidence = [of for i, of in enumerate(self._evidence) if i != place and of]
-        return choose_structure(evidence[:MAX_RANKED_POINTS]) if evidence else None
+        others = [i for i, of in enumerate(self._rankings) if i != place and of is not None]
+
+        def evidence_at(i: int, structure: Structure) -> float | None:
+            return _evidence(self._records[others[i]], structure, self._declared_effects)
+
+        rankings = [of for i in others[:MAX_RANKED_POINTS] if (of := self._rankings[i])]
+        return choose_structure(rankings, evidence_at) if rankings else None
 
     def neighbour_summaries(self, place: int) -> list[PointSummary]:
         """Return the summaries of up to 50 points before and after a point in the survey."""
@@ -160,14 +166,22 @@ class _Survey:
         return [s for i in neighbours if i != place and (s := summaries[i]) is not None]
 
 
-def _evidence(
-    records: PointRecords, declared_effects: Mapping[str, Values]
-) -> dict[Structure, float]:
-    """Return the log evidence of each candidate structure at a point; empty: the fit failed."""
+def _ranking(records: PointRecords, declared_effects: Mapping[str, Values]) -> Ranking | None:
+    """Return the ranking of the candidate structures at a point; None: the fits failed."""
     try:
-        return structure_evidence(records, declared_effects, library_of_process())
+        return rank_at_point(records, declared_effects, library_of_process())
     except _FAILURES:
-        return {}
+        return None
+
+
+def _evidence(
+    records: PointRecords, structure: Structure, declared_effects: Mapping[str, Values]
+) -> float | None:
+    """Return the log evidence of a structure at a point; None: the fit failed."""
+    try:
+        return structure_evidence(records, structure, declared_effects, library_of_process())
+    except _FAILURES:
+        return None
 
 
 def _summary(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,8 +12,14 @@ import pytest
 from inversion import Record, Sensor, SurrogateLibrary
 from inversion.diagnosis import PointRecords
 from inversion.diagnosis.problem import Point
+from inversion.effects.base import DropContext
 from inversion.forward.model import Instrument
 from inversion.inference import structures
+from inversion.inference.instrument import (
+    choose_structure,
+    rank_at_point,
+    structure_evidence,
+)
 from inversion.inference.posterior import Posterior
 from inversion.inference.structures import (
     Structure,
@@ -83,14 +90,16 @@ def assert_same_choice(
         return fit_briefly(point, structure, last, {})
 
     monkeypatch.setattr(structures, "fit_briefly", count)
-    ranked = rank_structures(Point(records, library), last, {})
+    ranking = rank_structures(Point(records, library), last, {})
+    ranked = ranking.bounds | ranking.evidence
     assert set(ranked) == set(every)
+    assert set(ranking.evidence) == set(fitted)
     assert len(fitted) < len(every)
     best = max(every, key=lambda structure: every[structure])
     assert max(ranked, key=lambda structure: ranked[structure]) == best
     assert best in fitted
     for structure in fitted:
-        assert ranked[structure] == pytest.approx(every[structure], abs=0.5)
+        assert ranking.evidence[structure] == pytest.approx(every[structure], abs=0.5)
     return best
 
 
@@ -122,6 +131,29 @@ def test_measured_drops_have_the_same_structure(
     (entry,) = entries_of(str(shared / "measured" / f"{name}.csv"), AnalysisOptions())
     assert entry.records is not None
     assert_same_choice(entry.records, library, monkeypatch)
+
+
+def test_the_structure_of_two_points_with_different_best_ones_is_fitted_at_both(
+    library: SurrogateLibrary, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fewer(contexts: Sequence[DropContext]) -> list[Structure]:
+        left_out = {"spring_rig", "rebound", "damping_law"}
+        return [s for s in candidate_structures(contexts) if not s & left_out]
+
+    monkeypatch.setattr(structures, "candidate_structures", fewer)
+    points = [simulated(), simulated(exponent=0.2)]
+    rankings = [rank_at_point(records, {}, library) for records in points]
+    best = [max(ranking.evidence, key=ranking.evidence.__getitem__) for ranking in rankings]
+    assert best[1] == best[0] | {"stress_dependence", "hysteretic_unloading"}
+    # The first point excludes the structure that wins by a bound, without a fit.
+    assert best[1] in rankings[0].bounds
+    chosen = choose_structure(
+        rankings, lambda place, s: structure_evidence(points[place], s, {}, library)
+    )
+    assert chosen == best[1]
+    everywhere = [s for s in rankings[0].evidence if s in rankings[1].evidence]
+    totals = {s: sum(ranking.evidence[s] for ranking in rankings) for s in everywhere}
+    assert totals[chosen] == max(totals.values())
 
 
 def test_the_occam_factor_is_that_of_the_deviations(library: SurrogateLibrary) -> None:

@@ -13,7 +13,13 @@ from inversion.diagnosis.problem import Point
 from inversion.forward.model import Instrument
 from inversion.inference.instrument import choose_structure
 from inversion.inference.point_model import PointModel
-from inversion.inference.structures import candidate_structures, effects_of, fit_briefly
+from inversion.inference.structures import (
+    Ranking,
+    Structure,
+    candidate_structures,
+    effects_of,
+    fit_briefly,
+)
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Ground, Plate
 
@@ -75,9 +81,32 @@ def test_the_interval_of_the_modulus_holds_the_truth() -> None:
 
 def test_the_evidence_of_all_points_decides_among_what_all_could_show() -> None:
     rock, none, layer = frozenset({"bedrock"}), frozenset[str](), frozenset({"layer"})
-    evidence = [{none: 10.0, rock: 8.0, layer: 99.0}, {none: 3.0, rock: 9.0}]
-    assert choose_structure(evidence) == rock
-    assert choose_structure(evidence[:1]) == layer
+    rankings = [Ranking({none: 10.0, rock: 8.0, layer: 99.0}), Ranking({none: 3.0, rock: 9.0})]
+    assert choose_structure(rankings, no_fit) == rock
+    assert choose_structure(rankings[:1], no_fit) == layer
+
+
+def no_fit(place: int, structure: Structure) -> float | None:
+    raise AssertionError("every structure is fitted")
+
+
+@pytest.mark.parametrize("evidence", [1.0, None])
+def test_a_structure_that_no_point_fitted_is_not_chosen_for_its_bounds(
+    evidence: float | None,
+) -> None:
+    rock, none, layer = frozenset({"bedrock"}), frozenset[str](), frozenset({"layer"})
+    rankings = [Ranking({rock: 10.0, none: 2.0}, {layer: 9.0})]
+    rankings.append(Ranking({none: 10.0}, {rock: 8.0, layer: 9.5}))
+    fitted: list[tuple[int, Structure]] = []
+
+    def fit(place: int, structure: Structure) -> float | None:
+        fitted.append((place, structure))
+        return 7.0 if structure == rock else evidence
+
+    # The layer has the largest sum of bounds, but is worse than the others where it is fitted.
+    assert choose_structure(rankings, fit) == rock
+    assert fitted == [(0, layer), (1, layer), (1, rock)]
+    assert [layer in ranking.bounds for ranking in rankings] == [False, False]
 
 
 def test_a_single_sensor_shows_no_layer_and_several_no_rig() -> None:
