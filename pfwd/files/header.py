@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 from inversion.notices import Notice, from_sentence
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.toml import toml_line
+from pfwd.procedures.point import LARGEST_PLATE_RADIUS_M
 from pfwd.toml_reading import parse_toml, parse_user_toml, read_toml_text
 from pfwd_device.schema import (
     AnyOf,
@@ -85,7 +86,7 @@ class PointSetup:
 
     plate_radius: float = field(
         metadata=describe(
-            Number("m", minimum=MIN_PLATE_RADIUS_M),
+            Number("m", minimum=MIN_PLATE_RADIUS_M, maximum=LARGEST_PLATE_RADIUS_M),
             "Radius of the load plate; 0 in a stiffness test, which needs none.",
             key=RADIUS_KEY,
         )

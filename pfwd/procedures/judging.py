@@ -4,13 +4,13 @@ The function `judge` depends on its arguments only; it reads no file and keeps n
 """
 
 import dataclasses
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pfwd.digits import with_ends
 from pfwd.errors import OptionError, refusal
 from pfwd.procedures.point import (
+    LARGEST_PLATE_RADIUS_M,
     DiagnosedModulus,
     ExcludedDrop,
     Exclusion,
@@ -121,11 +121,12 @@ def judge(
     Raises
     ------
     OptionError
-        If the plate radius is not positive.
+        If the plate radius is not positive or too large.
     """
     on_rig = plate_radius == 0 and all(drop.kind is Kind.REJECTED for drop in drops)
-    if not (on_rig or plate_radius > 0) or not math.isfinite(plate_radius):
-        raise OptionError(refusal("plate radius", "a number > 0, in m", f"{plate_radius:g}"))
+    if not (on_rig or 0 < plate_radius <= LARGEST_PLATE_RADIUS_M):
+        expected = f"a number > 0 and at most {LARGEST_PLATE_RADIUS_M:g}, in m"
+        raise OptionError(refusal("plate radius", expected, f"{plate_radius:g}"))
     notes = _notes(procedure)
     sorted_drops = sort_drops(procedure, drops, notes)
     used = sorted_drops.used

@@ -11,6 +11,9 @@ from typing import Any, Literal
 
 from pfwd.procedures.profile import Quantity
 
+LARGEST_PLATE_RADIUS_M = 10.0
+"""Largest accepted plate radius, as in the forward model: no plate is near it."""
+
 
 class Kind(StrEnum):
     """Role of a drop at its point."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from inversion.forward.model import MAX_RADIUS_M
 from pfwd.errors import OptionError
 from pfwd.procedures import (
     ExcludedDrop,
@@ -24,6 +25,7 @@ from pfwd.procedures import (
     judge,
     kind_of,
 )
+from pfwd.procedures.point import LARGEST_PLATE_RADIUS_M
 from pfwd.procedures.values import e_lwd, e_vd, half_width_95, mean, stress_dependence
 
 GERMAN = find_procedure("tp-bf-stb-b8.3")
@@ -236,6 +238,13 @@ def test_stress_dependence_finds_the_exponent() -> None:
 def test_a_plate_without_size_is_refused() -> None:
     with pytest.raises(OptionError, match="plate radius: expected a number > 0"):
         judge(GERMAN, SIX, plate_radius=0.0)
+
+
+@pytest.mark.parametrize("radius", [150.0, math.inf])
+def test_a_plate_in_millimetres_is_refused(radius: float) -> None:
+    assert LARGEST_PLATE_RADIUS_M == MAX_RADIUS_M
+    with pytest.raises(OptionError, match=f"> 0 and at most 10, in m, got {radius:g}"):
+        judge(GERMAN, SIX, plate_radius=radius)
 
 
 def test_the_same_drops_give_the_same_answer_and_json_takes_it() -> None:

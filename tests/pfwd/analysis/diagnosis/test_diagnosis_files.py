@@ -14,7 +14,6 @@ from pfwd.analysis.diagnosis.device_file import (
     write_device_file,
 )
 from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_files
-from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.errors import OptionError
 from pfwd.export.json_text import json_text
@@ -167,14 +166,6 @@ def test_the_deviations_of_a_device_file_are_read(tmp_path: Path) -> None:
     path.write_text("[sensor_lag]\ndelay_s = 6e-4\ndelay_sd_s = -1.0\n", encoding="utf-8")
     with pytest.raises(OptionError, match=r"\[sensor_lag\] delay_sd as a number >= 0"):
         read_device(path)
-
-
-def test_a_radius_in_millimetres_is_refused_with_its_file(files: list[str]) -> None:
-    options = AnalysisOptions(plate_radius=150.0)
-    (found,) = diagnose_files(files[:1], options)
-    assert found.error == (
-        f"{files[0]}: plate radius: expected at most 10 m, got 150 (in millimetres?)"
-    )
 
 
 def test_a_list_of_points_of_one_device_is_one_survey(
