@@ -2,6 +2,8 @@
 
 import io
 import os
+import struct
+import zlib
 from pathlib import Path
 
 import pytest
@@ -120,6 +122,18 @@ def test_too_large_pictures_are_refused(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(photos, "MAX_PHOTO_BYTES", 1000)
     with pytest.raises(OptionError, match="a picture of at most"):
         store_photo(tmp_path, "P1", picture())
+
+
+def test_a_picture_of_200_million_pixels_is_stored(tmp_path: Path) -> None:
+    width, height = 20_000, 10_000
+    header = struct.pack(">IIBBBBB", width, height, 1, 0, 0, 0, 0)  # one bit for each pixel
+    rows = zlib.compress(bytes((1 + width // 8) * height), 1)
+    parts = [(b"IHDR", header), (b"IDAT", rows), (b"IEND", b"")]
+    data = b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(part)) + name + part + struct.pack(">I", zlib.crc32(name + part))
+        for name, part in parts
+    )
+    assert store_photo(tmp_path, "P1", data).read_bytes() == data
 
 
 def test_a_point_has_a_hundred_pictures_at_most(

@@ -64,3 +64,12 @@ def test_a_photo_is_drawn_the_right_way_up(
     # Orientation 6: the stored left side is up.
     assert pixels[0, 0].tolist() == [0, 0, 0]
     assert pixels[-1, -1].tolist() == [255, 0, 0]
+
+
+def test_a_picture_that_pillow_calls_too_large_is_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)
+    figure = Figure()
+    draw_photos(figure, [store_photo(tmp_path, "P1", photo("red"))])
+    assert len(figure.axes[0].images) == 1

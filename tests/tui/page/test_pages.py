@@ -4,6 +4,8 @@ import http.client
 import io
 import re
 import threading
+import time
+import tracemalloc
 import urllib.parse
 from collections.abc import Iterator
 from dataclasses import replace
@@ -209,13 +211,87 @@ def test_without_the_option_nothing_is_stored_or_offered(browser: Browser, surve
         ({"Content-Type": "text/plain"}, 400),
         ({"Content-Type": "multipart/form-data"}, 400),
         ({"Content-Length": "200000000"}, 413),
-        ({"Content-Length": "many"}, 411),
+        ({"Content-Length": "many"}, 400),
+        ({"Content-Length": "-1"}, 400),
+        ({"Content-Length": "9" * 5000}, 413),
+        ({"Content-Type": "application/x-www-form-urlencoded"}, 400),
+        ({"Content-Type": "multipart/form-data; boundary=" + "x" * 300}, 400),
     ],
 )
 def test_what_is_no_upload_of_the_reader_is_refused(
-    headers: dict[str, str], status: int, browser: Browser, survey: Path
+    headers: dict[str, str],
+    status: int,
+    browser: Browser,
+    survey: Path,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     assert browser.upload(f"{point_address(NAMES[0])}/photos", photo(), **headers)[0] == status
+    assert not (survey / "photos").exists()
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_second_upload_waits_for_the_first_and_is_refused_then(
+    browser: Browser, survey: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tui.page.server.UPLOAD_WAIT_S", 0.0)
+    path = f"{point_address(NAMES[0])}/photos"
+    host, port = browser.server.server_address[:2]
+    first = http.client.HTTPConnection(str(host), port, timeout=20)
+    first.putrequest("POST", path)
+    for name, value in [("Origin", browser.origin), ("Content-Length", "9")]:
+        first.putheader(name, value)
+    first.endheaders(b"--x")
+    end = time.monotonic() + 20
+    while not browser.server.uploading.locked():
+        assert time.monotonic() < end
+    status, text = browser.upload(path, photo())
+    assert (status, "Another upload is running" in text) == (503, True)
+    assert browser.request("GET", "/points.json")[0] == 200
+    first.send(b"------")
+    assert first.getresponse().status == 400
+    first.close()
+    monkeypatch.setattr("tui.page.server.UPLOAD_WAIT_S", 20.0)
+    assert browser.upload(path, photo())[0] == 303
+
+
+def test_an_upload_is_not_held_in_memory(browser: Browser, survey: Path) -> None:
+    files = [bytes(10**7)] * 9
+    tracemalloc.start()
+    try:
+        browser.upload(f"{point_address(NAMES[0])}/none", b"x")
+        before = tracemalloc.get_traced_memory()[0]
+        tracemalloc.reset_peak()
+        status, text = browser.upload(f"{point_address(NAMES[0])}/photos", *files)
+        held = tracemalloc.get_traced_memory()[1] - before
+    finally:
+        tracemalloc.stop()
+    assert (status, "a JPEG or PNG file" in text) == (400, True)
+    # The client holds 270 MB: the parts, and the form twice. The server would add 90 MB.
+    assert held < 300e6
+
+
+@pytest.mark.parametrize(
+    ("limit", "value", "status", "reason"),
+    [
+        ("MAX_UPLOAD_BYTES", 1000, 413, "Send at most 0 MB"),
+        ("MAX_PHOTO_BYTES", 1000, 400, "a picture of at most 0 MB, got more"),
+        ("MAX_PHOTOS_OF_A_POINT", 1, 400, "at most 1 pictures, got more"),
+        ("MAX_UPLOAD_S", -60.0, 400, "an upload of at most -1 minutes"),
+    ],
+)
+def test_an_upload_beyond_a_limit_is_refused_and_the_reader_sees_why(
+    limit: str,
+    value: float,
+    status: int,
+    reason: str,
+    browser: Browser,
+    survey: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(f"tui.page.server.{limit}", value)
+    files = [bytes(5_000_000)] * 2
+    answer, text = browser.upload(f"{point_address(NAMES[0])}/photos", *files)
+    assert (answer, reason in text) == (status, True), text
     assert not (survey / "photos").exists()
 
 
