@@ -15,14 +15,20 @@ import urllib.parse
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO, TYPE_CHECKING
 
 from pfwd.errors import OptionError, SurveyError, refusal
 from pfwd.files.output_path import replaced_durably
+
+if TYPE_CHECKING:
+    from PIL.ImageFile import ImageFile
 
 MAX_PHOTO_BYTES = 20_000_000
 """Largest file of a photo; the largest of a phone have half of it."""
 
 MAX_PHOTO_PIXELS = 200_000_000
+"""Largest picture, that of the largest sensors of phones. Decoding it takes 20 MB of memory for the
+JPEG of a camera, 0.8 GB for a PNG and up to 1.6 GB for a progressive JPEG."""
 
 MAX_PHOTOS_OF_A_POINT = 100
 """Photos of a point; a larger number would be a mistake, or an attempt to fill the disk."""
@@ -39,6 +45,7 @@ _JPEG_IN_SCAN = {0x00, *range(0xD0, 0xD8)}
 _JPEG_APPLICATION = range(0xE0, 0xF0)
 _JPEG_COMMENT = 0xFE
 
+_JPEG_SIGNATURE = b"\xff\xd8\xff"
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_CHUNKS_OF_THE_PICTURE = {
     *(b"IHDR", b"PLTE", b"IDAT", b"IEND", b"tRNS", b"gAMA", b"cHRM", b"sRGB", b"iCCP", b"sBIT"),
@@ -144,28 +151,36 @@ def _folder(survey: str | os.PathLike[str], point: str) -> Path:
     return Path(survey) / "photos" / f"point {quoted}-{checksum}"
 
 
+def opened_photo(source: IO[bytes]) -> ImageFile:
+    """Open the picture in a JPEG or PNG file with Pillow, without decoding it.
+
+    Image.open of Pillow would refuse pictures of more than 179 million pixels, and open a JPEG with
+    several pictures as another format.
+    """
+    from PIL.JpegImagePlugin import JpegImageFile
+    from PIL.PngImagePlugin import PngImageFile
+
+    signature = source.read(len(_PNG_SIGNATURE))
+    source.seek(0)
+    return PngImageFile(source) if signature == _PNG_SIGNATURE else JpegImageFile(source)
+
+
 def _inspect(data: bytes) -> tuple[str, int]:
     """Decode a picture; return its format, "JPEG" or "PNG", and its Exif orientation, 1 to 8."""
     if not 0 < len(data) <= MAX_PHOTO_BYTES:
         expected = f"a picture of at most {MAX_PHOTO_BYTES / 1e6:.0f} MB"
         raise OptionError(refusal("picture", expected, f"{len(data) / 1e6:.1f} MB"))
-    from PIL import Image, UnidentifiedImageError
-
+    if not data.startswith((_JPEG_SIGNATURE, _PNG_SIGNATURE)):
+        raise OptionError(refusal("picture", "a JPEG or PNG file", "another kind of file"))
     try:
-        with (
-            warnings.catch_warnings(),
-            Image.open(io.BytesIO(data), formats=[*_SUFFIX_BY_FORMAT]) as image,
-        ):
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+        # Pillow reports damage of metadata as warnings, which would appear in the terminal.
+        with warnings.catch_warnings(action="ignore"), opened_photo(io.BytesIO(data)) as image:
             kind, pixels = str(image.format), image.width * image.height
             if pixels <= MAX_PHOTO_PIXELS:
                 orientation = image.getexif().get(_ORIENTATION, 1)
                 image.draft("L", (64, 64))  # decodes a JPEG small
                 image.load()
                 return kind, orientation if orientation in range(1, 9) else 1
-    except UnidentifiedImageError as err:
-        expected = "a JPEG or PNG file"
-        raise OptionError(refusal("picture", expected, "another kind of file")) from err
     # On damaged files Pillow raises OSError, SyntaxError, ValueError, struct.error and others.
     except Exception as err:
         reason = f"{type(err).__name__}: {err}"

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from inversion.result import TimeHistories
+from pfwd.files.photos import opened_photo
 from pfwd.judging import DropView, PointView
 from pfwd.procedures import Quantity, Verdict
 from pfwd.report.content import Report
@@ -638,13 +639,13 @@ def draw_logo(figure: Any, image: Any) -> None:
 
 def draw_photos(figure: Any, files: Sequence[Path]) -> None:
     """Draw photos side by side, rotated upright and reduced to the printed resolution."""
-    from PIL import Image, ImageOps
+    from PIL import ImageOps
 
     for place, file in enumerate(files):
         axes = figure.add_axes((place / MAX_PHOTOS, 0.0, 0.97 / MAX_PHOTOS, 1.0))
         axes.set_axis_off()
         axes.set_anchor("NW")
-        with Image.open(file) as image:
+        with open(file, "rb") as stream, opened_photo(stream) as image:
             image.thumbnail((2 * PRINTED_PHOTO_PIXELS, 2 * PRINTED_PHOTO_PIXELS))
             upright = ImageOps.exif_transpose(image)
             upright.thumbnail((PRINTED_PHOTO_PIXELS, PRINTED_PHOTO_PIXELS))

@@ -9,26 +9,34 @@ another origin are refused. On this computer, where no code is needed, the reque
 addressed to a name of this computer, because another site's name could resolve to its address.
 """
 
+import contextlib
 import hmac
-import io
 import json
+import logging
 import os
 import re
 import secrets
 import socket
 import sys
+import tempfile
 import threading
+import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from http import HTTPStatus
 from http.cookies import CookieError, SimpleCookie
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from ipaddress import IPv6Address, ip_address
-from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from typing import IO, Any
+from urllib.parse import SplitResult, parse_qs, urlsplit
 
 from pfwd.errors import DeviceError, OptionError, SurveyError, refusal
-from pfwd.files.photos import MAX_PHOTO_BYTES, photos_of, store_photo
+from pfwd.files.photos import (
+    MAX_PHOTO_BYTES,
+    MAX_PHOTOS_OF_A_POINT,
+    photos_of,
+    store_photo,
+)
 from tui.page.pages import (
     FORM,
     PICTURE_NAMES,
@@ -58,6 +66,16 @@ _PLACE = re.compile(r"(?:\[(?P<six>[^\[\]]+)\]|(?P<name>[^:\[\]]*))(?::(?P<port>
 
 MAX_UPLOAD_BYTES = 5 * MAX_PHOTO_BYTES
 """Largest size of an upload, which may hold several photos."""
+
+MAX_UPLOAD_S = 300.0
+"""Longest time of an upload; the largest one needs a connection of 3 Mbit/s."""
+
+UPLOAD_WAIT_S = 20.0
+"""Time for which an upload waits for the end of another one."""
+
+_CLOSE_S = 5.0
+"""Time for which a client may still send after the response. If the connection were closed at once,
+a browser would show an error of the connection in place of the response."""
 
 _PHOTO_TYPES = {".jpg": "image/jpeg", ".png": "image/png"}
 
@@ -149,6 +167,8 @@ class SurveyServer(ThreadingHTTPServer):
         self._token = ""
         self._wrong: Counter[str] = Counter()
         self._lock = threading.Lock()
+        self.uploading = threading.Lock()
+        """Lock for uploads: one at a time is received, decoded and stored."""
         self.drawing = threading.Lock()
         """Lock for drawing, because matplotlib's settings are shared by all threads."""
         self._pictures: dict[str, str] = {}
@@ -278,45 +298,64 @@ _POLICY = (
 """Content security policy of all pages: no scripts, and nothing from other servers."""
 
 
-def _uploaded_files(content_type: str, body: bytes) -> list[bytes]:
-    """Return the contents of the files in an uploaded form.
+def _store_parts(content_type: str, body: Iterable[bytes], file: IO[bytes]) -> list[int]:
+    """Write the files in an uploaded form one after the other into a file, and return their sizes.
 
     Raises
     ------
     OptionError
-        If the data are no form, or the form has no file.
+        If the data are no form, the form has no file, too many files, or one that is too large.
     """
-    from python_multipart import parse_form
     from python_multipart.exceptions import FormParserError
+    from python_multipart.multipart import MultipartParser, parse_options_header
 
-    files: list[bytes] = []
+    # The parser logs malformed forms, and Python prints such lines in the terminal.
+    logging.getLogger("python_multipart").setLevel(logging.CRITICAL)
+    sizes: list[int] = []
 
-    def take(file: Any) -> None:
-        file.file_object.seek(0)
-        if data := file.file_object.read():  # a form without a chosen file sends an empty one
-            files.append(data)
+    def begin() -> None:
+        if len(sizes) >= MAX_PHOTOS_OF_A_POINT:
+            expected = f"at most {MAX_PHOTOS_OF_A_POINT} pictures"
+            raise OptionError(refusal("upload", expected, "more"))
+        sizes.append(0)
+
+    def write(data: bytes, start: int, end: int) -> None:
+        sizes[-1] += file.write(data[start:end])
+        if sizes[-1] > MAX_PHOTO_BYTES:
+            expected = f"a picture of at most {MAX_PHOTO_BYTES / 1e6:.0f} MB"
+            raise OptionError(refusal("picture", expected, "more"))
 
     try:
-        parse_form({"Content-Type": content_type.encode()}, io.BytesIO(body), None, take)
+        kind, options = parse_options_header(content_type)
+        boundary = options.get(b"boundary")
+        if kind != b"multipart/form-data" or not boundary:
+            raise OptionError(refusal("upload", "a form with pictures", repr(content_type)))
+        parser = MultipartParser(boundary, {"on_part_begin": begin, "on_part_data": write})
+        for part in body:
+            parser.write(part)
+        parser.finalize()
     except (FormParserError, ValueError) as err:
+        if isinstance(err, OptionError):
+            raise
         raise OptionError(refusal("upload", "a form with pictures", str(err))) from err
-    if not files:
+    sizes = [size for size in sizes if size]  # a form without a chosen file sends an empty one
+    if not sizes:
         raise OptionError("No picture was chosen. Go back and choose one.")
-    return files
+    return sizes
 
 
 class _Handler(BaseHTTPRequestHandler):
     server: SurveyServer
     server_version, sys_version = "pfwd", ""
+    default_request_version = "HTTP/1.0"  # so that malformed requests get a status line
     timeout = 20
 
     def do_GET(self) -> None:
         """Answer the request for a page or for data."""
-        try:
-            where = urlsplit(self.path)
-        except ValueError:
-            self._answer(HTTPStatus.BAD_REQUEST, "Invalid address.", "text/plain")
+        place = self._place()
+        if place is None:
             return
+        where, point, rest = place
         if not self._is_same_origin():
             self._answer(HTTPStatus.FORBIDDEN, f"Open {self.server.url}", "text/plain")
             return
@@ -337,11 +376,21 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_header("Content-Length", "0")
             self.end_headers()
             return
-        self._send_page(where.path)
+        self._send_page(where.path, point, rest)
 
-    def _send_page(self, path: str) -> None:
+    def _place(self) -> tuple[SplitResult, str, str] | None:
+        """Return the requested address, with point and rest of its path; None: it is invalid, and
+        that was answered.
+        """
+        try:
+            where = urlsplit(self.path)
+            return where, *parse_point_address(where.path)
+        except ValueError:
+            self._answer(HTTPStatus.BAD_REQUEST, "Invalid address.", "text/plain")
+            return None
+
+    def _send_page(self, path: str, point: str, rest: str) -> None:
         server = self.server
-        point, rest = parse_point_address(path)
         try:
             rows = server.rows()
             row = next((row for row in rows if row.name == point), None)
@@ -375,8 +424,20 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         """Store uploaded photos of a point."""
-        point, rest = parse_point_address(urlsplit(self.path).path)
-        size = self.headers.get("Content-Length", "")
+        self._receive_photos()
+        with contextlib.suppress(OSError):
+            self.connection.shutdown(socket.SHUT_WR)
+            self.connection.settimeout(_CLOSE_S)
+            end = time.monotonic() + _CLOSE_S
+            while time.monotonic() < end and self.rfile.read1(65536):
+                pass
+
+    def _receive_photos(self) -> None:
+        place = self._place()
+        if place is None:
+            return
+        _, point, rest = place
+        size = self.headers.get("Content-Length")
         # Every browser sends the origin of a form.
         if not self._is_same_origin() or self.headers.get("Origin") is None:
             self._answer(HTTPStatus.FORBIDDEN, f"Open {self.server.url}", "text/plain")
@@ -384,13 +445,21 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(HTTPStatus.FORBIDDEN, FORM, "text/html")
         elif self.server.photos is None or rest != "photos":
             self._answer(HTTPStatus.NOT_FOUND, "Not found.", "text/plain")
-        elif not (size.isascii() and size.isdigit()):
+        elif size is None:
             self._answer(HTTPStatus.LENGTH_REQUIRED, "Content-Length is missing.", "text/plain")
-        elif int(size) > MAX_UPLOAD_BYTES:
+        elif not re.fullmatch("[0-9]+", size):
+            self._answer(HTTPStatus.BAD_REQUEST, "Content-Length is no number.", "text/plain")
+        elif len(size) > 18 or int(size) > MAX_UPLOAD_BYTES:
             text = f"Send at most {MAX_UPLOAD_BYTES / 1e6:.0f} MB at once."
             self._answer(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, text, "text/plain")
+        elif not self.server.uploading.acquire(timeout=UPLOAD_WAIT_S):
+            text = "Another upload is running. Go back and send the pictures again."
+            self._answer(HTTPStatus.SERVICE_UNAVAILABLE, text, "text/plain")
         else:
-            self._store_photos(point, int(size))
+            try:
+                self._store_photos(point, int(size))
+            finally:
+                self.server.uploading.release()
 
     def _store_photos(self, point: str, size: int) -> None:
         server = self.server
@@ -398,11 +467,13 @@ class _Handler(BaseHTTPRequestHandler):
             if point not in (row.name for row in server.rows()):
                 self._answer(HTTPStatus.NOT_FOUND, "Not found.", "text/plain")
                 return
-            pictures = _uploaded_files(self.headers.get("Content-Type", ""), self.rfile.read(size))
-            keep = server.photos == "keep"
-            for picture in pictures:
-                file = store_photo(server.folder, point, picture, keep_position=keep)
-                server.report(f"picture of {point}: {file.name}")
+            kind, keep = self.headers.get("Content-Type", ""), server.photos == "keep"
+            with tempfile.TemporaryFile() as file:
+                sizes = _store_parts(kind, self._body(size), file)
+                file.seek(0)
+                for picture in map(file.read, sizes):
+                    stored = store_photo(server.folder, point, picture, keep_position=keep)
+                    server.report(f"picture of {point}: {stored.name}")
         except (OptionError, SurveyError) as err:
             self._answer(HTTPStatus.BAD_REQUEST, str(err), "text/plain")
             return
@@ -410,6 +481,17 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Location", point_address(point))
         self.send_header("Content-Length", "0")
         self.end_headers()
+
+    def _body(self, size: int) -> Iterator[bytes]:
+        end = time.monotonic() + MAX_UPLOAD_S
+        while size > 0 and (part := self.rfile.read1(min(size, 1 << 16))):
+            size -= len(part)
+            yield part
+            if time.monotonic() > end:
+                expected = f"an upload of at most {MAX_UPLOAD_S / 60:.0f} minutes"
+                raise OptionError(refusal("upload", expected, "a longer one"))
+        if size > 0:
+            raise OptionError(refusal("upload", "a complete form", f"{size} bytes less"))
 
     def do_HEAD(self) -> None:
         """Answer the request for the header of a page."""

@@ -91,7 +91,9 @@ def test_a_malformed_request_prints_nothing(
     request_line: bytes, server: SurveyServer, lines: list[str], capfd: pytest.CaptureFixture[str]
 ) -> None:
     answer = sent(server, request_line + b"\r\nHost: localhost\r\n\r\n")
-    assert answer.startswith((b"HTTP/1.0 400 ", b"HTTP/1.0 403 ") if request_line else b"")
+    # 404: Python shortens "//" at the begin of a path; 403: a request of HTTP/0.9 has no host.
+    expected = (b"HTTP/1.0 400 ", b"HTTP/1.0 403 ", b"HTTP/1.0 404 ")
+    assert answer.startswith(expected) if request_line else answer == b""
     assert status_of(server) == 200, "it goes on"
     assert capfd.readouterr() == ("", "")
     assert lines == []
