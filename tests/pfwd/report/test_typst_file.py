@@ -10,11 +10,23 @@ from pathlib import Path
 import pypdf
 import pytest
 
+from pfwd.analysis.results import DropResult
 from pfwd.errors import OptionError
-from pfwd.report.blocks import Block, Heading, Mark, Pairs, Paragraph, Picture, Table, Together
+from pfwd.report.blocks import (
+    Block,
+    Code,
+    Heading,
+    Mark,
+    Pairs,
+    Paragraph,
+    Picture,
+    Table,
+    Together,
+)
 from pfwd.report.fonts import Letters, chinese_family
 from pfwd.report.formatting import symbol_title
 from pfwd.report.pictures_as_svg import svg_of
+from pfwd.report.provenance_blocks import result_values
 from pfwd.report.report import ReportOptions, write_report
 from pfwd.report.texts import load_texts
 from pfwd.report.typst_file import render_pdf
@@ -129,6 +141,15 @@ def test_a_template_that_cannot_be_rendered_is_refused(survey: Path, tmp_path: P
     assert not target.exists()
     with pytest.raises(OptionError, match="no such file"):
         write_report(survey, target, ReportOptions(template=str(tmp_path / "none.typ")))
+
+
+def test_hundreds_of_points_have_their_values_in_the_pdf() -> None:
+    """The values of a drop hold several words that may break anywhere."""
+    result = DropResult(modulus_pa=45e6, contact_residual_rms_over_peak=0.5)
+    names = [f"km-12+400-lane-left-point-{number}" for number in range(413)]
+    code = Code("\n".join(f"{name}, 4: {result_values(result)}" for name in names))
+    pages = pypdf.PdfReader(io.BytesIO(render(code))).pages
+    assert f"{names[-1]}, 4: modulus" in pages[-1].extract_text().replace("\n", "")
 
 
 def test_the_title_of_a_symbol_stays_on_one_line() -> None:
