@@ -347,7 +347,8 @@ def _store_parts(content_type: str, body: Iterable[bytes], file: IO[bytes]) -> l
 class _Handler(BaseHTTPRequestHandler):
     server: SurveyServer
     server_version, sys_version = "pfwd", ""
-    default_request_version = "HTTP/1.0"  # so that malformed requests get a status line
+    # For a request without a version Python's default is HTTP/0.9, whose responses have no status.
+    default_request_version = "none"
     timeout = 20
 
     def do_GET(self) -> None:
@@ -379,14 +380,16 @@ class _Handler(BaseHTTPRequestHandler):
         self._send_page(where.path, point, rest)
 
     def _place(self) -> tuple[SplitResult, str, str] | None:
-        """Return the requested address, with point and rest of its path; None: it is invalid, and
-        that was answered.
+        """Return the requested address, with point and rest of its path; None: the request is
+        malformed, and that was answered.
         """
         try:
+            if self.request_version == self.default_request_version:
+                raise ValueError("a request without a version")
             where = urlsplit(self.path)
             return where, *parse_point_address(where.path)
         except ValueError:
-            self._answer(HTTPStatus.BAD_REQUEST, "Invalid address.", "text/plain")
+            self._answer(HTTPStatus.BAD_REQUEST, "Malformed request.", "text/plain")
             return None
 
     def _send_page(self, path: str, point: str, rest: str) -> None:
