@@ -1,27 +1,45 @@
 """Drops that the instrument itself detects and buffers: settings, conversion, reports of lost ones.
 
-Other instruments stream all samples, and this program detects the drops.
+Other instruments stream all samples, and this program detects the drops. Of an instrument that does
+both, `StreamedDrops` are recorded only if the instrument has not buffered them.
 """
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from pfwd.session.drop_metadata import load_of
 from pfwd.session.events import DropsWaiting, Notice, Repeats
 from pfwd.session.survey_recorder import SurveyRecorder
-from pfwd_device.acquisition.detection import AtRest, DetectionSettings, RawDrop
+from pfwd_device.acquisition.detection import AtRest, DetectionSettings, PulseReport, RawDrop
 from pfwd_device.acquisition.items import BufferedDrop
 from pfwd_device.calibration import counts_per_unit, load_channel
 from pfwd_device.identity import Identity
-from pfwd_device.wire.messages import Status, Trigger
+from pfwd_device.recording.record import DropRecord, Rebound
+from pfwd_device.wire.messages import DropOffer, Status, Trigger
 
 LOST_EVENT = "drops lost"
 """Event of a survey: drops that the instrument lost."""
 _MIN_SAMPLES_AT_REST = 8
 """Smallest number of samples before the trigger from which the load at rest is estimated."""
+_SETTING_TEXTS = {
+    "channel": "channel",
+    "threshold": "threshold",
+    "confirm": "time above the threshold",
+    "before": "record before the trigger",
+    "after": "record after the trigger",
+    "hold_off": "time for bounces",
+}
+OFFER_WAIT_S = 5.0
+"""Time for which a drop in the stream waits for the instrument's own record, s of samples: an
+instrument announces it at least every 0.5 s, and its transfer at 115200 baud takes 1 s."""
+NOT_BUFFERED = "recorded from the stream, because the instrument did not store the drop"
+_N_BUFFERED = 256
+"""Number of the latest buffered drops that are compared with those of the stream."""
 _MIN_PRE_TRIGGER = 1e-9
 """Shortest time before the trigger, s, in place of 0, which the settings of a detection refuse."""
 
@@ -53,6 +71,28 @@ def trigger_for(identity: Identity, settings: DetectionSettings) -> Trigger:
         after=max(1, round(settings.post_trigger * rate)),
         hold_off=round(settings.rebound_window * rate),
     )
+
+
+def trigger_differences(requested: Trigger, answer: Trigger, identity: Identity) -> list[str]:
+    """Return the settings in which the answer of an instrument differs, one phrase each."""
+    if not answer.on:
+        return ["detection: expected it on, got off"]
+    phrases = []
+    for name, text in _SETTING_TEXTS.items():
+        wanted, got = getattr(requested, name), getattr(answer, name)
+        if wanted == got:
+            continue
+        if name == "channel":
+            names = [channel.name for channel in identity.channels]
+            got_name = names[got] if got < len(names) else got
+            phrases.append(f"{text}: expected {names[wanted]}, got {got_name}")
+        elif name == "threshold":
+            newtons = (load_of(counts, identity) for counts in (wanted, got))
+            phrases.append(f"{text}: expected {next(newtons):.0f} N, got {next(newtons):.0f} N")
+        else:
+            times = (1e3 * samples / identity.sampling_rate for samples in (wanted, got))
+            phrases.append(f"{text}: expected {next(times):g} ms, got {next(times):g} ms")
+    return phrases
 
 
 def raw_drop_of(item: BufferedDrop, trigger: Trigger | None, identity: Identity) -> RawDrop:
@@ -204,3 +244,61 @@ def _last_recorded(events: Iterable[Mapping[str, Any]], serial_number: str) -> i
             if details.get("serial_number") == serial_number and type(value) is int:
                 total = value
     return total
+
+
+@dataclass(eq=False, slots=True)
+class StreamedItem:
+    """Drop, or report of a pulse, in the stream of an instrument that detects drops itself."""
+
+    stream: int
+    trigger: int
+    """Index of its trigger in the stream."""
+    due: float
+    """Time from which it no longer waits, samples."""
+    content: DropRecord | PulseReport
+    received: float | None = None
+    """Time at which the last sample of a drop arrived, s, monotonic clock."""
+    rebounds: list[Rebound] = field(default_factory=list)
+
+
+class StreamedDrops:
+    """Drops and reports in the stream that wait for the instrument's own record of the drop."""
+
+    def __init__(self) -> None:
+        self._waiting: list[StreamedItem] = []
+        self._buffered: deque[tuple[int, range]] = deque(maxlen=_N_BUFFERED)
+
+    def add(self, item: StreamedItem) -> None:
+        """Let an item wait, unless the instrument's own record contains it already."""
+        if not any(
+            item.stream == stream and item.trigger in indices for stream, indices in self._buffered
+        ):
+            self._waiting.append(item)
+
+    def add_rebound(self, after: int, rebound: Rebound) -> None:
+        """Add a rebound to the drop whose trigger has the index `after`."""
+        for item in self._waiting:
+            if item.trigger == after:
+                item.rebounds.append(rebound)
+
+    def cover(self, offer: DropOffer) -> None:
+        """Discard the items that a record of the instrument contains."""
+        indices = range(offer.first_sample, offer.first_sample + offer.samples)
+        self._buffered.append((offer.stream, indices))
+        self._waiting = [
+            item
+            for item in self._waiting
+            if item.stream != offer.stream or item.trigger not in indices
+        ]
+
+    def take_due(self, sampled: float) -> list[StreamedItem]:
+        """Return and remove the items that have waited long enough.
+
+        Parameters
+        ----------
+        sampled : float
+            Number of samples since the session began.
+        """
+        due = [item for item in self._waiting if item.due <= sampled]
+        self._waiting = [item for item in self._waiting if item.due > sampled]
+        return due

@@ -24,10 +24,16 @@ from pfwd.judging.earlier_rules import changed_verdicts
 from pfwd.judging.stations import similar_name
 from pfwd.procedures.judging import RULES_EVENT, RULES_VERSION
 from pfwd.session.buffered_drops import (
+    NOT_BUFFERED,
+    OFFER_WAIT_S,
+    StreamedDrops,
+    StreamedItem,
     UnrecordedDrops,
     marks_of_buffered,
     raw_drop_of,
     settings_of,
+    trigger_differences,
+    trigger_for,
 )
 from pfwd.session.calibration_change import (
     calibration_changes,
@@ -194,6 +200,7 @@ class Session:
         """Items that arrived before the operator has accepted the calibration."""
         self._armed: Trigger | None = None
         """Trigger settings of an instrument that detects drops; None: this program detects them."""
+        self._streamed = StreamedDrops()
         self._recorded: RecordedDrop | None = None
         self._redetected = True
         self._fell: tuple[datetime.datetime, float, tuple[str, int]] | None = None
@@ -393,6 +400,7 @@ class Session:
 
     def _save_the_rest(self, hurry: Callable[[], bool]) -> None:
         self._finish_drop("the session was ended")
+        self._record_streamed(math.inf)
         if self._recorder is not None:
             self._recorder.finish(hurry)
         self._pipeline.end_of_rebounds()
@@ -722,6 +730,7 @@ class Session:
             self._stream = item.stream
         self._last_samples = item
         self._sampled += len(item.counts)  # counted here: numbers of the instrument may be wrong
+        self._record_streamed(self._sampled)
         self._watch_shunt(item)
         self._on_detected(self._detector.feed(item))
         self._report(LiveSamples(item, self._identity, self._detector.drop_load))
@@ -755,6 +764,17 @@ class Session:
     def _on_armed(self, item: Armed) -> None:
         self._armed = item.trigger if item.trigger.on else None
         streams = self._identity is not None and self._identity.streams
+        if self._feed.live and self._identity is not None and self._detector is not None:
+            requested = trigger_for(self._identity, self._detector.settings)
+            differences = trigger_differences(requested, item.trigger, self._identity)
+            if differences:
+                rest = "it may miss drops. Check its firmware: pfwd conform"
+                if streams:
+                    rest = "drops that it does not store are recorded from its samples"
+                text = (
+                    f"the instrument does not detect drops as requested: {'; '.join(differences)}"
+                )
+                self._report(Notice(f"{text}; {rest}", serious=True, kind="trigger settings"))
         if self._armed is not None and not streams and not self._was_ready:
             self._was_ready = True
             self._report(Ready())
@@ -768,6 +788,7 @@ class Session:
         except SetupError as err:
             self._on_unusable(UnusableDrop(item.offer, str(err)))
             return
+        self._streamed.cover(item.offer)
         self._pipeline.end_of_rebounds()
         self._pipeline.take(
             record, item.received, release=lambda: self._feed.acknowledge(item.offer)
@@ -842,7 +863,8 @@ class Session:
     def _on_detected(self, detected: list[DetectedItem]) -> None:
         for item in detected:
             if self._armed is not None and not (isinstance(item, RawDrop) and item.by_operator):
-                continue  # the instrument detects this drop and sends it
+                self._on_streamed(item)
+                continue
             match item:
                 case RawDrop():
                     self._on_drop(item)
@@ -854,6 +876,31 @@ class Session:
                     self._pipeline.end_of_rebounds()
                 case PulseReport():
                     self._report_pulse(item)
+
+    def _on_streamed(self, item: DetectedItem) -> None:
+        """Let a drop or report wait, because the instrument may have detected the drop itself."""
+        assert self._identity is not None
+        due = self._sampled + OFFER_WAIT_S * self._identity.sampling_rate
+        match item:
+            case RawDrop():
+                self._on_drop(item, due)
+            case RawRebound():
+                self._streamed.add_rebound(item.after, rebound_of(item, self._identity))
+            case PulseReport():
+                self._streamed.add(StreamedItem(item.stream, item.trigger, due, item))
+
+    def _record_streamed(self, sampled: float) -> None:
+        """Record the drops in the stream that the instrument has not sent; see `StreamedDrops`."""
+        for item in self._streamed.take_due(sampled):
+            if isinstance(item.content, PulseReport):
+                self._report_pulse(item.content)
+                continue
+            self._pipeline.end_of_rebounds()
+            record = renumbered(item.content, self._pipeline.number_for(item.content.point))
+            self._pipeline.take(record, item.received)
+            for rebound in item.rebounds:
+                self._pipeline.take_rebound(rebound, recorded=False)
+            self._pipeline.end_of_rebounds()
 
     def _report_pulse(self, pulse: PulseReport) -> None:
         """Report a pulse that may be a missed drop, and record it as an event of the survey."""
@@ -877,7 +924,8 @@ class Session:
         )
         self._report(Notice(text, serious=True, kind="pulses"))
 
-    def _on_drop(self, raw: RawDrop) -> None:
+    def _on_drop(self, raw: RawDrop, due: float | None = None) -> None:
+        """Record a drop; with `due` it waits until then for the instrument's own record."""
         assert self._identity is not None
         assert self._detector is not None
         self._pipeline.end_of_rebounds()
@@ -903,7 +951,12 @@ class Session:
             return
         live = self._feed.live and self._last_samples is not None
         received = self._last_samples.received if live and self._last_samples else None
-        self._pipeline.take(record, received, source)
+        if due is None:
+            self._pipeline.take(record, received, source)
+            return
+        metadata["marks"].append(NOT_BUFFERED)
+        trigger = raw.first + raw.trigger
+        self._streamed.add(StreamedItem(raw.stream, trigger, due, record, received))
 
     def _state(self) -> dict[str, Any]:
         """Return the state of instrument, link and receiver to record with a drop."""
