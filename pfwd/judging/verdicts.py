@@ -221,6 +221,7 @@ def _judge(point: PointView) -> PointProgress:
         moisture=None if setup is None else setup.moisture,
         material=None if setup is None or setup.material is None else str(setup.material),
         diagnosed=_diagnosed(point),
+        centre_sensor=None if setup is None else setup.centre_sensor,
         earlier_violations=faults,
     )
     if progress.target is not None and progress.target == target:

@@ -90,6 +90,7 @@ def judge(
     moisture: float | None = None,
     material: str | None = None,
     diagnosed: DiagnosedModulus | None = None,
+    centre_sensor: str | None = None,
     earlier_violations: Sequence[str] = (),
 ) -> PointProgress:
     """Judge the drops of a point by a procedure.
@@ -111,6 +112,8 @@ def judge(
         Selects one of the procedure's targets.
     diagnosed : DiagnosedModulus, optional
         Replaces the fitted modulus where the diagnosis permits its use.
+    centre_sensor : str, optional
+        Place of the centre sensor, "plate" or "ground"; None: it is not compared.
     earlier_violations : sequence of str
         Violated preconditions that the caller detected, one sentence each.
 
@@ -130,7 +133,8 @@ def judge(
     notes = _notes(procedure)
     sorted_drops = sort_drops(procedure, drops, notes)
     used = sorted_drops.used
-    violated = [*earlier_violations, *violated_preconditions(procedure, used, plate_radius)]
+    preconditions = violated_preconditions(procedure, used, plate_radius, centre_sensor)
+    violated = [*earlier_violations, *preconditions]
     record_fault = unsupported_records(used)
     modulus, other_modulus = moduli_of(procedure, used, diagnosed)
     if modulus is not None and record_fault is not None:

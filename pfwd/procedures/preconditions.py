@@ -1,4 +1,4 @@
-"""Preconditions of a procedure on plate and load, and their violations at a point.
+"""Preconditions of a procedure on plate, sensor and load, and their violations at a point.
 
 A formula with a nominal load, as that of E_vd, is wrong in proportion when another weight or height
 of fall was used. Limits that were determined with one plate do not hold for another. A point that
@@ -75,9 +75,12 @@ def presumed_load(
 
 
 def violated_preconditions(
-    procedure: Procedure, used: Sequence[PointDrop], plate_radius: float
+    procedure: Procedure,
+    used: Sequence[PointDrop],
+    plate_radius: float,
+    centre_sensor: str | None = None,
 ) -> list[str]:
-    """Return one sentence for each precondition on plate and load that a point violates.
+    """Return one sentence for each precondition on plate, sensor and load that a point violates.
 
     Parameters
     ----------
@@ -86,11 +89,24 @@ def violated_preconditions(
         The drops that are averaged.
     plate_radius : float, m
         Radius of the plate in use; 0: there was no plate.
+    centre_sensor : str, optional
+        Place of the centre sensor, "plate" or "ground"; None: it is not compared.
     """
+    needed = procedure.centre_sensor
+    is_misplaced = None not in (needed, centre_sensor) and needed != centre_sensor
     return [
         *_plate_violation(procedure, plate_radius),
+        *([_MISPLACED[needed]] if needed is not None and is_misplaced else ()),
         *_load_violation(procedure, used, plate_radius),
     ]
+
+
+_MISPLACED = {
+    "plate": "the centre sensor is on the ground, this procedure needs it on the plate",
+    "ground": "the centre sensor is on the plate, this procedure needs it on the ground; if it is "
+    "there, declare centre_sensor",
+}
+"""Violations by the place that a procedure presumes."""
 
 
 def _plate_violation(procedure: Procedure, plate_radius: float) -> list[str]:

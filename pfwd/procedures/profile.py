@@ -155,6 +155,8 @@ class Procedure:
     """Poisson's ratio in the formula; None: the declared value of the point is used."""
     plate_radius: Number | None = None
     """Plate radius that the procedure presumes, m."""
+    centre_sensor: str | None = None
+    """Place of the centre sensor that the procedure presumes, "plate" or "ground"; None: any."""
     checks: Mapping[str, Number] = field(default_factory=dict)
     """Limits by their keys in `CHECKS`."""
     targets: tuple[Target, ...] = ()

@@ -73,6 +73,9 @@ PROFILE_KEYS = {
     "average": Key(
         Choice(("deflection", "modulus")), meaning="Average over the measured drops of a point."
     ),
+    "centre_sensor": Key(
+        Choice(("plate", "ground")), meaning="Place of the centre sensor that is presumed."
+    ),
     "drops": Key(
         Table(
             {
@@ -165,6 +168,7 @@ def parse_procedure(
         nominal_load=formula.get("nominal_load_n"),
         poisson_ratio=formula.get("poisson_ratio"),
         plate_radius=formula.get("plate_radius_m"),
+        centre_sensor=values.get("centre_sensor"),
         checks=checks,
         targets=tuple(
             _target(target, quantity, f"{where}, targets[{number}]")

@@ -334,6 +334,14 @@ def test_every_other_warning_leaves_the_verdict() -> None:
     assert doubts == {*WARNED, "not-converged", "parameter-on-bound"}
 
 
+def test_the_declared_place_of_the_sensor_is_that_of_the_verdict() -> None:
+    job = Job(procedure=find_procedure("astm-e2583"), target=1e-3)
+    on_plate = PointView("1", drops(), job=job).progress
+    assert on_plate.verdict_reason_code is ReasonCode.PRECONDITION
+    on_ground = drops(dataclasses.replace(SETUP, centre_sensor="ground"))
+    assert PointView("1", on_ground, job=job).progress.verdict is Verdict.PASS
+
+
 def test_a_diagnosis_changes_no_deflection() -> None:
     job = Job(procedure=find_procedure("mndot"))
     plain = judge_point(job, PointView("1", drops()))

@@ -65,6 +65,36 @@ def test_a_wrong_drop_height_gets_no_verdict() -> None:
     assert "wrong drop height: 9.65 kN" in high.verdict_reason
 
 
+@pytest.mark.parametrize(
+    ("name", "target", "needed", "other"),
+    [
+        ("tp-bf-stb-b8.3", 45e6, "plate", "ground"),
+        ("astm-e2583", 1e-3, "ground", "plate"),
+        ("astm-e2835", 1e-3, "plate", "ground"),
+    ],
+)
+def test_a_sensor_at_the_wrong_place_gets_no_verdict(
+    name: str, target: float, needed: str, other: str
+) -> None:
+    drops = point(7070.0, 22.5e-6 / 56.6e-3, count=6 if name.startswith("tp") else 3)
+    verdicts = {
+        place: judge(
+            find_procedure(name),
+            drops,
+            plate_radius=RADIUS,
+            target=target,
+            centre_sensor=place,
+        )
+        for place in (needed, other, None)
+    }
+    assert verdicts[needed].verdict is verdicts[None].verdict is Verdict.PASS
+    assert verdicts[other].verdict is Verdict.UNDECIDED
+    assert verdicts[other].verdict_reason_code is ReasonCode.PRECONDITION
+    assert verdicts[other].verdict_reason.startswith(
+        f"the centre sensor is on the {other}, this procedure needs it on the {needed}"
+    )
+
+
 def test_the_same_soil_with_the_presumed_load_is_decided() -> None:
     assert german(7070.0, 22.5e-6 / 56.6e-3).verdict is Verdict.PASS
     assert german(7070.0, 22.5e-6 / 32e-3).verdict is Verdict.FAIL

@@ -414,12 +414,12 @@ def test_wrong_usage_is_told(
 def test_a_deflection_has_a_target_of_its_own(survey: Path) -> None:
     edit_survey(survey, [Edit("target", 45e6)], point="A")
     edit_survey(survey, [Edit("discard", None)], point="B")
-    asked = ReportOptions(procedure="astm-e2583", target=6e-4)
+    asked = ReportOptions(procedure="astm-e2835", target=6e-4)
     point = gather(survey, asked).points[0]
     assert point.progress.target == 6e-4
     assert point.progress.verdict is Verdict.PASS
     assert "--target 0.6" in gather(survey, asked).command
-    plain = gather(survey, ReportOptions(procedure="astm-e2583", target=45e6)).points[0]
+    plain = gather(survey, ReportOptions(procedure="astm-e2835", target=45e6)).points[0]
     assert plain.progress.verdict is Verdict.NONE
 
 
