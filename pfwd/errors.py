@@ -4,11 +4,12 @@ try.
 `refusal` composes such a message, `quote` cuts a value from a file to a short text on one line.
 """
 
-from pfwd_device.errors import DeviceError, RecordingError, quote, refusal
+from pfwd_device.errors import DeviceError, PortError, RecordingError, quote, refusal
 
 __all__ = [
     "DeviceError",
     "OptionError",
+    "PortError",
     "RecordingError",
     "SurveyError",
     "TraceError",

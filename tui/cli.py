@@ -13,13 +13,13 @@ import warnings
 from collections.abc import Sequence
 
 import pfwd_plugins
-from pfwd.errors import DeviceError, OptionError, SurveyError
+from pfwd.errors import DeviceError, OptionError, PortError, SurveyError
 from pfwd.processes import children_shielded
 from tui.interrupts import ignore_signals, stopped_by_signals
 from tui.output import SPELLING, say
 from tui.parser import FIRST_STEPS, build_parser, command_module
 
-SUCCESS, REFUSED, USAGE = 0, 1, 2
+SUCCESS, REFUSED, USAGE, LOST = 0, 1, 2, 3
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -33,7 +33,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 done, also after SIGINT or SIGTERM; 1 data refused; 2 wrong usage; 3 device lost.
+        0 done, also after SIGINT or SIGTERM; 1 data refused; 2 wrong usage; 3 device lost, or its
+        port cannot be opened.
     """
     # A character that the console cannot show is replaced; otherwise printing it would raise.
     for stream in (sys.stdout, sys.stderr):
@@ -67,6 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         say(_explain(err, command))
         status = USAGE if isinstance(err, OptionError) else REFUSED
+        status = LOST if isinstance(err, PortError) else status
     for remark in pfwd_plugins.remarks():
         say(remark)
     # Registered last and therefore called first: an interrupt while Python ends would change the

@@ -9,6 +9,7 @@ A script measures with::
 
 import contextlib
 import os
+import shutil
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -108,10 +109,21 @@ def _open_survey(
     with contextlib.ExitStack() as ends:
         if not is_survey(folder):
             refuse_inside_survey(folder, "--output")
+        is_new = not os.path.exists(folder)
         writer = SurveyWriter.open(folder, spare=spare_folder(spare))
+        if is_new:
+            ends.callback(_remove_if_unused, writer)  # called last
         ends.callback(report_file_changes, writer, listener)
         ends.enter_context(writer)
         yield writer
+
+
+def _remove_if_unused(writer: SurveyWriter) -> None:
+    """Remove a new survey for which no instrument was connected and nothing was stored."""
+    if writer.points or any(Path(writer.folder, "captures").glob("*")):
+        return
+    if all(event.get("event") == "lost" for event in read_survey(writer.folder).events):
+        shutil.rmtree(writer.folder, ignore_errors=True)
 
 
 def _report_recovery(writer: SurveyWriter, listener: Listener) -> None:

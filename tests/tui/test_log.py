@@ -2,6 +2,7 @@
 
 import logging as logging_of_python
 import signal
+import socket
 import subprocess
 import sys
 import textwrap
@@ -154,7 +155,8 @@ def test_without_a_plate_radius_nothing_is_armed(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "status", "message"),
     [
-        (("log", "nowhere", "-o", "{}/s"), 1, "nowhere"),
+        (("log", "nowhere", "-o", "{}/s"), 3, "nowhere"),
+        (("live", "nowhere", "-o", "{}/s", "--json"), 3, "nowhere"),
         (("log", "nowhere", "-o", "{}/s", "--setup", "{}/none.toml"), 1, "none.toml"),
         (("log", "nowhere", "-o", "{}/file"), 1, "file"),
         (("log", "nowhere", "-o", "{}/s", "--point", " "), 2, "--point"),
@@ -204,10 +206,25 @@ def test_a_port_that_is_not_there_leaves_nothing_behind(
 
     port = str(tmp_path / "ttyUSB9")
     options = ("--json",) if command == "live" else more
-    assert main([command, port, "-o", str(tmp_path / "s"), *options]) == 1
+    assert main([command, port, "-o", str(tmp_path / "s"), *options]) == 3
     (line,) = capsys.readouterr().err.splitlines()
     assert f"{port}: not found." in line
     assert line.endswith("Check the cable or choose another port")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_port_that_another_program_uses_is_said_and_leaves_nothing_behind(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The server accepts no second host, as of an instrument that another program reads."""
+    from tui.cli import main
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        url = f"socket://127.0.0.1:{server.getsockname()[1]}"
+        assert main(["log", url, "-o", str(tmp_path / "s"), "--give-up", "0.3"]) == 3
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"{url}: no instrument for 0.3 s (--give-up)" in line
+    assert "End other programs that use the port" in line
     assert list(tmp_path.iterdir()) == []
 
 

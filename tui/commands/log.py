@@ -82,7 +82,7 @@ def run(args: argparse.Namespace, default_procedure: "Procedure | None" = None) 
     """
     from pfwd.session.measure import measure, stopped_by_signals
     from pfwd.session.position import PositionReceiver
-    from pfwd.session.session import SessionPlan
+    from pfwd.session.session import Ending, SessionPlan
     from tui.log_file import close_log, open_log
     from tui.measuring_options import job_request, measuring_options, measuring_setup, try_output
     from tui.session_lines import STATUS_OF_ENDING, SessionLines
@@ -119,4 +119,9 @@ def run(args: argparse.Namespace, default_procedure: "Procedure | None" = None) 
         lines.finish()
     finally:
         close_log(handler)
+    if ending is Ending.LOST:
+        say(
+            f"log: {args.url}: no instrument for {args.give_up:g} s (--give-up). End other "
+            "programs that use the port, and check that the instrument is connected and on"
+        )
     return STATUS_OF_ENDING[ending]
