@@ -10,6 +10,7 @@ from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.results import DropAnalysis, DropResult
 from pfwd.export.json_text import json_text
 from pfwd.judging import Job, PointView
+from pfwd.judging.advice import advice_on_drop
 from pfwd.judging.job import target_text
 from pfwd.session.events import (
     CalibrationChanged,
@@ -78,6 +79,8 @@ class SessionLines:
         """Print an event, and the point that is complete with it."""
         self._event(event)
         self._complete.take(event)
+        if isinstance(event, DropSaved):
+            self._advise(event.saved)
 
     def finish(self) -> None:
         """Print the points that wait for a result; to be called at the end of the session."""
@@ -200,6 +203,13 @@ class SessionLines:
             analysis = DropAnalysis(saved.drop, saved.screening, None, setup=saved.setup)
             self._line(saved, drop_result(saved.file, analysis))
             self._forget(saved)
+
+    def _advise(self, saved: SavedDrop) -> None:
+        """Print the advice on a drop that needs no fit: wrong drop height, saturated channel."""
+        view = self._complete.view
+        others = [drop for drop in view.points[saved.point].drops if drop.number != saved.number]
+        for advice in advice_on_drop(view.job, saved.view, others):
+            self._say(f"at drop {saved.point}/{saved.number}: {advice.text}", logging.WARNING)
 
     def _not_published(self, event: DropNotPublished) -> None:
         self._say(event.text, logging.WARNING)

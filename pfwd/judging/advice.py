@@ -94,7 +94,6 @@ def advice_on_drop(
     survey_residuals: Sequence[float] = (),
     sensor_residuals: Mapping[int, float] | None = None,
     excluded_sensors: Sequence[int] = (),
-    saturated: bool = False,
 ) -> list[Advice]:
     """Return the advice about one drop.
 
@@ -113,8 +112,6 @@ def advice_on_drop(
         Residual of every sensor during the contact, over its own peak, by its number from 1.
     excluded_sensors : sequence of int
         Numbers of the faulty sensors, from 1.
-    saturated : bool
-        True if a channel reached the end of its converter's range.
     """
     number, facts = drop.facts.number, drop.facts
     if facts.kind is Kind.REJECTED:
@@ -131,7 +128,7 @@ def advice_on_drop(
     if loose is not None:
         text = f"re-seat sensor {loose}: it does not move as the other sensors and the ground"
         advice.append(Advice(Advised.SENSOR, text, number))
-    if saturated:
+    if drop.saturation is not None:
         advice.append(Advice(Advised.RANGE, _OF_EFFECT["saturation"], number))
     advice += _load(job, drop, [neighbour.facts for neighbour in neighbours])
     if contact_residual is not None and _is_uneven(contact_residual, survey_residuals):

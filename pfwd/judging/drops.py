@@ -22,6 +22,12 @@ from pfwd_device import Drop
 from pfwd_device.drop import Peaks
 from pfwd_device.recording.survey_content import SurveyDrop
 
+RATE_DEVIATION = "rate_deviation"
+"""Key of a drop's metadata, and kind of a drop's edit: true over declared sampling rate minus 1."""
+
+SATURATED = "saturated"
+"""Beginning of the mark of a drop in which a channel reached the end of the converter's range."""
+
 
 @dataclass(frozen=True, eq=False)
 class DropView:
@@ -86,6 +92,11 @@ class DropView:
         return tuple(map(str, self.metadata.get("marks") or ()))
 
     @property
+    def saturation(self) -> str | None:
+        """Mark of a saturated channel; None: no channel reached the end of its range."""
+        return next((mark for mark in self.marks if mark.startswith(SATURATED)), None)
+
+    @property
     def warnings(self) -> tuple[Notice, ...]:
         """Warnings of the screening and of the result, without repetitions."""
         screened = () if self.screening is None else self.screening.warnings
@@ -109,6 +120,11 @@ class DropView:
         if self.moved_to is not None:
             return PointDrop(self.number, Kind.REJECTED, reason=self.moved_to)
         facts = with_modulus(self.own, self.result, self.setup, self.warnings)
+        facts = dataclasses.replace(facts, peak_fault=self.saturation)
+        deviation = self.metadata.get(RATE_DEVIATION)
+        if isinstance(deviation, float):
+            fault = f"the sampling rate was {100 * abs(deviation):.1f} % off the declared one"
+            facts = dataclasses.replace(facts, record_fault=fault, fit_fault=fault)
         if self.discarded is None or facts.kind is Kind.REJECTED:
             return facts
         reason = self.discarded or None

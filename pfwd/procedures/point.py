@@ -57,6 +57,8 @@ class PointDrop:
     """Reason why the data do not support the modulus, other than a large residual."""
     record_fault: str | None = None
     """Reason why the record supports no value at all, not even its peaks."""
+    peak_fault: str | None = None
+    """Reason why its peaks were not recorded: it loaded the ground, but is not averaged."""
     offset_over_peak: float | None = None
     """Absolute deflection just before the drop, over the peak deflection."""
     return_over_peak: float | None = None

@@ -126,14 +126,14 @@ def sort_drops(procedure: Procedure, drops: Sequence[PointDrop], notes: list[str
 def _drop_fault(
     procedure: Procedure, drop: PointDrop, unenforced: dict[str, list[int]]
 ) -> str | None:
-    """Return the first violation of an enforced check of single drops as a text.
+    """Return the reason why a drop is not averaged, as a text; None: there is none.
 
-    The result is None if no enforced check is violated.
+    It is a fault of its peaks, or the first violation of an enforced check of single drops.
 
     For a violated check that is not enforced, the drop's number is appended to
     ``unenforced[text]``.
     """
-    fault = None
+    fault = drop.peak_fault
     for key, attribute, sign in _DROP_CHECKS:
         number, value = procedure.checks.get(key), getattr(drop, attribute)
         if number is None or value is None or sign * (value - number.value) >= 0:

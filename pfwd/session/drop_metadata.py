@@ -10,6 +10,7 @@ import operator
 from collections.abc import Mapping
 from typing import Any
 
+from pfwd.judging.drops import SATURATED
 from pfwd.session.feeds import ImportedDrop, RecordedDrop
 from pfwd_device.acquisition.detection import AtRest, DetectionSettings, RawDrop, RawRebound
 from pfwd_device.calibration import counts_per_unit, load_channel
@@ -18,9 +19,6 @@ from pfwd_device.identity import Identity, identity_as_dict, identity_from_dict
 from pfwd_device.recording.drop_file import software_version
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.wire.messages import Status
-
-SATURATED = "saturated"
-"""Beginning of the mark of a drop in which a channel reached the end of the converter's range."""
 
 
 def metadata_of(

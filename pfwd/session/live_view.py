@@ -190,13 +190,14 @@ class CompletePoints:
     def __init__(self, report: Callable[[PointView], None], *, analysed: bool) -> None:
         self._report = report
         self._analysed = analysed
-        self._view = SurveyView()
+        self.view = SurveyView()
+        """Content of the survey after the events so far."""
         self._reported: dict[str, PointProgress] = {}
         self._waiting: dict[str, set[int]] = {}
 
     def take(self, event: SessionEvent) -> None:
         """Apply an event of the session."""
-        self._view, name = apply_event(self._view, event)
+        self.view, name = apply_event(self.view, event)
         if isinstance(event, DropAnalysed) and event.final:
             self._waiting.get(event.saved.point, set()).discard(event.saved.number)
         if isinstance(event, DropSaved) and self._analysed:
@@ -212,11 +213,11 @@ class CompletePoints:
     def rest(self) -> None:
         """Report the remaining points at the end of the session, without waiting for results."""
         self._waiting.clear()
-        for name in self._view.points:
+        for name in self.view.points:
             self._report_if_changed(name, last=True)
 
     def _report_if_changed(self, name: str, *, last: bool = False) -> None:
-        point = self._view.points[name]
+        point = self.view.points[name]
         progress, before = point.progress, self._reported.get(name)
         if self._waiting.get(name) or not (progress.complete or before):
             return

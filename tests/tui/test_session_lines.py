@@ -13,7 +13,7 @@ from pfwd.analysis.results import DropResult
 from pfwd.analysis.screening.drops import Screening
 from pfwd.files.header import PointSetup
 from pfwd.judging import Job, drop_from_traces
-from pfwd.procedures import plain_procedure
+from pfwd.procedures import find_procedure, plain_procedure
 from pfwd.session.events import (
     N_REPORTED_FIRST,
     CalibrationChanged,
@@ -271,3 +271,18 @@ def test_a_folder_of_the_log_that_goes_costs_nothing(log: Path) -> None:
     log.write_text("a file now")
     logging.getLogger("pfwd.test").info("two")
     assert log.read_text() == "a file now"
+
+
+def test_a_wrong_drop_height_and_a_saturated_channel_are_said_at_the_drop(
+    one: Callable[..., SavedDrop], capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = SessionLines(as_json=False, analysed=True)
+    lines.print_event(JobReported(Job(procedure=find_procedure("tp-bf-stb-b8.3")), ()))
+    marks = ["saturated: 16 samples of g0 at the end of the converter's range"]
+    lines.print_event(
+        DropSaved(replace(one(), view=replace(one().view, metadata={"marks": marks})))
+    )
+    error = capsys.readouterr().err
+    assert "at drop A/1: wrong drop height: " in error
+    assert "kN, the procedure needs 7.07 kN: set the drop height as calibrated" in error
+    assert "at drop A/1: a channel is at the end of its range" in error

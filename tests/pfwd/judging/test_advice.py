@@ -121,7 +121,9 @@ def test_the_sensor_that_moves_otherwise_than_the_others(
 
 
 def test_a_channel_at_the_end_of_its_range() -> None:
-    (found,) = advice_on_drop(PLAIN, measured(3), OTHERS, saturated=True)
+    marks = {"marks": ["saturated: 16 samples of g0 at the end of the converter's range"]}
+    drop = dataclasses.replace(measured(3), metadata=marks)
+    (found,) = advice_on_drop(PLAIN, drop, OTHERS)
     assert found.about is Advised.RANGE
     assert "use a lower drop height" in found.text
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from pfwd.analysis.results import DropResult, TimeHistories
 from pfwd.analysis.sensor_fits import sensor_fits
 from pfwd.judging import DropView
-from pfwd.session.drop_metadata import SATURATED
 from pfwd.session.events import DropAnalysed, DropSaved, Edited, SavedDrop
 from tui.screen.session.screen_events import DropRead, Refit
 
@@ -110,7 +109,7 @@ class DropState:
     @property
     def saturated(self) -> bool:
         """True if a channel reached the end of the converter's range."""
-        return any(mark.startswith(SATURATED) for mark in self.marks)
+        return self.view is not None and self.view.saturation is not None
 
     @property
     def awaits_modulus(self) -> bool:

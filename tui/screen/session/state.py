@@ -172,7 +172,6 @@ class SessionState:
             survey_residuals=() if residual is None else self._survey_residuals_without(drop),
             sensor_residuals=sensor_residuals(drop),
             excluded_sensors=excluded_sensor_numbers(drop),
-            saturated=drop.saturated,
         )
         progress = point.progress
         if progress.complete:
