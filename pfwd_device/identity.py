@@ -117,6 +117,8 @@ class Identity:
     """True if stored drops survive a reset."""
     streams: bool = True
     """True if it can send samples continuously."""
+    real_time: bool = True
+    """False if it is simulated faster or slower than real time."""
 
     def __post_init__(self) -> None:
         where = f"identity of {self.serial_number!r}"

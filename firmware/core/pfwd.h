@@ -51,6 +51,7 @@ typedef struct {
     int32_t shunt_counts; /* what the shunt adds to that channel; 0: there is no shunt */
     bool streams;         /* the link can carry samples as they are taken */
     uint32_t drop_samples; /* of the longest drop that is kept; 0: none is */
+    bool other_speed;     /* a simulation that runs faster or slower than real time */
 } pfwd_identity;
 
 typedef struct {

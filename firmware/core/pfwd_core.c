@@ -465,7 +465,8 @@ static void send_identity(pfwd_instrument *self)
         at = pfwd_put(at, self->ring_samples, 4);
         at = pfwd_put(at, kept, 4);
         at = pfwd_put(at, self->slot_count, 2);
-        *at++ = (uint8_t)((self->lasting ? 1u : 0u) | (what->streams ? 2u : 0u));
+        *at++ = (uint8_t)((self->lasting ? 1u : 0u) | (what->streams ? 2u : 0u) |
+                          (what->other_speed ? 4u : 0u));
     }
     send_packet(self, PFWD_IDENTITY, (uint32_t)(at - self->packet) - 3u);
 }

@@ -578,6 +578,7 @@ int main(int count, char **arguments)
     read_identity(&self, identity);
     read_play(&self, play);
     self.speed = number(option(count, arguments, "--speed", "1"), "--speed");
+    self.identity.other_speed = self.speed != 1;
     self.link_rate = number(option(count, arguments, "--link-rate", "0"), "--link-rate");
     self.position = (uint64_t)number(option(count, arguments, "--from", "0"), "--from");
     self.loop = number(option(count, arguments, "--loop", "0"), "--loop") != 0;

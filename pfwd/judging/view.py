@@ -24,7 +24,7 @@ from pfwd.errors import SurveyError
 from pfwd.files.folders import is_survey, refuse_no_survey
 from pfwd.files.header import Declaration, PointSetup, setup_from
 from pfwd.files.moving import moved_to
-from pfwd.judging.drops import DropView, drop_from_traces
+from pfwd.judging.drops import RATE_DEVIATION, DropView, drop_from_traces
 from pfwd.judging.job import Job, job_of
 from pfwd.judging.places import place_in
 from pfwd.judging.verdicts import PointView, modulus_in_force
@@ -40,7 +40,7 @@ from pfwd_device.recording.survey_content import (
 
 DAMAGED = "damaged record"
 
-_METADATA = ("position", "time_utc", "time_local", "operator", "identity", "marks")
+_METADATA = ("position", "time_utc", "time_local", "operator", "identity", "marks", RATE_DEVIATION)
 """Recorded keys of a drop that readers need; all of them would fill the memory."""
 
 NO_SETUP = PointSetup(plate_radius=0.0, test="stiffness")
@@ -205,6 +205,9 @@ def _drop_view(drop: SurveyDrop, later: Mapping[str, Any], before: DropView | No
     except RecordingError as err:
         return _damaged(drop, err, recorded | {"fault": str(err)})
     recorded |= recorded_fields(record, before)
+    for edit in drop.edits:  # of drops before the deviation was known
+        if edit["what"] == RATE_DEVIATION:
+            recorded["metadata"][RATE_DEVIATION] = edit.get("value")
     try:
         recorded["last_result"] = result_that_counts(drop)
     except (RecordingError, SurveyError) as err:

@@ -11,6 +11,7 @@ from typing import Any
 from pfwd.analysis.result_store import is_sound, rests_on
 from pfwd.files.moving import moved_to
 from pfwd.judging import DropView, PointView, SurveyView
+from pfwd.judging.drops import RATE_DEVIATION
 from pfwd.judging.places import place_in
 from pfwd.procedures import PointProgress
 from pfwd.session.events import (
@@ -170,6 +171,8 @@ def _changes(drop: DropView, event: Edited) -> dict[str, Any]:
             return {"discarded": moved or str(event.value or ""), "moved_to": moved}
         case "note":
             return {"notes": (*drop.notes, str(event.value))}
+        case _ if event.what == RATE_DEVIATION:
+            return {"metadata": {**drop.metadata, RATE_DEVIATION: event.value}}
     return {}
 
 

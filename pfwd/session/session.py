@@ -5,6 +5,7 @@ The driver of an instrument reads in a thread of its own, and drops are inverted
 """
 
 import contextlib
+import dataclasses
 import datetime
 import math
 import queue
@@ -20,6 +21,7 @@ from pfwd.errors import OptionError
 from pfwd.files.editing import Edit
 from pfwd.files.moving import MOVED_TO, move_with, point_called, restore_with
 from pfwd.judging import Job, JobRequest, SurveyView, point_views
+from pfwd.judging.drops import RATE_DEVIATION
 from pfwd.judging.earlier_rules import changed_verdicts
 from pfwd.judging.stations import similar_name
 from pfwd.procedures.judging import RULES_EVENT, RULES_VERSION
@@ -44,6 +46,7 @@ from pfwd.session.drop_pipeline import DropPipeline, renumbered
 from pfwd.session.events import (
     BatteryLow,
     CalibrationChanged,
+    DropSaved,
     Edited,
     InstrumentLost,
     InstrumentReady,
@@ -77,6 +80,7 @@ from pfwd_device.acquisition.items import (
     Connected,
     Disconnected,
     Gap,
+    RateDeviation,
     RepeatedSamples,
     Samples,
     StreamBegan,
@@ -189,6 +193,10 @@ class Session:
         self._checker: SensorChecker | None = None
         self._last_check: dict[str, Any] | None = None
         self._last_samples: Samples | None = None
+        self._rate_deviation: float | None = None
+        """True over declared sampling rate minus 1; None: no deviation is known."""
+        self._records: list[int] = []
+        """Drops since the instrument was connected, by their numbers within the survey."""
         self._status: Status | None = None
         self._unrecorded = UnrecordedDrops(self._report, self._recorder)
         self._calibrated: dict[str, Identity] = {}
@@ -541,6 +549,8 @@ class Session:
                 self._on_unusable(item)
             case Armed():
                 self._on_armed(item)
+            case RateDeviation():
+                self._on_rate_deviation(item)
             case StreamBegan():
                 self._finish_drop("the instrument restarted its sampling")
             case RepeatedSamples():
@@ -581,6 +591,8 @@ class Session:
         if not self._is_calibration_accepted(item, identity):
             return
         self._detector = detector
+        if identity != self._identity:
+            self._rate_deviation, self._records = None, []
         self._identity, self._declared = identity, declared
         self._was_ready = self._shunted = False
         self._armed = None
@@ -700,6 +712,28 @@ class Session:
             if self._feed.lost_since is None:
                 self._unrecorded.restart(self._identity)
 
+    def _on_rate_deviation(self, item: RateDeviation) -> None:
+        """Report a wrong sampling rate: the drops since the connection support no value then."""
+        if self._identity is None:
+            return
+        self._rate_deviation = deviation = item.deviation
+        if self._recorder is not None:
+            self._recorder.keep_event("sampling_rate", dataclasses.asdict(item))
+        declared = self._identity.sampling_rate
+        text = (
+            f"sampling rate: expected {declared:g} Hz as declared, got "
+            f"{declared * (1 + deviation):.5g} Hz by the clock of the {item.clock}. Moduli are "
+            f"wrong by {140 * abs(deviation):.1f} %, so drops of this instrument get no verdict. "
+            "Correct the rate in the instrument or its setup file, and measure again"
+        )
+        self._report(Notice(text, serious=True, kind="the sampling rate"))
+
+        def mark_earlier_drops(session: Session) -> None:
+            for number in tuple(session._records):
+                session.edit(Edit(RATE_DEVIATION, deviation), number=number)
+
+        self.ask(mark_earlier_drops)
+
     def _report(self, event: SessionEvent) -> None:
         """Apply an event to the view and report it to the listener.
 
@@ -712,6 +746,8 @@ class Session:
             if n_unreported:
                 text = f"{event.text} ({n_unreported} more since the last message of this kind)"
                 event = replace(event, text=text)
+        if isinstance(event, DropSaved) and event.saved.record is not None:
+            self._records.append(event.saved.record)
         self._view, _ = apply_event(self._view, event)
         self._listener(event)
 
@@ -962,6 +998,8 @@ class Session:
         """Return the state of instrument, link and receiver to record with a drop."""
         state = state_of(self._last_check, self._status, self._feed.counters())
         where = self._plan.position
+        if self._rate_deviation is not None:
+            state[RATE_DEVIATION] = self._rate_deviation
         return state | ({"position": where.record()} if where is not None else {})
 
     def _record_of(

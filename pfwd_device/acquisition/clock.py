@@ -1,4 +1,4 @@
-"""Comparison of the instrument's clock with the clock of this computer."""
+"""Comparison of two clocks: of the instrument, of its samples, of this computer."""
 
 from dataclasses import dataclass
 
@@ -116,6 +116,20 @@ class DeviceClock:
         speed = self.speed
         return None if speed is None else (speed - 1.0) * 1e6
 
+    @property
+    def steady_deviation(self) -> float | None:
+        """Relative excess of the speed over 1 that both halves of the time show; None before 15 s.
+
+        It is that of the half with the smaller one, and 0 if the signs differ: a jump of a clock
+        or a period of late arrivals distorts one half only.
+        """
+        bins = self._bins[:-1]
+        middle = len(bins) // 2
+        if middle < _MIN_BINS_FOR_SPEED or bins[-1].host - bins[0].host < _MIN_SPAN_FOR_DRIFT_S:
+            return None
+        first, second = -_slope_of(bins[:middle]), -_slope_of(bins[middle:])
+        return min(first, second, key=abs) if first * second > 0 else 0.0
+
     def _jumped(self, device: float, host: float, kind: str) -> bool:
         if device < self._latest.get(kind, device) - _MAX_REORDERING_S:
             return True
@@ -138,12 +152,7 @@ class DeviceClock:
             return None
         key = self._bins[-1].number
         if self._slope[0] != key or self._slope[1] is None:
-            host = np.array([each.host for each in self._bins[:count]])
-            delay = np.array([each.delay for each in self._bins[:count]])
-            # Pairs of bins that are close to each other are omitted: their slope is mostly jitter.
-            rows, columns = np.triu_indices(count, max(1, count // 3))
-            slopes = (delay[columns] - delay[rows]) / (host[columns] - host[rows])
-            self._slope = (key, float(np.median(slopes)))
+            self._slope = (key, _slope_of(self._bins[:count]))
         return self._slope[1]
 
     def _join_neighbours(self) -> None:
@@ -155,3 +164,12 @@ class DeviceClock:
                 best[number] = _Bin(number, each.host, each.delay)
         self._bins = [best[number] for number in sorted(best)]
         self._slope = (0, None)
+
+
+def _slope_of(bins: list[_Bin]) -> float:
+    """Return the median slope of the delay over time, s per s."""
+    host = np.array([each.host for each in bins])
+    delay = np.array([each.delay for each in bins])
+    # Pairs of bins that are close to each other are omitted: their slope is mostly jitter.
+    rows, columns = np.triu_indices(len(bins), max(1, len(bins) // 3))
+    return float(np.median((delay[columns] - delay[rows]) / (host[columns] - host[rows])))

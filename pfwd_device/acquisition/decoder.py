@@ -10,7 +10,7 @@ from collections import deque
 from pfwd_device.acquisition.assembler import Assembler
 from pfwd_device.acquisition.clock import DeviceClock
 from pfwd_device.acquisition.drop_transfers import DropTransfers
-from pfwd_device.acquisition.items import Connected, Counters, Item
+from pfwd_device.acquisition.items import Connected, Counters, Item, RateDeviation
 from pfwd_device.identity import Identity
 from pfwd_device.wire.dialect import Dialect
 from pfwd_device.wire.messages import (
@@ -30,6 +30,10 @@ from pfwd_device.wire.messages import (
 
 MAX_EARLY_BYTES = 2_000_000
 """Memory for samples that wait for the identity, bytes; the oldest are discarded first."""
+
+MAX_RATE_DEVIATION = 0.005
+"""Largest relative deviation of the true sampling rate from the declared one that is not reported.
+The modulus is wrong by 1.4 times as much; oscillators differ by less than 0.0001."""
 
 
 class Decoder:
@@ -54,6 +58,10 @@ class Decoder:
         self.url = url
         self.counters = Counters(link=dialect.counters)
         self.clock = DeviceClock()
+        self._sample_clocks: dict[str, DeviceClock] = {}
+        """Time by the number of samples and their declared rate, compared with another clock."""
+        self._compared_run: tuple[int, Identity] | None = None
+        self._rate_reported = False
         self.transfers = DropTransfers(self.counters)
         """Transfers of the drops that the instrument detects itself."""
         self.identity: Identity | None = None
@@ -260,10 +268,34 @@ class Decoder:
         if self.accepted is None or self._assembler is None:
             self._keep_early(block, received, time_utc)
             return items
-        if block.clock_us is not None and self._assembler.is_newest(block):
-            rate = self.accepted.sampling_rate
-            self._compare_clocks(block.clock_us / 1e6 + len(block.counts) / rate, received, "block")
+        if self._assembler.is_newest(block):
+            if block.clock_us is not None:
+                length = len(block.counts) / self.accepted.sampling_rate
+                self._compare_clocks(block.clock_us / 1e6 + length, received, "block")
+            items += self._compare_rate(block, received, self.accepted)
         return items + self._assembler.add(block, received, time_utc)
+
+    def _compare_rate(
+        self, block: SampleBlock, received: float, identity: Identity
+    ) -> list[RateDeviation]:
+        """Compare the true sampling rate with the declared one; report the first deviation."""
+        if (block.stream, identity) != self._compared_run:
+            self._compared_run, self._rate_reported = (block.stream, identity), False
+            self._sample_clocks = {"instrument": DeviceClock(), "computer": DeviceClock()}
+        start = block.first_sample / identity.sampling_rate
+        end = start + len(block.counts) / identity.sampling_rate
+        if block.clock_us is not None:
+            self._sample_clocks["instrument"].add(start, block.clock_us / 1e6)
+        if identity.real_time:
+            self._sample_clocks["computer"].add(end, received)
+        if self._rate_reported or int(start) == int(end):  # compared once a second
+            return []
+        for name, clock in self._sample_clocks.items():
+            deviation = clock.steady_deviation
+            if deviation is not None and abs(deviation) > MAX_RATE_DEVIATION:
+                self._rate_reported = True
+                return [RateDeviation(deviation, name)]
+        return []
 
     def _flush(self) -> list[Item]:
         return self._assembler.flush() if self._assembler is not None else []

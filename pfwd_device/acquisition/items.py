@@ -119,6 +119,16 @@ class UnusableDrop:
     """Reason, one sentence without its full stop."""
 
 
+@dataclass(frozen=True, slots=True)
+class RateDeviation:
+    """Report that the samples do not come at the declared rate."""
+
+    deviation: float
+    """True over declared sampling rate minus 1."""
+    clock: str
+    """Clock that shows it: "instrument" or "computer"."""
+
+
 Item = (
     Connected
     | Disconnected
@@ -128,6 +138,7 @@ Item = (
     | RepeatedSamples
     | BufferedDrop
     | UnusableDrop
+    | RateDeviation
     | Armed
     | Status
     | Event

@@ -38,7 +38,8 @@ from pfwd_device.recording.ledger import (
 from pfwd_device.recording.payload import Payload, payload_data
 from pfwd_device.recording.record import point_name
 
-EDITS = ("note", "target", "discard", "restore", "position", "name", "operator", "declared")
+_OF_OPERATOR = ("note", "target", "discard", "restore", "position", "name", "operator", "declared")
+EDITS = (*_OF_OPERATOR, "rate_deviation")
 """Kinds of edits of a point or drop; they change nothing that was recorded."""
 
 NUMBER_LIMIT = 10**9

@@ -7,6 +7,7 @@ sample that cannot be recognised. The binary protocol avoids this.
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,8 @@ from pfwd_device.wire.sample_clock import PlacedLines, SampleClock
 
 MAX_LINE_BYTES = 512
 """Longest line, without its line feed; a longer one is discarded as it arrives."""
+OTHER_SPEED_LINE = b"# not in real time"
+"""Line of an instrument that is simulated faster or slower than real time."""
 MAX_COLUMNS = 64
 """Largest number of values in a line."""
 N_LINES_TO_CHANGE_WIDTH = 3
@@ -183,6 +186,8 @@ class AsciiDialect:
             return  # blank lines are allowed and not counted
         if _SKIPPED.fullmatch(line):
             self.counters.frames_good += 1
+            if line.strip(_BLANKS) == OTHER_SPEED_LINE:
+                self._identity = replace(self._identity, real_time=False)
             return
         self.counters.frames_damaged += 1
         self.counters.bytes_discarded += len(line) + 1

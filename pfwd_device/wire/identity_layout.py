@@ -25,7 +25,7 @@ _CONVERTER = struct.Struct("<dBdddBB")
 _CHANNEL = struct.Struct("<BddddddII")
 _BUFFERS = struct.Struct("<IIHB")
 """Samples of the ring, samples of the longest drop, drop slots, flags; from version 2 on."""
-_LASTING, _STREAMS = 1, 2
+_LASTING, _STREAMS, _OTHER_SPEED = 1, 2, 4
 _ROLES = (Role.UNUSED, Role.LOAD, Role.GEOPHONE, Role.DISPLACEMENT)
 _SEATS = ("plate", "ground")
 
@@ -50,6 +50,7 @@ def pack_identity(identity: Identity) -> bytes:
 
 def _pack_buffers(identity: Identity) -> bytes:
     flags = _LASTING * identity.lasting + _STREAMS * identity.streams
+    flags += _OTHER_SPEED * (not identity.real_time)
     slots = identity.drop_slots
     return _BUFFERS.pack(identity.ring_samples, identity.drop_samples, slots, flags)
 
@@ -103,6 +104,7 @@ def read_identity(payload: bytes) -> Identity:
         drop_slots=slots,
         lasting=bool(flags & _LASTING),
         streams=bool(flags & _STREAMS),
+        real_time=not flags & _OTHER_SPEED,
     )
 
 

@@ -95,7 +95,7 @@ class PortlessInstrument:
         Number of drops before the end; None: no end.
     overruns : bool
         True: samples are lost if the caller does not take them in time. False: they wait without
-        limit, and the caller must stop the time.
+        limit, and the caller must stop the time; the identity states that it is not real time.
     power_on : int, >= 0
         Seed of the stream numbers, which must be different at every start of an instrument.
     """
@@ -183,6 +183,7 @@ class PortlessInstrument:
             self._greeted = True
             self.output += self._cable.garbage(self.scenario.link.garbage_at_start)
         if self._language.starts_by_itself and not self.sampling and not self.ended:
+            self._send(self._identity())
             self._start()
 
     def disconnect(self) -> None:
@@ -247,7 +248,9 @@ class PortlessInstrument:
 
     def _identity(self) -> Identity:
         link, identity = self.scenario.link, self.scenario.device.identity(self._rate)
-        identity = replace(self._calibration.applied(identity), protocol_version=self._version)
+        calibrated = self._calibration.applied(identity)
+        real_time = self._overruns_on
+        identity = replace(calibrated, protocol_version=self._version, real_time=real_time)
         if self._version < BUFFERS_SINCE:
             return identity
         return replace(

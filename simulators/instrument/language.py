@@ -10,6 +10,8 @@ from typing import Protocol
 
 import numpy as np
 
+from pfwd_device.identity import Identity
+from pfwd_device.wire.ascii_lines import OTHER_SPEED_LINE
 from pfwd_device.wire.binary import BinaryInstrumentEnd, encode_message
 from pfwd_device.wire.messages import HostMessage, InstrumentMessage, SampleBlock
 
@@ -74,7 +76,9 @@ class AsciiLanguage:
         return []
 
     def frame(self, message: InstrumentMessage) -> bytes:
-        """Return a text line for each sample of a block; empty for all other messages."""
+        """Return a text line for each sample of a block; empty for most other messages."""
+        if isinstance(message, Identity) and not message.real_time:
+            return OTHER_SPEED_LINE + b"\n"
         if not isinstance(message, SampleBlock):
             return b""
         count, channels = message.counts.shape

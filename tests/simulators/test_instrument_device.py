@@ -8,6 +8,7 @@ import pytest
 
 from pfwd_device.wire.binary import encode_message
 from pfwd_device.wire.framing import encode_frame
+from pfwd_device.wire.identity_layout import read_identity
 from pfwd_device.wire.messages import Configure, Hello, Shunt, Start, Stop
 from simulators.instrument.device import PortlessInstrument
 from simulators.instrument.scenario import load_scenario
@@ -319,3 +320,12 @@ def test_the_ascii_clock_begins_again_after_32_bits() -> None:
     time = lines(taken(instrument))[:, 0]
     assert time[0] == start
     assert list(time[199:203]) == [2**32 - 150, 2**32 - 50, 50, 150]
+
+
+def test_an_instrument_that_is_not_in_real_time_says_so() -> None:
+    instrument = PortlessInstrument(load_scenario("default"), overruns=False)
+    (frame,) = frames(say(instrument, Hello()))
+    assert not read_identity(frame.payload).real_time
+    ascii_instrument = PortlessInstrument(load_scenario("ascii"), overruns=False)
+    ascii_instrument.connect()
+    assert taken(ascii_instrument) == b"# not in real time\n"

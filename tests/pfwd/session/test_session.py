@@ -1,6 +1,7 @@
 """A session against scripted samples: what is saved, told and when."""
 
 import dataclasses
+import re
 from pathlib import Path
 from typing import Any
 
@@ -8,11 +9,12 @@ import numpy as np
 import pytest
 
 from pfwd.analysis.drop_facts import FACTS_KEY, facts_to_store, stored_facts
+from pfwd.analysis.results import DropResult
 from pfwd.analysis.screening.drops import screen
 from pfwd.files.editing import Edit
 from pfwd.files.header import PointSetup
-from pfwd.judging import drops, point_views
-from pfwd.procedures import Kind, PointDrop
+from pfwd.judging import JobRequest, SurveyView, drops, point_views
+from pfwd.procedures import Kind, PointDrop, plain_procedure
 from pfwd.session.events import (
     DropSaved,
     LiveSamples,
@@ -22,12 +24,15 @@ from pfwd.session.events import (
     Rebounded,
     SensorCheck,
 )
+from pfwd.session.live_view import apply_event
 from pfwd.session.plan import Ending, SessionPlan
 from pfwd.session.session import Session
 from pfwd.session.setup_file import parse_setup
+from pfwd_device.acquisition.items import RateDeviation
 from pfwd_device.identity import ChannelIdentity, Role
 from pfwd_device.recording import SurveyWriter, check, read_survey
 from pfwd_device.wire.messages import Event, EventKind
+from tests.pfwd.report.surveys import result_of
 from tests.pfwd.scripted_feed import (
     GEOPHONE,
     IDENTITY,
@@ -320,3 +325,45 @@ def test_earlier_drops_that_count_are_read_from_the_survey(log: Log, writer: Any
     for drop in earlier:
         np.testing.assert_array_equal(drop.drop.load, stored[drop.number - 1].drop.load)
     assert session._pipeline._earlier_drops("2", 4) == []
+
+
+def test_drops_at_a_wrong_sampling_rate_get_no_verdict_now_and_later(log: Log, writer: Any) -> None:
+    counts = stream(6.0, [(1.0, 8000.0), (4.0, 8000.0)])
+    items = pieces(counts)
+    off = RateDeviation(0.05, "computer")
+    feed = ScriptedFeed(connected(), began(), items[:70], off, items[70:])
+    run(feed, log, writer, job=JobRequest(target=40e6))
+    (notice,) = (notice for notice in log.of(Notice) if notice.serious)
+    assert "expected 10000 Hz as declared, got 10500 Hz by the clock of the computer" in notice.text
+    assert "get no verdict" in notice.text
+    survey = read_survey(writer.folder)
+    assert [event["details"] for event in survey.events if event["event"] == "sampling_rate"] == [
+        {"deviation": 0.05, "clock": "computer"}
+    ]
+    assert survey.drops[1].read().metadata["rate_deviation"] == 0.05
+    view = SurveyView()
+    for event in log:
+        view, _ = apply_event(view, event)
+    for point in (*point_views(survey), view.points["1"]):
+        results = (DropResult.from_json(result_of(number, 60e6)) for number in (1, 2))
+        fitted = [
+            drop.with_result(result) for drop, result in zip(point.drops, results, strict=True)
+        ]
+        progress = dataclasses.replace(point, drops=fitted).progress
+        assert (progress.verdict, progress.verdict_reason_code) == ("undecided", "not-supported")
+        assert "the sampling rate was 5.0 % off the declared one" in progress.verdict_reason
+        assert all(drop.facts.record_fault for drop in point.drops)  # that before the report too
+
+
+def test_a_saturated_drop_does_not_count_as_measured(log: Log, writer: Any) -> None:
+    counts = stream(6.0, [(1.0, 4500.0), (4.0, 4000.0)])
+    counts = np.clip(counts, -(2**15), 2**15 - 1)  # the velocity has 35,300 counts, then 31,400
+    identity = dataclasses.replace(IDENTITY, adc_bits=16, adc_range=8.0 / 2**8)
+    job = JobRequest(procedure=plain_procedure(0, 2))
+    run(ScriptedFeed(connected(identity), began(), pieces(counts)), log, writer, job=job)
+    (point,) = point_views(read_survey(writer.folder))
+    assert (point.progress.used, point.progress.measured_done) == ((2,), 1)
+    assert dict(point.progress.kinds)[1] is Kind.MEASURED  # it loaded the ground
+    (excluded,) = point.progress.excluded
+    assert re.match(r"saturated: \d+ samples of g0 at the end", excluded.reason)
+    assert point.progress.instruction == "Lift the weight for measured drop 2 of 2."

@@ -131,3 +131,20 @@ def test_a_drift_that_changes_is_followed() -> None:
     run(clock, 45.0, speed=1 + 900e-6, begin=1015.5, device=20.5)
     assert clock.drift_ppm is not None
     assert clock.drift_ppm > 400
+
+
+@pytest.mark.parametrize("speed", [0.95, 0.993, 1.0, 1.007, 1.05])
+def test_a_steady_deviation_is_that_of_the_speed_after_15_s(speed: float) -> None:
+    clock = DeviceClock()
+    run(clock, 14.0, speed=speed)
+    assert clock.steady_deviation is None
+    run(clock, 4.0, speed=speed, begin=1014.0, device=5.0 + 14.0 * speed)
+    assert clock.steady_deviation == pytest.approx(speed - 1, abs=5e-4)
+
+
+@pytest.mark.parametrize("jump", [-0.4, -0.1, 0.2, 0.45])
+def test_a_jump_of_a_clock_is_no_steady_deviation(jump: float) -> None:
+    clock = DeviceClock()
+    run(clock, 10.0)
+    run(clock, 10.0, begin=1010.0, device=15.0 + jump)
+    assert abs(clock.steady_deviation or 0.0) < 1e-3

@@ -1,5 +1,6 @@
 """From bytes to items, live or recorded."""
 
+import dataclasses
 import datetime
 import itertools
 import random
@@ -12,9 +13,16 @@ from hypothesis import strategies as st
 
 from pfwd_device.acquisition import decoder as decoder_module
 from pfwd_device.acquisition.decoder import Decoder
-from pfwd_device.acquisition.items import Connected, Gap, Item, Samples, StreamBegan
+from pfwd_device.acquisition.items import (
+    Connected,
+    Gap,
+    Item,
+    RateDeviation,
+    Samples,
+    StreamBegan,
+)
 from pfwd_device.wire.binary import BinaryDialect, encode_message
-from pfwd_device.wire.messages import Event, EventKind, Message, Refusal, Status
+from pfwd_device.wire.messages import Event, EventKind, Message, Refusal, SampleBlock, Status
 from tests.pfwd_device.acquisition.scripted import block, counts, identity
 
 UTC = datetime.datetime(2026, 5, 4, tzinfo=datetime.UTC)
@@ -230,3 +238,47 @@ def test_a_known_stream_goes_on_without_an_identity() -> None:
     assert story(feed(decoder, encode([block(20)])))[-1] == (7, 20, 40, False)
     decoder.cut()
     assert feed(decoder, encode([block(0, stream=9)])) == [], "another run may have other channels"
+
+
+def rate_reports(
+    decoder: Decoder, speeds: Sequence[float], clock: float = 1.0, stream: int = 7
+) -> list[RateDeviation]:
+    """Reports on blocks of 0.1 s, 20 s at each speed over the computer and over the instrument."""
+    items: list[Item] = []
+    first, now, device = 0, 1000.0, 0.0
+    for speed in speeds:
+        for _ in range(200):
+            now, device = now + 0.1 / speed, device + 0.1 / clock
+            samples = counts(first, 200)
+            part = SampleBlock(stream, first, round(device * 1e6), samples)
+            items += decoder.take(part, now, UTC)
+            first += 200
+    return [item for item in items if isinstance(item, RateDeviation)]
+
+
+def started(*, real_time: bool = True) -> Decoder:
+    decoder = Decoder(BinaryDialect())
+    decoder.take(dataclasses.replace(identity(), real_time=real_time), 0.0, UTC)
+    return decoder
+
+
+@pytest.mark.parametrize("deviation", [0.05, -0.007])
+def test_a_wrong_sampling_rate_is_reported_by_the_clock_that_shows_it(deviation: float) -> None:
+    (report,) = rate_reports(started(), [1 + deviation])
+    assert report == RateDeviation(pytest.approx(deviation, abs=1e-4), "computer")
+    (report,) = rate_reports(started(), [1.0], clock=1 + deviation)
+    assert report == RateDeviation(pytest.approx(deviation, abs=1e-4), "instrument")
+    assert rate_reports(started(), [1.004], clock=0.996) == []
+
+
+def test_a_simulation_at_another_speed_is_compared_with_its_own_clock_alone() -> None:
+    assert rate_reports(started(real_time=False), [4.0]) == []
+    (report,) = rate_reports(started(real_time=False), [4.0], clock=1.02)
+    assert report.clock == "instrument"
+
+
+def test_each_run_is_compared_anew_and_reported_once() -> None:
+    decoder = started()
+    assert [each.deviation > 0 for each in rate_reports(decoder, [1.05, 1.05])] == [True]
+    assert rate_reports(decoder, [1.0], stream=8) == []
+    assert len(rate_reports(decoder, [0.98], stream=9)) == 1

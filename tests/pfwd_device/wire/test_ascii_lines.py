@@ -357,3 +357,9 @@ def test_a_second_of_the_fastest_stream_arrives() -> None:
     came = [m for at in range(0, len(data), 4096) for m in one.feed(data[at : at + 4096])]
     blocks = [block.counts for block in came if isinstance(block, SampleBlock)]
     np.testing.assert_array_equal(np.concatenate(blocks), values)
+
+
+def test_a_simulation_at_another_speed_is_no_real_time() -> None:
+    for start, real_time in ((b"# anything\n", True), (b"# not in real time\r\n", False)):
+        messages = dialect().feed(start + lines(range(0, 1000, 100)))
+        assert messages[0].real_time is real_time

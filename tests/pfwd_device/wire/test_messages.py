@@ -83,7 +83,8 @@ def identities(draw: st.DrawFn) -> Identity:
         plate_radius=draw(maybe(POSITIVE)),
         plate_mass=draw(maybe(st.floats(0, allow_infinity=False))),
         centre_sensor=draw(st.sampled_from(["plate", "ground"])),
-        protocol_version=draw(st.integers(0, 255)),
+        protocol_version=(version := draw(st.integers(0, 255))),
+        real_time=version < 2 or draw(st.booleans()),
     )
 
 
