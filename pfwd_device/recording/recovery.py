@@ -42,6 +42,7 @@ from pfwd_device.recording.spare import SpareFolder, home_of
 from pfwd_device.recording.spare_merge import (
     append_drop,
     append_point,
+    describe_deleted_surveys,
     describe_records_only_in_spare,
     merge_spare_records,
 )
@@ -123,7 +124,11 @@ def recover(
     try:
         for path in layout.folders:
             storage.make_folder(path)
-        log, index, actions = begin(layout, storage, helper, lock, spare, read=build_index)
+        identity = _survey_of_spare(layout, spare)
+        log, index, actions = begin(
+            layout, storage, helper, lock, spare, read=build_index, identity=identity
+        )
+        actions += describe_deleted_surveys(spare, layout.folder, log.survey)
         report = repair(log, index, helper, thorough=True)
         if not index.closed:
             log.append(Kind.CLOSE, {"by": "recovery", "time_utc": now()})
@@ -174,6 +179,7 @@ def begin(
     *,
     fall_back: bool = False,
     read: Callable[[Layout], Index] = read_index,
+    identity: bytes | None = None,
 ) -> tuple[RecordLog, Index, list[str]]:
     """Open the journal and the ledger of a survey for writing, after their repair.
 
@@ -197,6 +203,9 @@ def begin(
     read : callable
         Function that reads the index: `read_index`, or `build_index`, which reads the content of
         every record.
+    identity : bytes, optional
+        Identity of a survey whose folder contains none; by default it is a new survey, even if the
+        spare folder has records of a deleted survey with the same path.
 
     Returns
     -------
@@ -214,7 +223,7 @@ def begin(
         # Lock first: nothing may be cut while another program has the file open.
         continued = segments[-1], open_segment(layout, segments[-1], storage)
     try:
-        log, index = _begin(layout, storage, helper, lock, spare, continued, read)
+        log, index = _begin(layout, storage, helper, lock, continued, read, identity)
     except BaseException:
         if continued is not None:
             with contextlib.suppress(OSError):
@@ -230,6 +239,8 @@ def begin(
                 "software": _software(),
             }
             index.add(log.append(Kind.SURVEY, data), data)
+            if identity is None:
+                actions += describe_deleted_surveys(spare, layout.folder, log.survey)
     except BaseException:
         log.close()
         raise
@@ -243,17 +254,13 @@ def _begin(
     storage: Storage,
     helper: Publisher,
     lock: SurveyLock,
-    spare: SpareFolder | None,
     continued: tuple[int, int] | None,
     read: Callable[[Layout], Index],
+    identity: bytes | None,
 ) -> tuple[RecordLog, Index]:
     index = read(layout)
     if index.survey is None:
-        index.survey = (
-            _survey_of_files(layout, helper)
-            or _survey_of_spare(layout, spare)
-            or uuid.uuid4().bytes
-        )
+        index.survey = _survey_of_files(layout, helper) or identity or uuid.uuid4().bytes
     for stretch in index.damage:
         if stretch.damage.at_end:
             _cut(layout, storage, stretch.segment, stretch.damage.offset, stretch.damage.length)

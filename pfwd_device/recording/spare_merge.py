@@ -4,6 +4,7 @@ The spare folder received records while the folder of the survey (home) could no
 """
 
 import contextlib
+from pathlib import Path
 from typing import Any
 
 from pfwd_device.errors import RecordingError
@@ -72,6 +73,26 @@ def describe_records_only_in_spare(spare: SpareFolder | None, index: Index) -> l
         if remaining:
             texts.append(f"{remaining} other records are only in the spare folder {part.folder}")
     return texts
+
+
+def describe_deleted_surveys(spare: SpareFolder | None, home: Path, survey: bytes) -> list[str]:
+    """Return a message for each survey of the spare folder that was at this path before.
+
+    Parameters
+    ----------
+    spare : SpareFolder or None
+    home : Path
+        Folder of the survey.
+    survey : bytes
+        Identity of the present survey, 16 bytes.
+    """
+    present = {part.folder for part in spare.parts(survey=survey)} if spare else set()
+    return [
+        f"{part.folder} has records of another survey that was at this path before; they stay "
+        f"there, and pfwd import {part.folder} -o FOLDER makes a survey of them"
+        for part in (spare.parts(home=home) if spare else ())
+        if part.folder not in present
+    ]
 
 
 def merge_spare_records(log: RecordLog, index: Index, spare: SpareFolder | None) -> list[str]:

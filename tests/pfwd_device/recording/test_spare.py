@@ -212,6 +212,39 @@ def test_the_next_program_brings_home_what_waits(
     assert digests(survey) == expected
 
 
+def test_a_new_survey_at_the_path_of_a_deleted_one_gets_none_of_its_drops(
+    tmp_path: Path, survey: Path, spare: SpareFolder, disk: Refusing
+) -> None:
+    with open_writer(survey, disk, spare) as writer:
+        old = {1: save(writer, 1)}
+        disk.refuse()
+        old[2] = save(writer, 2)
+    shutil.rmtree(survey)
+    disk.refuse(False)
+    (part,) = spare.root.iterdir()
+    new = {}
+    for number in (1, 2):  # the second time the survey is continued
+        with open_writer(survey, disk, spare) as writer:
+            said = [text for text in writer.recovery.actions if str(part) in text]
+            new[number] = save(writer, number)
+        assert len(said) == (number == 1)
+    assert digests(survey) == new
+    assert read_survey(survey).survey_id not in part.name
+    report = recover(survey, spare=spare)
+    assert report.ok
+    (text,) = [text for text in report.actions if "another survey" in text]
+    assert f"pfwd import {part} -o FOLDER" in text
+    assert digests(survey) == new
+    assert check(survey, spare=spare).ok
+    # The drops of the deleted survey are recovered at its path as soon as that is free.
+    assert 2 in digests(part)
+    survey.rename(tmp_path / "new")
+    recover(survey, spare=spare)
+    assert digests(survey)[2] == old[2]
+    assert read_survey(survey).survey_id in part.name
+    assert not any("another survey" in text for text in recover(survey, spare=spare).actions)
+
+
 def test_a_survey_that_went_on_without_its_spare_part_gets_new_numbers(
     survey: Path, spare: SpareFolder, disk: Refusing
 ) -> None:
