@@ -29,7 +29,6 @@ from pfwd.files.header import PointSetup, declared_values
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Survey, SurveyDrop, SurveyPoint, read_survey
 from pfwd_device.recording.layout import ResultKind
-from pfwd_device.recording.survey_content import read_result
 
 if TYPE_CHECKING:
     # Only for annotations: readers of results do not load the inversion.
@@ -82,11 +81,7 @@ def stored_answer(drop: SurveyDrop, question: str) -> DropResult | None:
     question : str
         Identifier of the request, from `question_of`.
     """
-    try:
-        stored = drop.read_results()
-    except RecordingError:
-        return None  # it can be computed again
-    for values in reversed(stored):
+    for values in drop.readable_results():  # a damaged one can be computed again
         if values.get("question") == question:
             result = DropResult.from_json(values)
             if not result.unreadable:
@@ -201,19 +196,9 @@ def _counts(drop: SurveyDrop, result: DropResult) -> bool:
 
 def readable_results(drop: SurveyDrop) -> Iterator[DropResult]:
     """Yield the stored results of a drop that can be read, the last one first."""
-    paths = drop.results
-    if not paths:  # within an exported survey
-        try:
-            stored = drop.read_results()
-        except RecordingError:
-            return
-        for values in reversed(stored):
-            with suppress(SurveyError):
-                yield DropResult.from_json(values)
-        return
-    for path in reversed(paths):
-        with suppress(RecordingError, SurveyError):
-            yield DropResult.from_json(read_result(path), str(path))
+    for values in drop.readable_results():
+        with suppress(SurveyError):
+            yield DropResult.from_json(values)
 
 
 def result_that_counts(drop: SurveyDrop) -> DropResult | None:

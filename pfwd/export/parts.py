@@ -9,7 +9,6 @@ left to the first process, which finds further copies.
 """
 
 import contextlib
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import AbstractContextManager
@@ -29,9 +28,9 @@ from pfwd_device.recording.index import no_collections
 from pfwd_device.recording.record import DropRecord
 from pfwd_device.recording.survey_content import (
     Result,
+    ResultFile,
     SurveyDrop,
     SurveyPoint,
-    read_result,
 )
 
 MIN_LEDGER_BYTES = 600_000
@@ -169,7 +168,7 @@ def _sent(drop: SurveyDrop) -> tuple[Any, ...]:
     with contextlib.suppress(RecordingError):  # the first process reports the damage
         diagnosis = drop.read_diagnosis()
     edited = (drop.discarded, drop.notes, drop.position, drop.target, drop.edits)
-    return (place, tuple(map(os.fspath, drop.results)), diagnosis, *edited)
+    return (place, drop.result_files, diagnosis, *edited)
 
 
 # The code below runs in the second process.
@@ -190,7 +189,7 @@ def _received_points(job: Job, sent: list[tuple[SurveyPoint, Any]]) -> tuple[Job
 
 def _drop(
     place: DropPlace,
-    results: tuple[str, ...],
+    results: tuple[ResultFile, ...],
     diagnosis: Result | None,
     discarded: bool,
     notes: tuple[str, ...],
@@ -208,7 +207,7 @@ def _drop(
         target=target,
         edits=edits,
         source="journal",
-        _origin=_RemoteDrop(place, tuple(map(Path, results)), diagnosis),
+        _origin=_RemoteDrop(place, results, diagnosis),
     )
 
 
@@ -216,7 +215,7 @@ class _RemoteDrop:
     """Data of one drop in the second process, with the interface of a survey."""
 
     def __init__(
-        self, place: DropPlace, results: tuple[Path, ...], diagnosis: Result | None
+        self, place: DropPlace, results: tuple[ResultFile, ...], diagnosis: Result | None
     ) -> None:
         self._place = place
         self._results = results
@@ -226,7 +225,7 @@ class _RemoteDrop:
         return self._place
 
     def last_result_of(self, _number: int) -> Path | None:
-        return self._results[-1] if self._results else None
+        return Path(self._results[-1].path) if self._results else None
 
     def read_facts(self, _number: int) -> DropFacts:
         try:
@@ -241,16 +240,25 @@ class _RemoteDrop:
             raise _MissingDrop(str(err)) from err
 
     def read_last_result(self, _number: int) -> Result | None:
-        return read_result(self._results[-1]) if self._results else None
+        return next(self._read(self._results[-1:]), None)
 
-    def results_of(self, _number: int) -> tuple[Path, ...]:
+    def results_of(self, _number: int) -> tuple[ResultFile, ...]:
         return self._results
 
     def result_count_of(self, _number: int) -> int:
         return len(self._results)
 
     def read_results(self, _number: int) -> tuple[Result, ...]:
-        return tuple(map(read_result, self._results))
+        return tuple(self._read(self._results))
+
+    def readable_results(self, _number: int) -> Iterator[Result]:
+        return self._read(self._results[::-1])
+
+    def _read(self, files: tuple[ResultFile, ...]) -> Iterator[Result]:
+        try:
+            yield from (file.read() for file in files)
+        except RecordingError as err:
+            raise _MissingDrop(str(err)) from err
 
     def key_of(self, number: int) -> NoReturn:
         _refuse(number)

@@ -90,7 +90,7 @@ def store_photo(
     kind, orientation = _inspect(data)
     if not keep_position:
         data = _stripped_jpeg(data, orientation) if kind == "JPEG" else _stripped_png(data)
-    checksum = hashlib.sha256(data).hexdigest()[:16]
+    checksum = _checksum(data)
     folder = _folder(survey, point)
     present = photos_of(survey, point)
     same = next((photo for photo in present if photo.stem.endswith(checksum)), None)
@@ -140,6 +140,26 @@ def photos_of(survey: str | os.PathLike[str], point: str) -> list[Path]:
         for name in sorted(names)
         if name.endswith(suffixes) and not name.startswith(".")
     ]
+
+
+def is_sound_photo(file: Path) -> bool:
+    """Return whether the content of a photo is the one that was stored.
+
+    The name of a stored photo has the beginning of its SHA-256. A photo that a user has copied into
+    the folder has another name, and is decoded.
+    """
+    try:
+        data = file.read_bytes()
+        if moment_of(file.name) is None:
+            _inspect(data)
+            return True
+    except (OSError, OptionError):
+        return False
+    return file.stem.endswith(_checksum(data))
+
+
+def _checksum(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:16]
 
 
 def _folder(survey: str | os.PathLike[str], point: str) -> Path:

@@ -58,7 +58,7 @@ from pfwd_device.recording.hdf5_tree import (
     write_dataset,
 )
 from pfwd_device.recording.payload import decode_json, encode_json, json_excess
-from pfwd_device.recording.survey_content import Result, SurveyContent
+from pfwd_device.recording.survey_content import Result, ResultFile, SurveyContent
 from pfwd_device.text import clean
 
 SURVEY_FORMAT = "pfwd-survey"
@@ -211,7 +211,7 @@ class ExportedSurvey:
         """Return the key by which the instrument identifies a drop; None: it has none."""
         return self._keys[number]
 
-    def results_of(self, _number: int) -> tuple[Path, ...]:
+    def results_of(self, _number: int) -> tuple[ResultFile, ...]:
         """Return an empty tuple: results have no files of their own."""
         return ()
 
@@ -267,6 +267,11 @@ class ExportedSurvey:
         digests = self._facts[number].get("results_sha256")
         with _opened(self.path) as file:
             return _read_results(file, number, self.path, digests)
+
+    def readable_results(self, number: int) -> Iterator[Result]:
+        """Yield the results of a drop, the last one first; none if one of them is damaged."""
+        with contextlib.suppress(RecordingError):
+            yield from reversed(self.read_results(number))
 
     def read_last_result(self, number: int) -> Result | None:
         """Return the last stored result of a drop; None: it has no result."""

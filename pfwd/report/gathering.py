@@ -310,10 +310,11 @@ def _gather_points(gatherer: "_Gatherer", jobs: int) -> Iterator[list[PointView]
         _gather_in_worker, folder, gatherer.options, gatherer.job, gatherer.new_diagnoses
     )
     with WorkerPool(min(jobs, len(points))) as pool:
-        for sentences, instruments, parts in pool.map(task, range(len(points))):
+        for sentences, instruments, damage, parts in pool.map(task, range(len(points))):
             for sentence in sentences:
                 gatherer.tell(sentence)
             gatherer.instruments = {**instruments, **gatherer.instruments}
+            gatherer.survey.damaged_results |= damage
             yield parts
 
 
@@ -323,15 +324,15 @@ _worker_gatherers: dict[str, "_Gatherer"] = {}
 
 def _gather_in_worker(
     folder: str, options: ReportOptions, job: Job, diagnoses: Diagnoses, number: int
-) -> tuple[list[str], dict[str, Mapping[str, Any]], list[PointView]]:
-    """Return the sentences on progress, the instruments, and the parts of one point."""
+) -> tuple[list[str], dict[str, Mapping[str, Any]], dict[str, str], list[PointView]]:
+    """Return the sentences on progress, instruments, damaged results, and parts of one point."""
     sentences: list[str] = []
     if folder not in _worker_gatherers:
         _worker_gatherers[folder] = _Gatherer(read_survey(folder), options, job, diagnoses, _silent)
     gatherer = _worker_gatherers[folder]
     gatherer.tell = sentences.append
     parts = gatherer.points(gatherer.survey.points[number])
-    return sentences, gatherer.instruments, parts
+    return sentences, gatherer.instruments, gatherer.survey.damaged_results, parts
 
 
 def _new_results(points: Sequence[PointView]) -> list[tuple[int, DropResult]]:

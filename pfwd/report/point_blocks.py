@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from pfwd.analysis.results import DropResult, relative_spread
-from pfwd.files.photos import photos_of
+from pfwd.files.photos import is_sound_photo, photos_of
 from pfwd.judging import DropView, PointView
 from pfwd.message_groups import as_ranges, group_messages
 from pfwd.procedures import Quantity, Verdict
@@ -98,7 +98,7 @@ def point_blocks(
 
 
 def photo_blocks(point: PointView, survey: str, texts: Texts) -> list[Block]:
-    """Return the first photos of a point, and how many more there are.
+    """Return the first photos of a point, how many more there are, and which are damaged.
 
     Parameters
     ----------
@@ -107,11 +107,17 @@ def photo_blocks(point: PointView, survey: str, texts: Texts) -> list[Block]:
     texts : Texts
     """
     files = photos_of(survey, point.name)
-    if not files:
-        return []
-    drawn = files[:MAX_PHOTOS]
-    caption = texts["photos"] if len(files) == len(drawn) else f"{texts['photos']}: {len(files)}"
-    return [Picture(partial(draw_photos, files=drawn), _PHOTO_HEIGHT, caption, texts["photos"])]
+    sound = [file for file in files if is_sound_photo(file)]
+    blocks: list[Block] = [
+        Paragraph(texts["photo_damaged"].format(name=file.name), "warning")
+        for file in files
+        if file not in sound
+    ]
+    drawn = sound[:MAX_PHOTOS]
+    caption = texts["photos"] if len(sound) == len(drawn) else f"{texts['photos']}: {len(sound)}"
+    draw = partial(draw_photos, files=drawn)
+    blocks += [Picture(draw, _PHOTO_HEIGHT, caption, texts["photos"])] if drawn else []
+    return blocks
 
 
 def _rows(point: PointView, report: Report, texts: Texts) -> list[tuple[str, str]]:

@@ -5,10 +5,11 @@ the survey to which it belongs. A drop has a survey-wide number and a number wit
 A key is the text that identifies a drop on its instrument.
 """
 
-from collections.abc import Mapping
+import hashlib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.drop_payload import DropFacts
@@ -16,10 +17,36 @@ from pfwd_device.recording.drop_place import DropPlace
 from pfwd_device.recording.payload import decode_json
 from pfwd_device.recording.record import DropRecord
 
-MAX_RESULT_BYTES = 10_000_000
-"""Largest stored result, bytes; a usual one takes 3 kB."""
-
 Result = Mapping[str, Any]
+
+
+class ResultFile(NamedTuple):
+    """File of a stored result, as the journal lists it."""
+
+    path: str
+    size: int
+    """Length, bytes."""
+    sha256: str
+
+    def read(self) -> Result:
+        """Read the result.
+
+        Raises
+        ------
+        RecordingError
+            If the file is missing or its content differs from that of the journal.
+        """
+        try:
+            with open(self.path, "rb") as stream:
+                data = stream.read(self.size + 1)
+        except OSError as err:
+            data = str(err.strerror).encode()
+        if len(data) != self.size or hashlib.sha256(data).hexdigest() != self.sha256:
+            raise RecordingError(
+                f"{self.path} is damaged: expected the stored result, got another or no content; "
+                "it does not count; run pfwd recover, or compute it again"
+            )
+        return parse_result(data, self.path)
 
 
 class DropOrigin(Protocol):
@@ -28,7 +55,7 @@ class DropOrigin(Protocol):
     def key_of(self, number: int, /) -> str | None:
         """Return the text that identifies a drop on its instrument; None without one."""
 
-    def results_of(self, number: int, /) -> tuple[Path, ...]:
+    def results_of(self, number: int, /) -> tuple[ResultFile, ...]:
         """Return the files with stored results of a drop: trials first, the valid result last."""
 
     def result_count_of(self, number: int, /) -> int:
@@ -60,6 +87,9 @@ class DropOrigin(Protocol):
 
     def read_results(self, number: int, /) -> tuple[Result, ...]:
         """Read the stored results of a drop: trials first, the valid result last."""
+
+    def readable_results(self, number: int, /) -> Iterator[Result]:
+        """Yield the undamaged stored results of a drop: the valid result first, trials last."""
 
     def read_last_result(self, number: int, /) -> Result | None:
         """Read the valid result of a drop; None without a stored result."""
@@ -101,6 +131,11 @@ class SurveyDrop:
 
         Empty for an exported survey, which contains the results itself.
         """
+        return tuple(Path(file.path) for file in self.result_files)
+
+    @property
+    def result_files(self) -> tuple[ResultFile, ...]:
+        """Files of `results` with their sizes and checksums."""
         return self._origin.results_of(self.number)
 
     @property
@@ -153,6 +188,10 @@ class SurveyDrop:
             If the file of a result is damaged.
         """
         return self._origin.read_results(self.number)
+
+    def readable_results(self) -> Iterator[Result]:
+        """Yield the undamaged stored results: the valid result first, trials last."""
+        return self._origin.readable_results(self.number)
 
     def read_last_result(self) -> Result | None:
         """Read the valid result of the drop; None without a stored result.
@@ -245,16 +284,6 @@ class SurveyContent(Protocol):
     @property
     def damage(self) -> tuple[str, ...]:
         """Descriptions of lost records."""
-
-
-def read_result(path: Path) -> Result:
-    """Read a stored result of an analysis from its file; errors as in `parse_result`."""
-    try:
-        if path.stat().st_size > MAX_RESULT_BYTES:
-            raise RecordingError(f"{path}: expected a result, got a file of over 10 MB")
-        return parse_result(path.read_bytes(), str(path))
-    except OSError as err:
-        raise RecordingError(f"{path}: expected a readable result, got {err.strerror}") from err
 
 
 def parse_result(data: bytes | str, where: str) -> Result:

@@ -3,6 +3,7 @@
 The journal of a survey contains all records; each drop also has an HDF5 file.
 """
 
+import contextlib
 import hashlib
 import os
 from collections.abc import Iterator
@@ -35,7 +36,7 @@ from pfwd_device.recording.ledger import Entry
 from pfwd_device.recording.payload import decode_payload, payload_data
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.recording.recovery import lost_texts
-from pfwd_device.recording.survey_content import Result, SurveyDrop, SurveyPoint, read_result
+from pfwd_device.recording.survey_content import Result, ResultFile, SurveyDrop, SurveyPoint
 from pfwd_device.text import clean
 
 _MAX_NOTE_LENGTH = 4096
@@ -60,8 +61,8 @@ class Survey:
         """Record of the survey: ``created_utc``, ``software``, ``format_version``."""
         self.survey_id = index.survey.hex() if index.survey else ""
         """Identity of the survey, 32 hexadecimal digits; empty if it is lost."""
-        self.damage: tuple[str, ...] = ()
-        """Descriptions of lost records; `check` reports further damage."""
+        self.damaged_results: dict[str, str] = {}
+        """Descriptions of damaged results that were read, by path within the survey."""
         self._layout = layout
         self._index = index
         self._states = states
@@ -105,6 +106,14 @@ class Survey:
         Python's search for reference cycles, which takes long for many drops.
         """
         self.drops = self.points = ()
+
+    @property
+    def damage(self) -> tuple[str, ...]:
+        """Descriptions of lost records and of damaged results that were read.
+
+        `check` reports further damage.
+        """
+        return (*self._lost_records, *self.damaged_results.values())
 
     @property
     def events(self) -> tuple[dict[str, Any], ...]:
@@ -209,11 +218,9 @@ class Survey:
             key = None if record is None else record.metadata.get("key")
         return key if isinstance(key, str) else None
 
-    def results_of(self, number: int) -> tuple[Path, ...]:
+    def results_of(self, number: int) -> tuple[ResultFile, ...]:
         """Return the files with stored results of a drop: trials first, the valid result last."""
-        return tuple(
-            self.folder / path for path in sorted(self._results.get(number, ()), key=_last)
-        )
+        return tuple(map(self._result_file, self._result_paths(number)))
 
     def result_count_of(self, number: int) -> int:
         """Return the number of stored results of a drop."""
@@ -227,16 +234,22 @@ class Survey:
     def read_diagnosis(self, number: int) -> Result | None:
         """Return the latest diagnosis that was stored with a drop; None without one."""
         paths = self._diagnoses.get(number)
-        return read_result(self.folder / max(paths, key=_last)) if paths else None
+        return self._read_result(max(paths, key=_last)) if paths else None
 
     def read_results(self, number: int) -> tuple[Result, ...]:
         """Return the stored results of a drop: trials first, the valid result last."""
-        return tuple(read_result(path) for path in self.results_of(number))
+        return tuple(map(self._read_result, self._result_paths(number)))
+
+    def readable_results(self, number: int) -> Iterator[Result]:
+        """Yield the undamaged stored results of a drop: the valid result first, trials last."""
+        for path in reversed(self._result_paths(number)):
+            with contextlib.suppress(RecordingError):
+                yield self._read_result(path)
 
     def read_last_result(self, number: int) -> Result | None:
         """Return the valid result of a drop; None without a stored result."""
-        path = self.last_result_of(number)
-        return None if path is None else read_result(path)
+        paths = self._results.get(number)
+        return self._read_result(max(paths, key=_last)) if paths else None
 
     def file_of(self, number: int) -> Path | None:
         """Return the HDF5 file of a drop, given its survey-wide number; None if it was not made."""
@@ -261,8 +274,22 @@ class Survey:
             return None
         return data if hashlib.sha256(data).hexdigest() == listed.sha256 else None
 
+    def _result_paths(self, number: int) -> list[str]:
+        return sorted(self._results.get(number, ()), key=_last)
+
+    def _result_file(self, path: str) -> ResultFile:
+        listed = self._index.files[path]
+        return ResultFile(f"{self.path}/{path}", listed.size, listed.sha256)
+
+    def _read_result(self, path: str) -> Result:
+        try:
+            return self._result_file(path).read()
+        except RecordingError as err:
+            self.damaged_results[path] = str(err)
+            raise
+
     def _read_drops(self) -> dict[int, SurveyDrop]:
-        """Return the drops of the journal, and lost drops from their HDF5 files; set `damage`."""
+        """Return the drops of the journal, and lost drops from their HDF5 files."""
         drops = {entry.number: self._drop(entry) for entry in self._index.drops.values()}
         restored: set[str] = set()
         for number in sorted({*self._index.lost_drops, *self._layout.drop_files()} - set(drops)):
@@ -270,7 +297,7 @@ class Survey:
             if record is not None:
                 drops[number] = drop = self._drop_of_file(number, record)
                 restored.add(f"drop {drop.point}/{drop.drop} is lost")
-        self.damage = tuple(text for text in lost_texts(self._index) if text not in restored)
+        self._lost_records = [text for text in lost_texts(self._index) if text not in restored]
         return drops
 
     def _points(self, drops_by_number: dict[int, SurveyDrop]) -> tuple[SurveyPoint, ...]:

@@ -9,7 +9,6 @@ from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult
 from pfwd.errors import OptionError
 from pfwd_device.recording import read_survey
-from pfwd_device.recording.survey_content import read_result
 from simulators.instrument import serve
 from tests.tui.console import PLAIN, RATE, pfwd
 from tui.measuring_options import measuring_options
@@ -39,7 +38,7 @@ def test_layers_reach_the_analysis(command: list[str]) -> None:
 
 def given_thickness(survey: Path) -> list[float | None]:
     (drop,) = read_survey(survey).drops
-    result = DropResult.from_json(read_result(drop.results[-1]))
+    result = DropResult.from_json(drop.result_files[-1].read())
     assert len(result.layers or ()) == 2
     return [layer.thickness_m for layer in result.layers or () if layer.thickness_sd_m is None]
 

@@ -66,6 +66,8 @@ def _lines(args: argparse.Namespace) -> int:
     opened.read()
     for point in point_views(opened.survey, opened.job):
         print(json_text(point.as_json()), flush=True)
+    for text in opened.survey.damage:
+        say(text)
     return 0
 
 

@@ -181,7 +181,7 @@ def _run(args: argparse.Namespace, second: "SecondDrawer | None") -> int:
         report = write_report(
             args.survey, args.output, options, progress=show_progress, second=second
         )
-    for text in report.otherwise:
+    for text in (*report.otherwise, *report.damage):
         say(f"report: {text}")
     for point in report.points:
         progress = point.progress

@@ -76,6 +76,16 @@ def test_nothing_is_kept_twice(survey: Path) -> None:
     assert [drop.result_count for drop in read_survey(survey).drops] == [1, 1]
 
 
+def test_a_changed_result_is_computed_again_once(survey: Path) -> None:
+    first = ask_and_keep(survey)
+    file = survey / "results" / "trial-000002-1.json"
+    file.write_text(file.read_text().replace('"modulus_pa":', '"modulus_pa":9'))
+    again = ask_and_keep(survey)
+    assert stored(again) == [True, False]
+    assert again.results[1].modulus_pa == first.results[1].modulus_pa
+    assert stored(asked(survey)) == [True, True]
+
+
 def test_results_are_computed_anew_when_they_are_asked_for(survey: Path) -> None:
     ask_and_keep(survey)
     assert stored(analyse_file(str(survey), QUICK, LIBRARY)) == [False, False]

@@ -82,13 +82,25 @@ def lines_of(order: Order, texts: Any = table_texts) -> list[str]:
 def test_the_second_process_makes_what_the_first_would(
     survey: Path, second: SecondProcess, texts: Any
 ) -> None:
-    (survey / "results" / "drop-000002-2.json").write_text("{", encoding="utf-8")  # damaged
     content = read_survey(survey)
     made = [future.result(TIMEOUT) for future in asked(second, content, texts)]
     order = Order(content)
     assert [part.text for part in made] == lines_of(order, texts)
-    assert "damaged: " in made[0].text
-    assert sum(part.results for part in made) == order.results == 1
+    assert sum(part.results for part in made) == order.results == 2
+
+
+def test_a_changed_result_is_left_to_the_first_process_which_reports_it(
+    survey: Path, second: SecondProcess
+) -> None:
+    file = survey / "results" / "drop-000002-2.json"
+    file.write_text(file.read_text().replace('"modulus_pa":4', '"modulus_pa":9'))
+    content = read_survey(survey)
+    futures = asked(second, content, table_texts)
+    assert "drop-000002-2.json is damaged" in str(futures[0].exception(TIMEOUT))
+    order = Order(content, row_maker=second)
+    assert "damaged: " in "".join(row_texts(order, table_texts))
+    assert order.results == 1
+    assert [text.split(":")[0] for text in content.damage] == [f"{file} is damaged"]
 
 
 def test_a_drop_that_is_not_whole_in_the_journal_is_left_to_the_first_process(

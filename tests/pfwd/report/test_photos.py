@@ -50,6 +50,27 @@ def test_of_many_photos_the_first_are_drawn_and_all_counted(survey: Path) -> Non
     assert block.caption == "Photos: 6"
 
 
+@pytest.mark.parametrize("name", [None, "copied by hand.png"])
+def test_a_damaged_photo_is_left_out_with_a_remark(
+    survey: Path, tmp_path: Path, name: str | None
+) -> None:
+    point = gather_stored(survey).points[0].name
+    damaged, sound = (store_photo(survey, point, photo(colour)) for colour in ("red", "blue"))
+    if name is None:
+        damaged.write_bytes(sound.read_bytes())  # another picture
+    else:
+        (damaged.parent / "also.png").write_bytes(sound.read_bytes())
+        damaged = damaged.replace(damaged.parent / name)
+        damaged.write_bytes(damaged.read_bytes()[:60])
+    report = write_report(survey, tmp_path / "r.html")
+    text = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert text.count(f"The photo {damaged.name} is damaged or was changed, and is left out.") == 1
+    _, block = photo_blocks(report.points[0], str(survey), load_texts("en"))
+    figure = Figure()
+    block.draw(figure)
+    assert len(figure.axes) == (1 if name is None else 2)
+
+
 @pytest.mark.parametrize(("orientation", "size"), [(1, (40, 20)), (6, (20, 40))])
 def test_a_photo_is_drawn_the_right_way_up(
     orientation: int, size: tuple[int, int], tmp_path: Path

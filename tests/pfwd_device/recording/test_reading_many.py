@@ -28,7 +28,7 @@ from pfwd_device.recording.index import Index, build_index, read_index
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import ledger_bytes
 from pfwd_device.recording.publishing import InlinePublisher
-from pfwd_device.recording.recovery import lost_texts
+from pfwd_device.recording.recovery import lost_texts, recover
 from tests.campaigns.power_loss import make_record
 from tests.pfwd_device.recording.operations import growth, operations
 
@@ -312,3 +312,30 @@ def test_the_last_of_many_results_is_the_one_written_last(
     assert first.read_last_result() == {"seed": 11} == first.read_results()[-1]
     assert (second.results, second.read_results(), second.read_last_result()) == ((), (), None)
     assert (second.last_result, first.result_count, second.result_count) == (None, 11, 0)
+
+
+@pytest.mark.parametrize("change", [b'{"seed":3}\n', b'{"seed": 2}\n', b"", None])
+def test_a_changed_result_does_not_count_and_is_reported_once(
+    tmp_path: Path, new_survey: Callable[..., dict[int, str]], change: bytes | None
+) -> None:
+    new_survey(tmp_path / "s", extras=False)
+    with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
+        path = [writer.save_result(1, {"seed": seed}) for seed in (1, 2)][-1]
+        diagnosis = writer.save_result(1, {"seed": 2}, "diagnosis")
+    content = path.read_bytes()
+    for file in (path, diagnosis):
+        if change is None:
+            file.unlink()
+        else:
+            file.write_bytes(change)
+    survey = read_survey(tmp_path / "s")
+    drop = survey.drops[0]
+    assert survey.damage == ()
+    for read in (drop.read_last_result, drop.read_results, drop.read_diagnosis) * 2:
+        with pytest.raises(RecordingError, match=r"-[12]\.json is damaged: expected the stored .*"):
+            read()
+    assert list(drop.readable_results()) == [{"seed": 1}]
+    assert [text.split(" is damaged")[0] for text in survey.damage] == [str(path), str(diagnosis)]
+    assert recover(tmp_path / "s").ok
+    assert path.read_bytes() == content
+    assert read_survey(tmp_path / "s").drops[0].read_last_result() == {"seed": 2}

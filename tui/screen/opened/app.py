@@ -244,10 +244,10 @@ class OpenApp(App[int]):
         self._counts = ""
         self._show_rows()
         self._draw_job()
-        changed = self.opened.changed_verdicts
-        if changed:
-            more = f" ({len(changed)} changed; all are listed when you leave)"
-            self.show_message(changed[0] + (more if len(changed) > 1 else ""))
+        remarks = self.opened.remarks
+        if remarks:
+            more = f" ({len(remarks)} remarks; all are listed when you leave)"
+            self.show_message(remarks[0] + (more if len(remarks) > 1 else ""))
 
     # The table of points.
 
@@ -769,6 +769,6 @@ def show_survey(folder: str | Path, settings: ScreenSettings) -> int:
     """Show a recorded survey until the reader leaves; return the exit status of the program."""
     app = OpenApp(OpenedSurvey(folder), settings)
     app.run()
-    for text in app.opened.changed_verdicts:
+    for text in app.opened.remarks:
         say(text)
     return app.return_code or 0

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pfwd.judging import Job, PointView
     from pfwd.procedures import PointProgress
 
-CACHE_VERSION = 5
+CACHE_VERSION = 6
 """Version of the cache, to be raised when rows have other fields or are judged otherwise."""
 
 MAX_CACHE_BYTES = 50_000_000
@@ -105,8 +105,8 @@ class OpenedSurvey:
         self.job: Any = None
         """Job of the survey, once it is read."""
         self.rows: list[PointRow] = []
-        self.changed_verdicts: list[str] = []
-        """One sentence for each judged point whose verdict this version changed."""
+        self.remarks: list[str] = []
+        """Sentences on verdicts that this version changed, and on damage."""
 
     def read(self) -> list[PointRow]:
         """Read the survey and return its points as rows that are not judged yet.
@@ -160,7 +160,7 @@ class OpenedSurvey:
             try:
                 view = point_view(point, self.job)
                 row = judged_row(row, view)
-                self.changed_verdicts += changed_verdicts(self.survey, [view])
+                self.remarks += changed_verdicts(self.survey, [view])
             except (SurveyError, DeviceError) as err:
                 row = dataclasses.replace(row, judged=True, verdict="none", reason=str(err))
             self.rows[place] = row
@@ -169,7 +169,9 @@ class OpenedSurvey:
                 tell(part)
                 part = []
         tell(part)
-        self._store()
+        self.remarks += self.survey.damage
+        if not self.survey.damage:  # its repair may change no other file
+            self._store()
 
     def view(self, name: str) -> "PointView | None":
         """Return a point by the name its drops have; None: it has not been read yet."""

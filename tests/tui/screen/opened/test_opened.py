@@ -103,6 +103,19 @@ def test_the_cache_is_valid_until_the_survey_is_written(survey: Path) -> None:
     assert OpenedSurvey(survey).from_cache() is None
 
 
+def test_a_changed_result_gives_a_remark_and_no_verdict(survey: Path) -> None:
+    file = survey / "results" / "drop-000004-1.json"
+    content = file.read_bytes()
+    file.write_bytes(content.replace(b'"modulus_pa":4', b'"modulus_pa":9'))
+    assert file.read_bytes() != content
+    changed = opened(survey)
+    assert changed.rows[1].state == "UNDECIDED"
+    assert [remark.split(" is damaged")[0] for remark in changed.remarks] == [str(file)]
+    file.write_bytes(content)
+    assert OpenedSurvey(survey).from_cache() is None
+    assert opened(survey).rows[1].state == "FAIL"
+
+
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"key": 1, "rows": []}'])
 def test_a_damaged_cache_is_survived(survey: Path, tmp_path: Path, text: str) -> None:
     opened(survey)
