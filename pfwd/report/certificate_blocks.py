@@ -12,7 +12,7 @@ from pfwd.errors import OptionError, refusal
 from pfwd.judging import PointView
 from pfwd.matplotlib_start import start_matplotlib
 from pfwd.message_groups import group_messages
-from pfwd.procedures import Procedure, Quantity, Verdict
+from pfwd.procedures import PointDrop, Procedure, Quantity, Verdict
 from pfwd.procedures.point import UNSUPPORTED_MARK
 from pfwd.procedures.preconditions import presumed_load
 from pfwd.report import formatting
@@ -36,13 +36,18 @@ from pfwd.report.drawing import (
     with_deflection,
 )
 from pfwd.report.fonts import Letters
-from pfwd.report.peaks_blocks import has_only_peaks, peaks_table
+from pfwd.report.peaks_blocks import (
+    has_only_peaks,
+    has_only_stiffness,
+    peaks_table,
+    stiffness_table,
+)
 from pfwd.report.point_facts import (
     clock_and_zone,
     modulus_text,
     points_text,
+    shown_drops,
     time_cells,
-    used_drops,
     verdict_of,
 )
 from pfwd.report.texts import Texts
@@ -79,13 +84,15 @@ def certificate_blocks(
     logo : path of a picture, optional
     """
     blocks: list[Block] = [*logo_blocks(company, logo, texts), Heading(report.title, level=1)]
-    head = texts["report_of_peaks" if has_only_peaks(report) else "report"]
+    only_peaks, only_stiffness = has_only_peaks(report), has_only_stiffness(report)
+    head = texts["report_of_peaks" if only_peaks else "report"]
+    head = texts["report_of_stiffness"] if only_stiffness else head
     if report.chosen:
         head = f"{texts['certificate']}: {texts.title(report.procedure.title)}"
     blocks.append(Paragraph(f"{company} · {head}" if company else head, "note"))
     blocks.append(Pairs(tuple(row for row in certificate_rows(report, texts) if row[1])))
     if len(report.points) <= MAX_ROWS:
-        blocks += [points_table(report, texts), *unsupported_note(report, texts)]
+        blocks += points_blocks(report, texts)
     blocks += verdict_reasons(report, texts)
     if len(report.points) <= MAX_POINTS_WITH_CURVES:
         blocks += curve_blocks(report, texts, letters)
@@ -206,7 +213,7 @@ def _loads(points: Sequence[PointView], procedure: Procedure, texts: Texts) -> s
     loads = [
         (load, load / (math.pi * radius**2))
         for point in points
-        for drop in used_drops(point)
+        for drop in shown_drops(point)
         if (load := drop.facts.peak_load) is not None and (radius := point.setup.plate_radius)
     ]
     parts = []
@@ -271,6 +278,8 @@ def _calibration(instruments: Sequence[Mapping[str, Any]], texts: Texts) -> str:
 
 def judged_by(report: Report, texts: Texts) -> str:
     """Return the procedure and the quantity that it judges."""
+    if has_only_stiffness(report):
+        return texts["stiffness_basis"]
     if not report.chosen:
         only_peaks = has_only_peaks(report)
         return (
@@ -288,11 +297,19 @@ def judged_by(report: Report, texts: Texts) -> str:
     return f"{text}; {texts.say('own_procedure', name=report.survey_procedure)}"
 
 
+def points_blocks(report: Report, texts: Texts) -> list[Block]:
+    """Return the table of the points with the notes on its values."""
+    notes = [*unsupported_note(report, texts), *_existing_note(report, texts)]
+    return [points_table(report, texts), *notes]
+
+
 def points_table(report: Report, texts: Texts) -> Table:
     """Return the table of the points: settlements, s/v or load, judged value, target, verdict.
 
-    A report of peaks alone has their indices in place of the modulus.
+    A report of peaks alone has their indices in place of the modulus, one of a rig the stiffness.
     """
+    if has_only_stiffness(report):
+        return stiffness_table(report, texts)
     if has_only_peaks(report):
         return peaks_table(report, texts)
     quantity = report.procedure.quantity
@@ -304,7 +321,8 @@ def points_table(report: Report, texts: Texts) -> Table:
     title, times = time_cells(report, texts)
     columns = [texts["point"], title, formatting.symbol_title("s", "mm")]
     columns += [formatting.symbol_title("s\N{COMBINING MACRON}", "mm")] if mean else []
-    measured = (("v", "mm/s"), ("s/v", "ms")) if speeds else (("F", "kN"),)
+    loads = not speeds or bool(_existing_note(report, texts))
+    measured = [*([("v", "mm/s"), ("s/v", "ms")] * speeds), *([("F", "kN")] * loads)]
     columns += [formatting.symbol_title(symbol, unit) for symbol, unit in measured]
     right = tuple(range(3, len(columns)))
     columns += [formatting.name_of(quantity, texts)] if judged else []
@@ -312,7 +330,7 @@ def points_table(report: Report, texts: Texts) -> Table:
     rows = []
     for point, time in zip(report.points, times, strict=True):
         progress = point.progress
-        facts = [drop.facts for drop in used_drops(point)]
+        facts = [drop.facts for drop in shown_drops(point)]
         depths = [s for fact in facts if (s := fact.peak_deflection) is not None]
         kind = verdict_of(point)
         cells: list[str | Mark] = [
@@ -321,23 +339,40 @@ def points_table(report: Report, texts: Texts) -> Table:
             " / ".join(map(depth_text, depths[:MAX_LISTED_DEPTHS]))
             + (" …" if len(depths) > MAX_LISTED_DEPTHS else ""),
         ]
-        cells += [depth_text(fmean(depths) if depths else None)] if mean else []
+        cells += [depth_text(fmean(depths) if depths and progress.used else None)] if mean else []
         if speeds:
             cells += [
                 _mean([v * 1e3 for fact in facts if (v := fact.peak_velocity) is not None]),
                 formatting.scaled(progress.s_over_v, 1e3, ""),
             ]
-        else:
+        if loads:
             cells.append(_mean([f / 1e3 for fact in facts if (f := fact.peak_load) is not None]))
         cells += [formatting.value_of(progress.value, texts)] if judged else []
         cells += [
-            modulus_text(point, texts),
+            modulus_text(point, texts) if progress.used else _moduli_of(facts),
             formatting.target_of(progress.target, quantity),
             Mark(kind, texts["discarded"] if point.discarded else texts[kind]),
         ]
         rows.append(tuple(cells))
     table = Table(tuple(columns), tuple(rows), right)
     return formatting.without_empty_columns(table, always=(title, texts["target"]))
+
+
+def _moduli_of(drops: Sequence[PointDrop]) -> str:
+    """Return the moduli of drops that are not averaged; what the data do not support is missing."""
+    supported = [
+        formatting.digits(drop.modulus / 1e6)
+        for drop in drops
+        if drop.modulus is not None and drop.fit_fault is None and drop.record_fault is None
+    ]
+    listed = " / ".join(supported[:MAX_LISTED_DEPTHS])
+    return f"{listed} MPa" if supported else formatting.NO_VALUE
+
+
+def _existing_note(report: Report, texts: Texts) -> list[Block]:
+    """Return the note on points with drops of which none is averaged; empty without any."""
+    some = any(shown_drops(point) and not point.progress.used for point in report.points)
+    return [Paragraph(texts["existing_drops"], "note")] if some else []
 
 
 def depth_text(depth: float | None) -> str:

@@ -14,13 +14,13 @@ from pfwd.report.certificate_blocks import (
     MAX_ROWS,
     certificate_blocks,
     curve_blocks,
-    points_table,
+    points_blocks,
 )
 from pfwd.report.content import Report
 from pfwd.report.fonts import Letters
 from pfwd.report.localising import localised, names_of
 from pfwd.report.lot_blocks import lot_blocks
-from pfwd.report.peaks_blocks import basin_of_drop, has_only_peaks
+from pfwd.report.peaks_blocks import basin_of_drop, has_only_peaks, has_only_stiffness
 from pfwd.report.point_blocks import photo_blocks, point_blocks
 from pfwd.report.provenance_blocks import device_blocks, procedure_blocks, recompute_blocks
 from pfwd.report.summary_blocks import common_warnings, summary_blocks, warning_blocks
@@ -56,7 +56,7 @@ def compose(
     only_peaks = has_only_peaks(report)
     overview = summary_blocks(report, texts, letters)
     if len(report.points) > MAX_ROWS:  # their table has no room on the first page, the map has
-        blocks += [*overview, Heading(texts["points"]), points_table(report, texts)]
+        blocks += [*overview, Heading(texts["points"]), *points_blocks(report, texts)]
     elif len(report.points) > 1:
         blocks += [on_new_page(overview[0]), *overview[1:]]
     else:
@@ -65,9 +65,10 @@ def compose(
         blocks += curve_blocks(report, texts, letters)
     blocks += lot_blocks(report, texts)
     blocks += warning_blocks(report, texts)
-    if not only_peaks or any(point.progress.value is not None for point in report.points):
+    inverted = not only_peaks and not has_only_stiffness(report)
+    if inverted or any(point.progress.value is not None for point in report.points):
         blocks.append(Paragraph(texts["uncertainty_note"], "note"))
-    if not only_peaks:
+    if inverted:
         blocks.append(Paragraph(f"{texts['traces_note']} {texts['compaction_note']}", "note"))
     if any(basin_of_drop(drop) is not None for point in report.points for drop in point.drops):
         blocks += [Heading(texts["basin"], 3), Paragraph(texts["basin_note"], "note")]

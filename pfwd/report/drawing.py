@@ -18,6 +18,7 @@ from pfwd.report.fonts import Letters
 from pfwd.report.formatting import name_of
 from pfwd.report.labels import common_beginning, on_page, place_labels, room_of
 from pfwd.report.lot import Line, Lot
+from pfwd.report.point_facts import shown_drops
 from pfwd.report.texts import Texts
 
 EARTH_RADIUS_M = 6_371_000.0
@@ -582,9 +583,8 @@ def _draw_curve(axes: Any, drop: DropView, colour: str) -> None:
 
 
 def with_deflection(point: PointView) -> list[DropView]:
-    """Return the averaged drops that have a deflection over time."""
-    used = [drop for drop in point.drops if drop.number in point.progress.used]
-    return [drop for drop in used if drop.deflection is not None]
+    """Return the shown drops that have a deflection over time."""
+    return [drop for drop in shown_drops(point) if drop.deflection is not None]
 
 
 def points_out_of_scale(points: Sequence[PointView]) -> set[int]:

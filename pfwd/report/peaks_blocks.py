@@ -37,6 +37,40 @@ def has_only_peaks(report: Report) -> bool:
     return all(not drop.has_traces and not drop.setup.is_stiffness_test for drop in drops)
 
 
+def has_only_stiffness(report: Report) -> bool:
+    """Return whether all drops of the report were made on a rig of springs."""
+    drops = [drop for point in report.points for drop in point.drops]
+    return bool(drops) and all(drop.setup.is_stiffness_test for drop in drops)
+
+
+def stiffness_table(report: Report, texts: Texts) -> Table:
+    """Return the mean stiffness of the drops of each point on a rig, a line a point."""
+    title, times = time_cells(report, texts)
+    rows = []
+    for point, time in zip(report.points, times, strict=True):
+        on_rig = [
+            d.stiffness for d in point.drops if d.stiffness is not None and d.discarded is None
+        ]
+        rows.append(
+            (
+                point.shown_name,
+                time,
+                str(len(on_rig)),
+                _mean([item.peak_load_n for item in on_rig], 1e-3),
+                _mean([item.peak_displacement_m for item in on_rig], 1e3),
+                _mean([item.secant_n_per_m for item in on_rig], 1e-6),
+                _mean([item.dynamic_n_per_m for item in on_rig], 1e-6),
+            )
+        )
+    columns = (
+        *(texts["point"], title, texts["drops"]),
+        *(formatting.symbol_title("F", "kN"), formatting.symbol_title("s", "mm")),
+        f"{texts['stiffness']}, {texts['secant_stiffness']}, MN/m",
+        f"{texts['stiffness']}, {texts['dynamic_stiffness']}, MN/m",
+    )
+    return Table(columns, tuple(rows), tuple(range(2, len(columns))))
+
+
 def peaks_table(report: Report, texts: Texts) -> Table:
     """Return every point in one line: mean load, deflection, moduli and indices of its peaks."""
     title, times = time_cells(report, texts)

@@ -23,7 +23,12 @@ from pfwd.report.content import Report
 from pfwd.report.diagnosis_blocks import diagnosis_blocks
 from pfwd.report.drawing import MAX_PHOTOS, draw_photos, draw_point
 from pfwd.report.ground_blocks import ground_blocks
-from pfwd.report.peaks_blocks import has_only_peaks, peaks_blocks, peaks_point_blocks
+from pfwd.report.peaks_blocks import (
+    has_only_peaks,
+    has_only_stiffness,
+    peaks_blocks,
+    peaks_point_blocks,
+)
 from pfwd.report.point_facts import (
     diagnosis_counts,
     diagnosis_of,
@@ -81,6 +86,11 @@ def point_blocks(
         Keys of messages that hold for all points; the first part of the report has them.
     """
     rows = tuple(row for row in _rows(point, report, texts) if row[1].strip(_EMPTY_LETTERS))
+    kept = not point.discarded and all(drop.discarded is None for drop in point.drops)
+    if has_only_stiffness(report) and kept:
+        # That a rig has no modulus, no target and no averaged drop is stated once, not here.
+        unneeded = (texts["verdict"], texts["used"])
+        rows = tuple(row for row in rows if row[0] not in unneeded)
     if has_only_peaks(report):
         return peaks_point_blocks(point, rows, texts, common)
     blocks: list[Block] = [
@@ -88,7 +98,7 @@ def point_blocks(
         Pairs(rows),
         *_pictures(point, texts),
         *ground_blocks(_traced(point), point.shown_name, texts),
-        *_results(point, texts),
+        *([] if has_only_stiffness(report) else _results(point, texts)),
         *peaks_blocks(point, texts),
         *remarks_of(point, texts, common),
     ]

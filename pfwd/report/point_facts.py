@@ -10,7 +10,7 @@ from pfwd.analysis.results import DiagnosisResult
 from pfwd.files.header import IMPORTED
 from pfwd.judging import DropView, PointView
 from pfwd.message_groups import MessageGroup, as_ranges, group_messages
-from pfwd.procedures import Verdict
+from pfwd.procedures import Kind, Verdict
 from pfwd.report import formatting
 from pfwd.report.blocks import Block, Heading, Listing, Paragraph
 from pfwd.report.content import Report
@@ -30,6 +30,16 @@ def diagnosis_of(point: PointView) -> DiagnosisResult | None:
 def used_drops(point: PointView) -> list[DropView]:
     """Return the averaged drops."""
     return [drop for drop in point.drops if drop.number in point.progress.used]
+
+
+def shown_drops(point: PointView) -> list[DropView]:
+    """Return the averaged drops; where none is averaged, those that took part."""
+    excluded = (Kind.REJECTED, Kind.DISCARDED)
+    return used_drops(point) or [
+        drop
+        for drop, facts in zip(point.drops, point.facts, strict=True)
+        if facts.kind not in excluded
+    ]
 
 
 def time_of(point: PointView) -> str:

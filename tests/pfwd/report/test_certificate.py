@@ -14,7 +14,7 @@ from pfwd.files.importing import import_files
 from pfwd.files.traces import TracePoint, write_traces
 from pfwd.judging import PointView
 from pfwd.report import drawing
-from pfwd.report.blocks import Pairs, Paragraph
+from pfwd.report.blocks import Pairs, Paragraph, Picture
 from pfwd.report.certificate_blocks import certificate_blocks, points_table, verdict_reasons
 from pfwd.report.composing import compose
 from pfwd.report.content import Report
@@ -71,6 +71,25 @@ def test_it_has_what_the_procedure_asks_for(
     assert [titles[place] for place in table.right] == [
         name for name in columns if name in ("s̄, mm", "v, mm/s", "s/v, ms", "F, kN")
     ]
+
+
+def test_a_point_with_too_few_drops_shows_those_that_exist(survey: Path) -> None:
+    report = gather(survey, ReportOptions(procedure="tp-bf-stb-b8.3", target=40e6))
+    first = report.points[0]
+    short = replace(first, drops=first.drops[:2], whole=None)  # both are seating drops
+    report = replace(report, points=(short, *report.points[1:]))
+    table = points_table(report, EN)
+    titles = [title.replace("\N{NO-BREAK SPACE}", " ") for title in table.columns]
+    row = dict(zip(titles, table.rows[0], strict=True))
+    assert row["s, mm"] == "0.500 / 0.500"
+    assert row["s̄, mm"] == row["E_vd"] == "–"
+    assert row["v, mm/s"] != "–"
+    assert row["F, kN"] == "8.00"
+    assert row["Modulus E"] == "45.1 / 45.2 MPa"
+    blocks = certificate_blocks(replace(report, points=(short,)), EN, Letters())
+    assert Paragraph(EN["existing_drops"], "note") in blocks
+    assert any(isinstance(block, Picture) and block.caption for block in blocks), "the curves"
+    assert "measured: 8.00 kN" in rows_of(replace(report, points=(short,)))["Peak load"]
 
 
 def test_loads_pressures_and_conditions_are_said(survey: Path) -> None:

@@ -1,5 +1,6 @@
 """The report of a survey of peaks: no empty columns, nothing about a fit that cannot be."""
 
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from statistics import fmean
@@ -11,6 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from pfwd.files.importing import import_files
+from pfwd.files.traces import TracePoint, write_traces
 from pfwd.report.blocks import Block, Pairs, Paragraph, Picture, Table, Together
 from pfwd.report.certificate_blocks import points_table
 from pfwd.report.composing import compose
@@ -20,6 +22,7 @@ from pfwd.report.gathering import ReportOptions, gather
 from pfwd.report.peaks_blocks import basin_of_drop, has_only_peaks
 from pfwd.report.texts import load_texts
 from tests.pfwd.files.foreign.peaks_builders import pddx, places
+from tests.pfwd.report.surveys import SETUP, half_sine_drop
 
 EN = load_texts("en")
 
@@ -130,3 +133,22 @@ def test_names_in_the_sketch_of_many_points_do_not_overlap(peaks: Path) -> None:
     assert len(names) > 5
     boxes = [name.get_window_extent(renderer) for name in names]
     assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+
+
+def test_a_report_of_a_rig_has_its_stiffness_and_no_modulus(tmp_path: Path) -> None:
+    setup = replace(SETUP, plate_radius=0.0, rig_stiffness=16e6)
+    drops = (half_sine_drop(1, 8000.0), half_sine_drop(2, 8010.0))
+    write_traces(tmp_path / "R1.csv", TracePoint("", setup, drops, ()))
+    list(import_files([str(tmp_path / "R1.csv")], tmp_path / "rig"))
+    report = gather(tmp_path / "rig")
+    blocks = flat(compose(report, EN, Letters()))
+    first = next(block for block in blocks if isinstance(block, Table))
+    assert first.columns[-2:] == ("Stiffness, secant, MN/m", "Stiffness, dynamic, MN/m")
+    assert first.rows[0][2:4] == ("2", "8.01")
+    assert 15.0 < float(str(first.rows[0][-2])) < 18.0  # 8 kN move 0.5 mm
+    pairs = dict(row for block in blocks if isinstance(block, Pairs) for row in block.rows)
+    assert pairs["Judged by"] == EN["stiffness_basis"]
+    assert "rejected" not in str([block.rows for block in blocks if isinstance(block, Table)])
+    notes = [block.text for block in blocks if isinstance(block, Paragraph)]
+    assert EN["uncertainty_note"] not in notes
+    assert EN["report_of_stiffness"] in notes
