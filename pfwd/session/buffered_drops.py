@@ -179,7 +179,7 @@ class UnrecordedDrops:
         if identity is not None:
             self._lost[identity.serial_number] = 0
 
-    def compare(self, status: Status, identity: Identity | None, point: str) -> None:
+    def compare(self, status: Status, identity: Identity | None) -> None:
         """Report the drops that an instrument lost since its last status.
 
         Parameters
@@ -187,8 +187,6 @@ class UnrecordedDrops:
         status : Status
         identity : Identity or None
             None: the instrument is not known yet.
-        point : str
-            Name of the present test point.
         """
         total = status.drops_lost
         if identity is None or total is None:
@@ -202,11 +200,8 @@ class UnrecordedDrops:
         count = total if before is None or total < before else total - before
         if not count:
             return
-        n_unsaved = self._stored_events.due(LOST_EVENT)
-        if self._recorder is not None and n_unsaved is not None:
-            details = {"serial_number": serial, "point": point, "drops": count}
-            details |= {"since_power_on": total}
-            details |= {"more_before": n_unsaved} if n_unsaved else {}
+        if self._recorder is not None and self._stored_events.due(LOST_EVENT) is not None:
+            details = {"serial_number": serial, "drops": count, "since_power_on": total}
             self._recorder.keep_event(LOST_EVENT, details)
         older = "; they may be older than this survey" if before is None else ""
         text = (
@@ -224,10 +219,9 @@ class UnrecordedDrops:
         serial = "" if identity is None else identity.serial_number
         if self._recorder is not None:
             self._recorder.keep_event("drops waiting", {"serial_number": serial, "drops": count})
-        instrument = f"instrument {serial}".rstrip()
         text = (
-            f"drops that wait in the {instrument} and are not recorded: {count}. Measure with "
-            "this survey again to record them"
+            f"drops that wait in the instrument and are not recorded: {count}. Measure with this "
+            "survey again to record them"
         )
         if identity is None or not identity.lasting:
             text += ", and do not switch the instrument off before"
@@ -236,14 +230,13 @@ class UnrecordedDrops:
 
 def _last_recorded(events: Iterable[Mapping[str, Any]], serial_number: str) -> int | None:
     """Return the number of lost drops, since its power-on, in the last event of an instrument."""
-    total = None
-    for event in events:
-        details = event.get("details")
-        if event.get("event") == LOST_EVENT and isinstance(details, Mapping):
-            value = details.get("since_power_on")
-            if details.get("serial_number") == serial_number and type(value) is int:
-                total = value
-    return total
+    details = [each.get("details") for each in events if each.get("event") == LOST_EVENT]
+    totals = [
+        each.get("since_power_on")
+        for each in details
+        if isinstance(each, Mapping) and each.get("serial_number") == serial_number
+    ]
+    return totals[-1] if totals and type(totals[-1]) is int else None
 
 
 @dataclass(eq=False, slots=True)

@@ -95,8 +95,7 @@ class LiveFeed:
         """Wait until the instrument has confirmed the acknowledged drops, or `SETTLE_TIME_S`;
         return its last status.
         """
-        self._driver.settle(SETTLE_TIME_S)
-        return self._driver.status
+        return self._driver.settle(SETTLE_TIME_S)
 
     def counters(self) -> dict[str, float | None]:
         """Return the numbers of discarded messages by kind, and the drift of the instrument's

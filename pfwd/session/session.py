@@ -414,7 +414,7 @@ class Session:
         self._pipeline.end_of_rebounds()
         status = self._feed.settle()
         if status is not None:
-            self._unrecorded.compare(status, self._identity, self._point)
+            self._unrecorded.compare(status, self._identity)
             self._unrecorded.report_waiting(status, self._identity)
 
     def _report_stored_point(self, name: str) -> None:
@@ -564,7 +564,7 @@ class Session:
                 self._status = item
                 self._report(InstrumentStatus(item, self._feed.counters()))
                 if self._feed.lost_since is None:  # otherwise it may be another instrument
-                    self._unrecorded.compare(item, self._identity, self._point)
+                    self._unrecorded.compare(item, self._identity)
             case Event():
                 self._on_event(item)
             case Refusal():

@@ -13,14 +13,7 @@ from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from pfwd_device.acquisition.items import (
-    Counters,
-    Gap,
-    Item,
-    RepeatedSamples,
-    Samples,
-    StreamBegan,
-)
+from pfwd_device.acquisition.items import Counters, Gap, Item, RepeatedSamples, Samples, StreamBegan
 from pfwd_device.identity import Identity
 from pfwd_device.wire.messages import HostMessage, Resend, SampleBlock, SamplesGone
 
@@ -402,8 +395,7 @@ class Assembler:
         """Count a discarded block, and append a report for each second of consecutive ones."""
         if not self._repeated:
             self._first_repeated = block.first_sample
-        before = self._repeated // self._rate
-        self._repeated += len(block.counts)
-        if self._repeated // self._rate > before:
+        before, self._repeated = self._repeated, self._repeated + len(block.counts)
+        if self._repeated // self._rate > before // self._rate:
             seconds = self._repeated / self._rate
             items.append(RepeatedSamples(block.stream, self._first_repeated, seconds))

@@ -124,7 +124,6 @@ class Decoder:
                     self.expect_restart()
                 if self.accepted is not None:
                     self.status = message
-                    self.transfers.waiting = message.drops_waiting
             case DropOffer() | DropBlock() | Released():
                 return self._take_transfer_message(message, received, time_utc)
             case SamplesGone():

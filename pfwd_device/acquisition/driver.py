@@ -8,7 +8,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
@@ -203,15 +202,6 @@ class Driver:
         """
         return self._decoder.clock.speed
 
-    @property
-    def status(self) -> Status | None:
-        """Latest status of the instrument, with the number of drops that it stores since then.
-
-        None before the first status.
-        """
-        status, waiting = self._decoder.status, self._decoder.transfers.waiting
-        return None if status is None else replace(status, drops_waiting=waiting)
-
     def open_port(self) -> None:
         """Open the port without reading from it or sending to it; `open` then uses it.
 
@@ -318,12 +308,11 @@ class Driver:
         self._acknowledgements.append(offer)
         self._queue.put(WakeUp())
 
-    def settle(self, timeout: float) -> bool:
+    def settle(self, timeout: float) -> Status | None:
         """Wait until the instrument has confirmed the deletion of all acknowledged drops.
 
-        If it stores other drops, or has not sent a status yet, wait for its next status too, so
-        that `status` is up to date. Call it before `close` and no more `next`: items that arrive
-        meanwhile are discarded.
+        Wait also for the next status of an instrument that stores drops. Call it before `close` and
+        no more `next`: items that arrive meanwhile are discarded.
 
         Parameters
         ----------
@@ -332,23 +321,23 @@ class Driver:
 
         Returns
         -------
-        bool
-            True if all deletions were confirmed.
+        Status or None
+            Latest status of the instrument; None before the first one.
         """
-        start = time.monotonic()
-        deadline, status_by = start + timeout, start + STATUS_TIMEOUT_S
+        now = time.monotonic()
+        deadline, status_by, status = now + timeout, now, self._decoder.status
+        if self._identity is not None and self._identity.keeps_drops:
+            status_by += STATUS_TIMEOUT_S
         while True:
             self._acknowledge()
             self._conclude()
             now = time.monotonic()
-            if not self._decoder.transfers.unreleased and (
-                now >= status_by or not self._needs_status()
-            ):
-                return True
-            remaining = deadline - now
-            if remaining <= 0 or self._transport is None or self._closed:
-                return False
-            self.next(min(remaining, _MAX_WAIT_S))
+            if self._decoder.transfers.unreleased:
+                status, status_by = self._decoder.status, now + STATUS_TIMEOUT_S
+            settled = now >= status_by or self._decoder.status is not status
+            if settled or now >= deadline or self._transport is None or self._closed:
+                return self._decoder.status
+            self.next(min(deadline - now, _MAX_WAIT_S))
 
     def next(self, timeout: float | None = None) -> Item | None:
         """Return the next item: samples, a gap, a stored drop, a connection or a report.
@@ -408,13 +397,6 @@ class Driver:
                 f"{self.url or 'the instrument'}: expected an instrument that accepts commands, "
                 "got one that only sends lines; change its settings at the instrument itself"
             )
-
-    def _needs_status(self) -> bool:
-        """Return True if only the next status reports the number of drops that are lost or wait."""
-        status, identity = self.status, self._identity
-        if status is None:
-            return identity is not None and identity.keeps_drops
-        return bool(status.drops_waiting)
 
     def _queue_command(self, message: HostMessage) -> None:
         self._commands.append(message)

@@ -152,8 +152,6 @@ class DropTransfers:
         self.outbox: list[HostMessage] = []
         """Messages to send; the driver removes them."""
         self._counters = counters
-        self.waiting: int | None = None
-        """Number of drops that the instrument stores; None: it has not reported one."""
         self.channels: int | None = None
         """Number of channels of the identity; None before the identity is known."""
         self._transfers: OrderedDict[Name, _Transfer] = OrderedDict()
@@ -254,8 +252,6 @@ class DropTransfers:
                 return self._take_block(message, now, clock)
             case Released(stream, first):
                 self._names.pop((stream, first), None)
-                if self.waiting:
-                    self.waiting -= 1  # until the next status reports the number again
         return None
 
     def tick(self, now: float) -> None:
@@ -317,7 +313,6 @@ class DropTransfers:
         if drop in self._safe:
             self._acknowledge(drop, now)
             return None
-        self.waiting = max(self.waiting or 0, 1)
         if drop in self._delivered:
             return None
         if self.channels is not None and offer.channels != self.channels:

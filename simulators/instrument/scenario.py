@@ -175,9 +175,7 @@ class DeviceSettings:
     clock_start_us: int = declared(0, Integer(0), "clock when it is switched on, microseconds")
     clock_drift_ppm: float = declared(0.0, Number(), "excess speed of the clock over the sampling")
     message: str = declared("", Text(), "text of its events, sent")
-    random_streams: bool = declared(
-        True, Flag(), "false: streams are numbered from 1 after each power-on"
-    )
+    random_streams: bool = declared(True, Flag(), "false: numbered from 1 after each power-on")
     channels: tuple[ChannelSettings, ...] = declared(
         (
             ChannelSettings("load", "load", sensitivity=4e-4, noise=4.0, rest=12.0, shunt=5000.0),

@@ -210,7 +210,7 @@ def test_drops_that_the_instrument_lost_are_reported_once_each(tmp_path: Path) -
     ]
     events = read_survey(tmp_path / "survey").events
     assert [each["details"] for each in events if each["event"] == "drops lost"] == [
-        {"serial_number": "T-1", "point": "1", "drops": count, "since_power_on": total}
+        {"serial_number": "T-1", "drops": count, "since_power_on": total}
         for count, total in ((2, 2), (1, 3), (3, 3), (1, 4), (1, 1))
     ]
 
@@ -233,7 +233,7 @@ def test_drops_that_wait_in_the_instrument_at_the_end_are_reported(tmp_path: Pat
     (notice,) = log.of(DropsWaiting)
     assert notice.serious
     assert notice.text == (
-        "drops that wait in the instrument T-1 and are not recorded: 2. Measure with this survey "
+        "drops that wait in the instrument and are not recorded: 2. Measure with this survey "
         "again to record them, and do not switch the instrument off before"
     )
     *_, before, last = read_survey(tmp_path / "survey").events

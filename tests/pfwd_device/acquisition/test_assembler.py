@@ -11,14 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pfwd_device.acquisition.assembler import Assembler
-from pfwd_device.acquisition.items import (
-    Counters,
-    Gap,
-    Item,
-    RepeatedSamples,
-    Samples,
-    StreamBegan,
-)
+from pfwd_device.acquisition.items import Counters, Gap, Item, RepeatedSamples, Samples, StreamBegan
 from pfwd_device.wire.messages import SampleBlock
 from tests.pfwd_device.acquisition.scripted import block, counts, identity
 

@@ -1,5 +1,6 @@
 """The driver with an instrument in the same process; real ports in test_driver_links.py."""
 
+import dataclasses
 import math
 import threading
 import time
@@ -181,13 +182,15 @@ def test_the_drops_that_wait_at_the_end_are_those_of_the_last_status(
     make: MakeDriver, remaining: int
 ) -> None:
     instrument = Instrument()
+    storing = {"protocol_version": 2, "drop_samples": 700, "drop_slots": 4}
+    instrument.identity = dataclasses.replace(instrument.identity, **storing)
     instrument.drops_waiting = 3
     driver = make(Socket(instrument))
-    collect(driver, lambda seen: driver.status is not None and driver.status.drops_waiting == 3)
+    collect(driver, lambda seen: isinstance(seen[-1], Status) and seen[-1].drops_waiting == 3)
     instrument.drops_waiting = remaining
-    assert driver.settle(30.0)
-    assert driver.status is not None
-    assert driver.status.drops_waiting == remaining
+    status = driver.settle(30.0)
+    assert status is not None
+    assert status.drops_waiting == remaining
 
 
 def test_a_new_run_after_stop_and_start_may_have_the_same_number(make: MakeDriver) -> None:

@@ -52,17 +52,6 @@ def said(kept: DropTransfers) -> list[object]:
     return list(found)
 
 
-def test_the_number_of_waiting_drops_follows_offers_and_releases() -> None:
-    kept = DropTransfers(Counters())
-    kept.take(OFFER, 0.0, None)  # it fell after the last status
-    assert kept.waiting == 1
-    kept.waiting = 2
-    kept.acknowledge(OFFER, 0.1)
-    kept.take(OFFER, 0.2, None)
-    kept.take(Released(*NAME), 0.3, None)
-    assert kept.waiting == 1
-
-
 def test_a_drop_is_fetched_whole_and_acknowledged_when_it_is_safe() -> None:
     kept = DropTransfers(Counters())
     kept.take(OFFER, 0.0, None)
