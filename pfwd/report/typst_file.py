@@ -10,7 +10,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
 
-from pfwd.errors import OptionError, refusal
 from pfwd.report.blocks import (
     SIGNS,
     Block,
@@ -27,6 +26,7 @@ from pfwd.report.blocks import (
 from pfwd.report.fonts import Letters, families, font_folders
 from pfwd.report.pictures_as_svg import svg_of
 from pfwd.report.texts import Texts
+from pfwd.report.typst_process import render_apart
 
 STANDARDS: tuple[Literal["a-2a"], Literal["ua-1"]] = ("a-2a", "ua-1")
 """Archiving with tags, and accessibility. Typst refuses to write a file that breaks their rules."""
@@ -74,29 +74,20 @@ def render_pdf(
     OptionError
         If the template of the user cannot be rendered.
     """
+    data = typst_data(blocks, texts, title, letters)
+    if template is not None:
+        return render_apart(template, data, font_folders(), STANDARDS)
     import typst
 
-    data = typst_data(blocks, texts, title, letters)
-    file = template or resources.files(__package__).joinpath("templates/report.typ")
     fonts = typst.Fonts(
-        include_system_fonts=template is not None,
-        include_embedded_fonts=template is not None,
-        font_paths=list(font_folders()),
+        include_system_fonts=False, include_embedded_fonts=False, font_paths=[*font_folders()]
     )
-    try:
-        compiler = typst.Compiler(
-            file.read_bytes(),
-            root=None if template is None else str(template.resolve().parent),
-            font_paths=fonts,
-            sys_inputs={"data": json.dumps(data, ensure_ascii=False)},
-        )
-        pdf = compiler.compile(format="pdf", pdf_standards=[*STANDARDS])
-    except typst.TypstError as err:
-        if template is None:
-            raise
-        reason = " ".join([err.message, *err.hints]).strip()
-        where = f"--template {template}"
-        raise OptionError(refusal(where, "a template that Typst can render", reason)) from err
+    compiler = typst.Compiler(
+        resources.files(__package__).joinpath("templates/report.typ").read_bytes(),
+        font_paths=fonts,
+        sys_inputs={"data": json.dumps(data, ensure_ascii=False)},
+    )
+    pdf = compiler.compile(format="pdf", pdf_standards=[*STANDARDS])
     assert isinstance(pdf, bytes)
     return pdf
 

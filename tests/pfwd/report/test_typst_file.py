@@ -1,9 +1,12 @@
 """The pages of a PDF, read back by programs that did not write them."""
 
 import io
+import os
 import re
 import shutil
+import socket
 import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -130,6 +133,69 @@ def test_a_template_of_an_agency_gets_the_same_data(survey: Path, tmp_path: Path
     assert "Road agency" in text
     assert report.title in text
     assert all(point.shown_name in text for point in report.points)
+
+
+def refusal_of(template: Path, source: str) -> str:
+    template.write_text(source, encoding="utf-8")
+    with pytest.raises(OptionError) as refusal:
+        render(template=template)
+    return str(refusal.value)
+
+
+@pytest.fixture
+def template(tmp_path: Path) -> Path:
+    (tmp_path / "agency").mkdir()
+    return tmp_path / "agency" / "t.typ"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs links and pipes")
+def test_a_template_reads_the_files_of_its_folder_alone(template: Path, tmp_path: Path) -> None:
+    (tmp_path / "secret").write_text("secret")
+    (template.parent / "link").symlink_to(tmp_path / "secret")
+    (template.parent / "folder").symlink_to(tmp_path)
+    os.mkfifo(template.parent / "pipe")
+    for path in ("../secret", f"{tmp_path}/secret", "link", "folder/secret", "pipe"):
+        message = refusal_of(template, f'#read("{path}")')
+        assert re.search("not found|escape the project root", message), path
+
+
+def test_a_template_gets_packages_of_its_folder_and_none_of_the_network(
+    template: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = template.parent / "preview" / "own" / "1.0.0"
+    package.mkdir(parents=True)
+    manifest = '[package]\nname = "own"\nversion = "1.0.0"\nentrypoint = "lib.typ"\n'
+    (package / "typst.toml").write_text(manifest)
+    (package / "lib.typ").write_text("#let own = [from a package]")
+    begin = '#set document(title: "T")\n#import "@preview/'
+    template.write_text(begin + 'own:1.0.0": own\n#own')
+    assert "from a package" in text_of_pages(render(template=template))[0]
+    # Typst would send its request to this proxy, or to the server itself.
+    with socket.create_server(("127.0.0.1", 0)) as proxy:
+        proxy.setblocking(False)
+        monkeypatch.setenv("HTTPS_PROXY", f"http://127.0.0.1:{proxy.getsockname()[1]}")
+        assert "failed to download" in refusal_of(template, begin + 'other:1.0.0": own')
+        with pytest.raises(BlockingIOError):
+            proxy.accept()
+
+
+def test_a_template_is_ended_after_a_time(template: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pfwd.report.typst_process.MAX_RENDER_S", 1.0)
+    endless = "#for a in range(1000000) { for b in range(1000000) { } }"
+    assert "in at most 0.0167 minutes and 4 GB, got a longer time" in refusal_of(template, endless)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not limit the memory")
+def test_the_memory_of_a_template_is_limited(template: Path) -> None:
+    assert "lack of memory" in refusal_of(template, "#let numbers = range(1000000000)")
+
+
+def test_a_folder_with_too_many_files_is_not_copied(
+    template: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pfwd.report.typst_process.MAX_TEMPLATE_FILES", 1)
+    (template.parent / "other").touch()
+    assert "move the template into a folder of its own" in refusal_of(template, "text")
 
 
 def test_a_template_that_cannot_be_rendered_is_refused(survey: Path, tmp_path: Path) -> None:
