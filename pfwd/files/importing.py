@@ -244,19 +244,41 @@ def import_survey(
             writer.add_point(point.name, _original_declarations(point))
     for drop in content.drops:
         yield _import_stored_drop(writer, file, content, drop, before, drops, omitted)
+    own = {key for event in survey.events for key in _settings_of(event)}
+    not_taken: set[str] = set()
     for point in content.points:
         present = points.get(point.name)
         edits = _missing(point.edits, present.edits if present else ())
         for edit in _supported_edits(edits, omitted):
+            if edit["what"] == "target" and present and present.target is not None:
+                not_taken.add(f"target of point {clean(point.name)}")
+                continue
             writer.edit(edit["what"], edit.get("value"), point=point.name)
     for check in _well_formed(_missing(content.checks, survey.checks), "check", omitted):
         writer.save_check(dict(check.get("details") or {}))
     for event in _well_formed(_missing(content.events, survey.events), "event", omitted):
-        if event.get("event") != "recovery":  # a recovery concerns files of the original folder
-            writer.note_event(str(event.get("event")), dict(event.get("details") or {}))
+        name, details = str(event.get("event")), dict(event.get("details") or {})
+        taken = _settings_of(event).keys() & own
+        not_taken |= taken
+        if name == "recovery" or "procedure" in taken:  # recovered files are not in this folder
+            continue
+        details = {key: value for key, value in details.items() if key not in taken}
+        if details or not taken:
+            writer.note_event(name, details)
+    if not_taken:
+        remark = f"{file}: not imported, as the survey has its own: {', '.join(sorted(not_taken))}"
+        yield Imported(file, remark=remark)
     if omitted:
         yield Imported(file, remark=_omission_remark(file, omitted))
     yield from _import_photos(writer, file, content)
+
+
+def _settings_of(event: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings of a survey (its job) that an event declares."""
+    details = event.get("details") or {}
+    if event.get("event") == "procedure":
+        return {"procedure": details}
+    return {key: value for key, value in details.items() if event.get("event") == "job"}
 
 
 def _import_photos(writer: SurveyWriter, file: str, content: SurveyContent) -> Iterator[Imported]:

@@ -187,7 +187,7 @@ def replay(
     DeviceError, SurveyError
         If recording, setup or output cannot be used.
     """
-    path = Path(recording)
+    path, targets = Path(recording), dict[str, Any]()
     plan = SessionPlan(options=options, drops=drops)
     if is_survey(path):
         if setup is not None:
@@ -196,7 +196,9 @@ def replay(
         for text in survey.damage:
             listener(Notice(text, serious=True))
         feed, reader = survey_feed(survey, speed), None
-        plan = replace(plan, job=_job_of(survey, listener).as_request())
+        if output is None or not is_survey(output):  # an existing survey has its own
+            plan = replace(plan, job=_job_of(survey, listener).as_request())
+        targets = {point.name: point.target for point in survey.points}
         listener = _with_stored_points(survey, listener)
     elif path.is_file():
         feed, used, reader = capture_feed(path, speed, setup)
@@ -208,6 +210,9 @@ def replay(
         session = Session(feed, listener, plan, writer)
         with control(session):
             ending = session.run()
+        for point in () if writer is None else writer.contents().points:
+            if point.target is None and (target := targets.get(point.name)) is not None:
+                writer.edit("target", target, point=point.name)
     for text in reader.damage if reader is not None else ():
         listener(Notice(f"{path}: damaged: {text}", serious=True))
     return ending

@@ -448,6 +448,8 @@ class Session:
         self._report(JobReported(self.job, self._differences))
         for text in self._changed_verdicts:
             self._report(Notice(text, serious=True))
+        if self._recorder is not None and not self._feed.live:
+            self._keep_job(self._job_request)
         self._report_similar_point()
         self._report_stored_point(self._point)
         while not self._finished():
@@ -681,7 +683,12 @@ class Session:
         if not self._rules_stored:
             self._recorder.keep_event(RULES_EVENT, {"version": RULES_VERSION})
             self._rules_stored = True
-        request = self._job_request.over(instrument_request(identity)).news(self._job)
+        self._keep_job(self._job_request.over(instrument_request(identity)))
+
+    def _keep_job(self, requested: JobRequest) -> None:
+        """Save the requested changes of the job as events of the survey."""
+        assert self._recorder is not None
+        request = requested.news(self._job)
         for kind, details in request.events():
             self._recorder.keep_event(kind, details)
         self._job, self._job_request = self._job.with_request(request), JobRequest()

@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import shutil
 from collections.abc import Callable
 from dataclasses import fields, replace
 from datetime import UTC, datetime
@@ -23,6 +24,7 @@ from pfwd.files.survey_file import (
     read_survey_file,
     write_survey_file,
 )
+from pfwd.judging import JobRequest, job_of
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Rebound, SurveyPoint, SurveyWriter, read_survey
 from pfwd_device.recording.drop_file import drop_digest
@@ -276,3 +278,28 @@ def test_a_photo_that_is_none_is_a_remark(
     (remark,) = [outcome.remark for outcome in outcomes if outcome.remark]
     assert "a photo of A/1: picture: expected a JPEG or PNG file" in remark
     assert not (tmp_path / "again" / "photos").exists()
+
+
+def test_an_import_into_a_survey_keeps_its_targets(survey: Path, tmp_path: Path) -> None:
+    events = JobRequest(target=33e6, step_m=20.0).events()
+    shutil.copytree(survey, tmp_path / "own")
+    with SurveyWriter.open(survey, publish=False) as writer:
+        for event in events:
+            writer.note_event(*event)
+        point = writer.points[0]
+        writer.edit("target", 44e6, point=point)
+    write_survey_file(tmp_path / "s.h5", read_survey(survey))
+    for folder, target, of_point in (("own", 20e6, 25e6), ("new", None, None)):
+        if target is not None:
+            with SurveyWriter.open(tmp_path / folder, publish=False) as writer:
+                writer.note_event("job", {"target": target})
+                writer.edit("target", of_point, point=point)
+        imported = list(import_files([str(tmp_path / "s.h5")], tmp_path / folder))
+        content = read_survey(tmp_path / folder)
+        assert job_of(content).target == (target or 33e6)
+        assert job_of(content).step_m == 20.0  # the survey had none
+        assert content.points[0].target == (of_point or 44e6)
+        remarks = [each.remark for each in imported if each.remark]
+        assert ["has its own: target, target of point" in remark for remark in remarks] == (
+            [True] if target else []
+        )

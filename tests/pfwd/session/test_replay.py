@@ -10,8 +10,10 @@ import pytest
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.errors import DeviceError, SurveyError
+from pfwd.files.editing import Edit, add_events, edit_survey
 from pfwd.files.importing import import_files
 from pfwd.files.traces import TracePoint, write_traces
+from pfwd.judging import JobRequest, job_of
 from pfwd.session.drop_metadata import feed_item_of
 from pfwd.session.events import DropAnalysed, DropSaved
 from pfwd.session.feeds import Ended, ImportedDrop, RecordedDrop
@@ -274,3 +276,15 @@ def test_an_import_without_counts_is_no_recorded_drop(recording: Path) -> None:
 
     record = dataclasses.replace(traces(recording)[0], counts=None)
     assert isinstance(feed_item_of(record, "x"), ImportedDrop)
+
+
+def test_a_replay_into_a_new_survey_keeps_the_targets(recording: Path, tmp_path: Path) -> None:
+    add_events(recording, JobRequest(target=33e6).events())
+    edit_survey(recording, [Edit("target", 44e6)], "1")
+    for _ in range(2):  # the second time it exists, with a target of its own
+        replay(recording, Log(), output=tmp_path / "copy")
+        copy = read_survey(tmp_path / "copy")
+        assert job_of(copy).target == 33e6
+        assert {point.name: point.target for point in copy.points}["1"] == 44e6
+        add_events(recording, JobRequest(target=20e6).events())
+        edit_survey(recording, [Edit("target", 21e6)], "1")
