@@ -344,6 +344,10 @@ MIN_MODULUS_TARGET, MAX_MODULUS_TARGET = 2e6, 1e10
 deflection in mm that is read as MPa is below that. A bituminous base has 10 GPa, and a modulus in
 kPa that is read as MPa is above that."""
 
+MAX_TARGET_OVER_RANGE = 3.0
+"""Largest target over the end of the range of a method. E_vd is measured up to 70 MPa, required up
+to 120 MPa, and 450 or 4500 MPa is a wrong decimal point or another quantity."""
+
 
 def target_fault(target: float, procedure: Procedure, unit: tuple[str, float] | None = None) -> str:
     """Return a message about a target that no drop can reach; empty: the target is valid.
@@ -360,6 +364,8 @@ def target_fault(target: float, procedure: Procedure, unit: tuple[str, float] | 
     --------
     >>> target_fault(0.045, find_procedure("mndot")).partition(";")[0]
     'expected a deflection of 0.01 to 10 mm, got 45 mm'
+    >>> target_fault(4500e6, find_procedure("tp-bf-stb-b8.3")).partition(";")[0]
+    'expected a modulus of 2 to 210 MPa, got 4500 MPa'
     """
     name, scale = unit or target_unit(procedure)[:2]
     if procedure.quantity is Quantity.DEFLECTION:
@@ -369,6 +375,8 @@ def target_fault(target: float, procedure: Procedure, unit: tuple[str, float] | 
     else:
         kind, wrong_quantity = "modulus", "a deflection"
         smallest, largest = MIN_MODULUS_TARGET, MAX_MODULUS_TARGET
+        if (end_of_range := procedure.limit("most_value_pa")) is not None:
+            largest = MAX_TARGET_OVER_RANGE * end_of_range
         is_wrong_quantity = target < smallest
     if smallest <= target <= largest:
         return ""

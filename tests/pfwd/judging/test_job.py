@@ -12,6 +12,7 @@ from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from tests.pfwd.report.surveys import SETUP, half_sine_drop
 
 MNDOT, PAPER = find_procedure("mndot"), find_procedure("paper")
+E_VD = find_procedure("tp-bf-stb-b8.3")
 
 
 def survey_with(folder: Path, *requests: JobRequest, **declared: object) -> Path:
@@ -146,6 +147,7 @@ def test_a_target_is_typed_in_the_unit_of_the_procedure(procedure, shown, si) ->
         (6e-4, MNDOT, r"0.01 to 10 mm, got 0.0006 mm; did you mean another unit\?"),
         (0.45, PAPER, r"to 10000 MPa, got 0.45 MPa; did you mean a deflection\? procedure paper"),
         (45e3, PAPER, r"2 to 10000 MPa, got 45000 MPa; did you mean another unit\?"),
+        (4500.0, E_VD, r"2 to 210 MPa, got 4500 MPa; did you mean another unit\?"),
         (45e6, PAPER, r"got 4.5e\+07 MPa; did you mean another unit\?"),
         (0.6, NO_PROCEDURE, r"did you mean a deflection\? without a procedure a modulus is judged"),
     ],
