@@ -36,7 +36,23 @@ def test_it_counts_where_it_belongs_and_nowhere_else(
     survey: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for drop in ("3", "4"):
-        assert main(["edit", survey, "--point", "1", "--drop", drop, "--move", "2", "--json"]) == 0
+        assert (
+            main(
+                [
+                    "edit",
+                    survey,
+                    "--point",
+                    "1",
+                    "--drop",
+                    drop,
+                    "--move",
+                    "2",
+                    "--new-point",
+                    "--json",
+                ]
+            )
+            == 0
+        )
     capsys.readouterr()
     first, second = point_views(read_survey(survey))
     assert (first.progress.used, first.progress.verdict) == ((2,), "pass")
@@ -49,7 +65,7 @@ def test_it_counts_where_it_belongs_and_nowhere_else(
 
 
 def test_a_moved_drop_is_listed_as_moved(survey: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["edit", survey, "--point", "1", "--drop", "3", "--move", "2"]) == 0
+    assert main(["edit", survey, "--point", "1", "--drop", "3", "--move", "2", "--new-point"]) == 0
     assert main(["edit", survey, "--point", "1", "--drop", "4", "--discard"]) == 0
     capsys.readouterr()
     assert main(["edit", survey]) == 0
@@ -61,7 +77,7 @@ def test_a_moved_drop_is_listed_as_moved(survey: str, capsys: pytest.CaptureFixt
 
 
 def test_a_seating_drop_that_is_moved_away_seated_nothing(survey: str) -> None:
-    main(["edit", survey, "--drop", "1", "--move", "2"])
+    main(["edit", survey, "--drop", "1", "--move", "2", "--new-point"])
     first, _ = point_views(read_survey(survey))
     assert dict(first.progress.kinds)[2] == "seating"
 
@@ -69,8 +85,8 @@ def test_a_seating_drop_that_is_moved_away_seated_nothing(survey: str) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--move", "2"], "--move: expected a drop, named by --drop, got none"),
-        (["--drop", "9", "--move", "2"], "--drop: expected a drop of point 1"),
+        (["--move", "1"], "--move: expected a drop, named by --drop, got none"),
+        (["--drop", "9", "--move", "1"], "--drop: expected a drop of point 1"),
         (["--drop", "1", "--move", "1"], "expected another point, got '1'"),
         (["--drop", "1", "--move", ""], "expected a name of 1 to 64 characters"),
         (["--drop", "1", "--move", "2", "--note", "x"], "no other edit, got other edits"),
@@ -132,17 +148,17 @@ def test_a_move_taken_back_while_it_is_measured_counts_the_drop_once(survey: str
 
 
 def test_restoring_a_moved_drop_takes_it_from_where_it_is_now(survey: str) -> None:
-    main(["edit", survey, "--point", "1", "--drop", "3", "--move", "2"])
-    main(["edit", survey, "--point", "2", "--drop", "1", "--move", "3"])
+    main(["edit", survey, "--point", "1", "--drop", "3", "--move", "2", "--new-point"])
+    main(["edit", survey, "--point", "2", "--drop", "1", "--move", "3", "--new-point"])
     assert counting(survey) == {"1": [1, 2, 4], "2": [], "3": [1]}
     assert main(["edit", survey, "--point", "1", "--drop", "3", "--restore"]) == 0
     assert counting(survey) == {"1": [1, 2, 3, 4], "2": [], "3": []}
-    assert main(["edit", survey, "--point", "1", "--drop", "3", "--move", "2"]) == 0
+    assert main(["edit", survey, "--point", "1", "--drop", "3", "--move", "2", "--new-point"]) == 0
     assert counting(survey) == {"1": [1, 2, 4], "2": [2], "3": []}
 
 
 def test_a_move_to_a_renamed_point_finds_it_by_its_title(survey: str) -> None:
-    main(["edit", survey, "--point", "1", "--drop", "3", "--move", "2"])
+    main(["edit", survey, "--point", "1", "--drop", "3", "--move", "2", "--new-point"])
     main(["edit", survey, "--point", "2", "--name", "km 1"])
     with SurveyWriter.open(survey, publish=False) as writer:
         session = Session(ScriptedFeed(), Log(), SessionPlan(options=None, point="1"), writer)
@@ -151,13 +167,33 @@ def test_a_move_to_a_renamed_point_finds_it_by_its_title(survey: str) -> None:
     assert [point.name for point in read_survey(survey).points] == ["1", "2"]
 
 
-def test_a_move_to_a_name_that_is_part_of_a_known_one_is_doubted(
+def test_a_move_to_an_unknown_point_is_refused_without_a_terminal(
     survey: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for drop, to in (("3", "12+360"), ("2", "12+36"), ("1", "12+36")):
-        assert main(["edit", survey, "--point", "1", "--drop", drop, "--move", to]) == 0
-    doubts = [line for line in capsys.readouterr().err.splitlines() if "exists" in line]
-    assert doubts == ["pfwd: edit: point 12+36 is new, but 12+360 exists. Was 12+360 meant?"]
+    move = ["edit", survey, "--point", "1", "--drop", "3", "--move", "11"]
+    assert main(move) == 2
+    assert "expected a point (1), got '11'; give --new-point to begin" in capsys.readouterr().err
+    assert len(read_survey(survey).drops) == 4
+    assert main([*move, "--new-point"]) == 0
+    assert main(["job", survey, "--stations", _stations(survey, "12+360")]) == 0
+    assert main([*move[:5], "2", "--move", "12+360"]) == 0  # a station is known
+    assert counting(survey) == {"1": [1, 4], "11": [1], "12+360": [1]}
+
+
+@pytest.mark.parametrize(("answer", "n_drops"), [("", 4), ("y", 5)])
+def test_a_move_to_an_unknown_point_asks_on_a_terminal(
+    survey: str, answer: str, n_drops: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tui.commands.edit.on_terminal", lambda: True)
+    monkeypatch.setattr("builtins.input", lambda _: answer)
+    assert main(["edit", survey, "--point", "1", "--drop", "3", "--move", "11"]) == 0
+    assert len(read_survey(survey).drops) == n_drops
+
+
+def _stations(survey: str, name: str) -> str:
+    file = Path(survey).with_suffix(".csv")
+    file.write_text(f"name\n{name}\n", encoding="utf-8")
+    return str(file)
 
 
 def test_a_new_point_that_is_part_of_a_station_is_doubted_by_the_session(survey: str) -> None:

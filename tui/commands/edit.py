@@ -1,16 +1,19 @@
 """``pfwd edit``: notes, targets and other edits of points and drops."""
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from pfwd.errors import OptionError, refusal
+from pfwd.errors import OptionError, quote, refusal
 from pfwd.export.json_text import json_text
 from tui.arguments import add_json, count, number
-from tui.output import clean, counted, say
+from tui.output import clean, counted, on_terminal, say
 
 if TYPE_CHECKING:
     from pfwd.files.editing import Edit
+
+MAX_LISTED_POINTS = 8
+"""Largest number of points that a message lists."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +35,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--restore", action="store_true", help="undo --discard or --move")
     parser.add_argument(
-        "--move", metavar="POINT", help="with --drop: assign the drop to this point, old or new"
+        "--move", metavar="POINT", help="with --drop: assign the drop to this point"
+    )
+    parser.add_argument(
+        "--new-point", action="store_true", help="with --move: begin the point if it is new"
     )
     parser.add_argument("--position", metavar="LAT,LON", help="degrees")
     parser.add_argument(
@@ -70,8 +76,9 @@ def _run(args: argparse.Namespace) -> int:
         if edits:
             hint = "make the other edits by another call"
             raise OptionError(refusal("--move", "no other edit", "other edits", hint))
+        if not _is_agreed(args):
+            return 0
         points = overview_of(move_drop(args.survey, args.point, args.drop, args.move))
-        _warn_similar_point(args.survey, points, args.move)
     elif edits or args.point is not None or args.drop is not None:
         points = overview_of(edit_survey(args.survey, edits, args.point, args.drop))
     else:
@@ -86,19 +93,30 @@ def _run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _warn_similar_point(survey: str, points: Sequence[Mapping[str, Any]], to: str) -> None:
-    """Warn if a drop was moved to a new point whose name resembles that of another point."""
-    from pfwd.judging.stations import similar_name
+def _is_agreed(args: argparse.Namespace) -> bool:
+    """Return whether to move a drop to a point: it is known, or the user wants a new one.
+
+    Raises
+    ------
+    OptionError
+        If the point is new, and there is no terminal to ask on.
+    """
+    from pfwd.files.editing import survey_overview
     from tui.measuring_options import survey_job
 
-    measured = {point["point"]: len(point["drops"]) for point in points}
-    titles = {point["name"] for point in points}
-    stations = {station.name for station in survey_job(survey).stations}
-    if measured.get(to) != 1 or to in stations:  # the point is not new, or it is a station
-        return
-    similar = similar_name(to, (measured.keys() | titles | stations) - {to})
-    if similar is not None:
-        say(f"edit: point {to} is new, but {similar} exists. Was {similar} meant?")
+    known = [station.name for station in survey_job(args.survey).stations]
+    for point in survey_overview(args.survey):
+        known += [point["point"], point["name"]]
+    if args.new_point or not args.move or args.move in known:
+        return True
+    names = list(dict.fromkeys(known))
+    listed = ", ".join(map(clean, names[:MAX_LISTED_POINTS]))
+    listed += ", ..." if len(names) > MAX_LISTED_POINTS else ""
+    if not on_terminal():
+        hint = "give --new-point to begin a new one"
+        raise OptionError(refusal("--move", f"a point ({listed})", quote(args.move), hint))
+    say(f"point {clean(args.move)} is new; the survey has {listed}")
+    return input("Begin a new point? [y/N] ").strip().lower() in ("y", "yes")
 
 
 def _edits(args: argparse.Namespace) -> "list[Edit]":
