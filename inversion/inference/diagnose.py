@@ -40,7 +40,7 @@ from inversion.inference.modulus import (
 from inversion.inference.point_model import STIFFNESS, PointModel
 from inversion.inference.population import InstrumentKnowledge, summarise
 from inversion.inference.posterior import PointFit, Posterior
-from inversion.inference.selection import Selection, select
+from inversion.inference.selection import Selection, is_sound, select
 from inversion.inference.structures import effects_of
 from inversion.measured.bad_sensors import (
     MIN_LOAD_STEP_DEVIATIONS,
@@ -189,28 +189,36 @@ def _choose_structure(
 def fit_drops_of_selection(
     point: Point, selection: Selection, instrument: InstrumentKnowledge
 ) -> tuple[Posterior, float]:
-    """Return the fit of all drops with the best structure, and the log evidence of seating."""
-    structure, declared = selection.best, instrument.declared_effects
-    single_drop_fit = selection.fits[structure]
-    fits = []
-    for same_ground in (True, False)[: len(point.drops)]:
-        model = PointModel(
-            point,
-            effects_of(structure, declared),
-            range(len(point.drops)),
-            declared,
-            is_same_ground=same_ground,
-        )
-        model.apply_priors(instrument.priors(model))
-        values = model.start_from(single_drop_fit.by_key)
-        for place, unknown in enumerate(model.unknowns):
-            if unknown.name == STIFFNESS and unknown.drop is not None:
-                values[place] = model.starting_deviation(unknown.drop)
-        fits.append(PointFit(model, values).run_nearby(_MAX_REFIT_ITERATIONS))
-    if len(fits) == 1:
-        return fits[0], 0.0
-    evidence = fits[1].log_evidence - fits[0].log_evidence
-    return fits[int(evidence + _SEATING_LOG_ODDS > 0.0)], evidence
+    """Return the fit of all drops with the best structure, and the log evidence of seating.
+
+    A structure whose fit of all drops is implausible is removed from the selection, and the next
+    one is fitted.
+    """
+    declared = instrument.declared_effects
+    while True:
+        structure = selection.best
+        fits = []
+        for same_ground in (True, False)[: len(point.drops)]:
+            model = PointModel(
+                point,
+                effects_of(structure, declared),
+                range(len(point.drops)),
+                declared,
+                is_same_ground=same_ground,
+            )
+            model.apply_priors(instrument.priors(model))
+            values = model.start_from(selection.fits[structure].by_key)
+            for place, unknown in enumerate(model.unknowns):
+                if unknown.name == STIFFNESS and unknown.drop is not None:
+                    values[place] = model.starting_deviation(unknown.drop)
+            fits.append(PointFit(model, values).run_nearby(_MAX_REFIT_ITERATIONS))
+        evidence = fits[-1].log_evidence - fits[0].log_evidence
+        if evidence + _SEATING_LOG_ODDS > 0.0:
+            fits.reverse()
+        sound = [fit for fit in fits if is_sound(fit)]
+        if sound or len(selection.fits) == 1:
+            return (sound or fits)[0], evidence
+        selection.refuse(structure)
 
 
 def _point_diagnosis(

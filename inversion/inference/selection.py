@@ -163,9 +163,10 @@ class Selection:
                 if needed == best:
                     return best
                 for structure in [s for s in self.fits if needed < s <= best]:
-                    self._refuse(structure)
+                    self.refuse(structure)
 
-    def _refuse(self, structure: Structure) -> None:
+    def refuse(self, structure: Structure) -> None:
+        """Remove a structure and its fit; it is not fitted again."""
         self._refused.add(structure)
         del self.fits[structure]
 
@@ -246,7 +247,7 @@ class Selection:
             and neighbour < structure
             and self._is_negligible(name, fit, self.fits[neighbour])
         ):
-            self._refuse(structure)
+            self.refuse(structure)
             fit = None
         if fit is None or self.score(structure) < self.score(neighbour) - _HOPELESS_EVIDENCE_LOSS:
             self._unpromising.add(name)
@@ -301,7 +302,7 @@ class Selection:
             for fit_of_start in _select_promising(list(map(PointFit, models))):
                 with suppress(np.linalg.LinAlgError):
                     fits.append(fit_of_start.run_briefly(_MAX_SELECTION_ITERATIONS))
-        fits = [fit for fit in fits if _is_sound(fit)]
+        fits = [fit for fit in fits if is_sound(fit)]
         if not fits:
             return None
         self.fits[structure] = max(fits, key=lambda fit: fit.log_evidence)
@@ -358,7 +359,7 @@ def _select_promising(fits: list[PointFit], held: Collection[str] = ()) -> list[
     return [fits[place] for _, place in sorted(costs)[:_MAX_STARTS]]
 
 
-def _is_sound(fit: Posterior) -> bool:
+def is_sound(fit: Posterior) -> bool:
     """Return whether the values of each effect of a fit are plausible for that effect."""
     model = fit.model
     context = model.point.drops[model.last].context

@@ -10,9 +10,13 @@ import pytest
 from inversion import Record, Sensor, SurrogateLibrary
 from inversion.diagnosis import PointRecords
 from inversion.diagnosis.problem import Point
+from inversion.effects.catalogue import BY_NAME
 from inversion.forward.model import Instrument
+from inversion.inference.diagnose import fit_drops_of_selection
 from inversion.inference.instrument import choose_structure
 from inversion.inference.point_model import PointModel
+from inversion.inference.population import InstrumentKnowledge
+from inversion.inference.selection import Selection
 from inversion.inference.structures import (
     Ranking,
     Structure,
@@ -124,3 +128,26 @@ def test_priors_of_others_move_the_start_and_the_optimum() -> None:
     model.apply_priors({("sensor_lag", "delay", None): (2e-4, 1e-5)})
     assert model.start[place] == 2e-4
     assert model.deviation[place] == 1e-5
+
+
+def test_a_structure_whose_fit_of_all_drops_is_implausible_is_not_reported(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    simulated = Point(point(DEPTH), SurrogateLibrary())
+    known = InstrumentKnowledge(effects=ALWAYS, starting_structures=(frozenset({"bedrock"}),))
+    selection = Selection(simulated, 0, known)
+    for structure in (ALWAYS, ALWAYS | {"bedrock"}):
+        assert selection._fit(structure) is not None
+    assert selection.best == ALWAYS | {"bedrock"}
+    fit, _ = fit_drops_of_selection(simulated, selection, known)
+    assert fit.model.modulus(fit.values) == pytest.approx(MODULUS, rel=0.02)
+    # Plausible in the selection, but no longer in the final fit.
+    monkeypatch.setattr(type(BY_NAME["bedrock"]), "is_sound", lambda *_: False)
+    fit, _ = fit_drops_of_selection(simulated, selection, known)
+    assert {effect.name for effect in fit.model.effects} == ALWAYS
+    assert selection.best == ALWAYS
+    # Without an alternative the last fit is returned.
+    alone = Selection(simulated, 0, known)
+    alone.fits[ALWAYS] = fit
+    monkeypatch.setattr(type(BY_NAME["sensor_lag"]), "is_sound", lambda *_: False)
+    assert fit_drops_of_selection(simulated, alone, known)[0].model.effects == fit.model.effects
