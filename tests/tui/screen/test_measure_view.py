@@ -1,12 +1,13 @@
 """The measure page as text, at every size: a few whole pictures, and what must always hold."""
 
+import re
 from typing import Any
 
 import numpy as np
 import pytest
 
 from pfwd.judging import Job, Station
-from pfwd.procedures import plain_procedure
+from pfwd.procedures import find_procedure, plain_procedure
 from pfwd.session.events import JobReported
 from pfwd.session.live_trace import Envelope
 from tests.snapshots import check_snapshot
@@ -195,3 +196,21 @@ def test_verdict_and_value_stand_side_by_side_where_they_do_not_fit_below() -> N
 def test_a_high_terminal_has_a_bar_per_drop() -> None:
     assert "modulus of each drop, MPa" in text(view(*complete_point(), chosen=6), (200, 60))
     assert "modulus of each drop, MPa" not in text(view(*complete_point(), chosen=6), (120, 40))
+
+
+@pytest.mark.parametrize("large", [False, True])
+def test_no_advice_is_cut_on_a_small_terminal(large: bool) -> None:
+    marks = ("saturated: 12 samples of g0 at the end of the converter's range",)
+    job = Job(procedure=find_procedure("tp-bf-stb-b8.3"), target=45e6)
+    on_page = view(JobReported(job), ready(), saved(1, marks=marks), analysed(1), large=large)
+    advice = on_page.state.advice(on_page.drop)
+    assert len(advice) == 2
+    shown = " ".join(text(on_page, (80, 24)).split())
+    assert [part for part in advice if part not in shown] == []
+
+
+def test_the_mark_of_a_number_without_support_is_explained() -> None:
+    unexplained = {"contact_residual_rms_over_peak": 0.3, "explained": False}
+    drops = [event for n in (1, 2, 3, 4) for event in (saved(n), analysed(n, **unexplained))]
+    page = text(view(ready(), *drops), (80, 24))
+    assert re.search(r"point: modulus \S+\* .* \* not supported", page)

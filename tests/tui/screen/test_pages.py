@@ -819,8 +819,12 @@ def test_the_help_names_the_status_words_and_the_keys_as_the_page_does() -> None
     page = help_of("1", App())
     for word in WORDS:
         assert re.search(rf"^ +{word}  ", page, re.MULTILINE), word
+    assert re.search(r"^ +\*  after a number: the data do not support it", page, re.MULTILINE)
     assert re.search(r"^ +q  Leave", page, re.MULTILINE)
     assert "^q" not in page
+    for others in ("Points: up/down choose", "Drop: left/right cursor", "Setup: ctrl+s put in"):
+        assert others in page  # the keys of all pages
+    assert "Measure: " not in page
     recording = QuietSource()
     recording.pace = Pace(1.0)  # type: ignore[assignment]
     replay = help_of("1", App(recording))

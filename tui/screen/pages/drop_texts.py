@@ -293,6 +293,8 @@ def point_summary(state: SessionState, point: PointView, units: Units, width: in
         return fit([piece(0, cell("point: nothing measured yet", "dim"))], width)
     text = f"point: {texts.name} {texts.text}, mean of {judged.drops}"
     pieces.append(piece(0, cell(text, "strong")))
+    if UNSUPPORTED_MARK in text:
+        pieces.append(piece(1, cell(f"{UNSUPPORTED_MARK} not supported", "warn")))
     if progress.verdict in VERDICT_WORDS:
         word, role = VERDICT_WORDS[progress.verdict]
         pieces.append(piece(0, cell(word, role)))

@@ -7,6 +7,7 @@ from textual.app import App
 from textual.binding import Binding, BindingType
 
 from tui.screen.drawing.lines import Line, cell, line, wrap
+from tui.screen.pages import PAGES, make_page
 from tui.screen.pages.measure_view import key_line
 from tui.screen.pages.page import Page
 
@@ -52,8 +53,14 @@ class HelpPage(Page):
             # Of several keys the plain one: the line of keys on the page shows it too.
             key = min(displays, key=lambda display: (display.startswith("^"), len(display)))
             lines.append(line(" ", cell(f"{key:>10}", "key"), f"  {description}"))
+        lines += [(), line(cell(" Keys of the other pages", "strong"))]
+        for entry in PAGES:
+            if entry.name != self._about.NAME:
+                keys_of_page = make_page(entry.name).KEYS
+                listed = ", ".join(f"{key} {effect}" for key, effect in keys_of_page)
+                lines += [line(" ", row) for row in wrap(f"{entry.title}: {listed}", width - 2)]
         if self._about.WORDS:
-            lines += [(), line(cell(" Words at the top of the page", "strong"))]
+            lines += [(), line(cell(" Words and marks of the page", "strong"))]
             widest = max(map(len, self._about.WORDS))
             for word, meaning in self._about.WORDS.items():
                 first, *more = wrap(meaning, max(20, width - widest - 4))

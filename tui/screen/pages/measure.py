@@ -7,6 +7,7 @@ from typing import ClassVar
 from textual.binding import Binding, BindingType
 
 from pfwd.judging.stations import next_name
+from pfwd.procedures.point import UNSUPPORTED_MARK
 from tui.screen.drawing.lines import Line
 from tui.screen.lines_view import LinesView
 from tui.screen.pages.dialogs import TextDialog
@@ -38,7 +39,10 @@ class MeasurePage(Page):
         "on the disk. Its modulus comes at once from a quick fit and is then refined. Discarding "
         "only marks a drop: u takes it back."
     )
-    WORDS: ClassVar[Mapping[str, str]] = WORDS
+    WORDS: ClassVar[Mapping[str, str]] = {
+        **WORDS,
+        UNSUPPORTED_MARK: "after a number: the data do not support it, and it decides no verdict",
+    }
     KEYS: ClassVar[Sequence[tuple[str, str]]] = (
         ("n", "next point"),
         ("d", "discard"),

@@ -388,9 +388,10 @@ def _with_each_drop(view: MeasureView, lines: list[Line], width: int) -> list[Li
 
 def _small(view: MeasureView, width: int, room: int) -> list[Line]:
     table_rows = max(2, min(len(view.drops) + 1, 5, room // 4 + 1))
-    panel_rows = max(0, room - table_rows - LETTER_ROWS - 2)
+    advice = [line(" ", cell(row, "warn")) for row in advice_lines(view, width - 2)]
+    panel_rows = max(0, room - table_rows - LETTER_ROWS - 2 - len(advice))
     result = result_lines(view, width, LETTER_ROWS + 1, wide=True)
-    lines = [*result, model_line(view.drop, view, width)]
+    lines = [*result, *advice, model_line(view.drop, view, width)]
     if panel_rows >= 4:
         lines += _single_plot(view, width, panel_rows)
     return [*lines, *drop_table(view, width, table_rows)]
@@ -411,13 +412,14 @@ def _large(view: MeasureView, width: int, room: int) -> list[Line] | None:
     if room < LETTER_ROWS + 4:
         return None
     table_rows = min(4, room - LETTER_ROWS - 4)
-    space = room - table_rows - 4
+    verdict = _verdict_lines(view, width - 1)
+    space = room - table_rows - 2 - max(2, len(verdict))
     judged = judged_value(view.state, drop, view.units)
     digits = _large_number(judged.value, judged.ends, width - 2, space)
     lines: list[Line] = [(Cell(" "), *row) for row in digits]
     name = "" if judged.is_fit else f"  {judged.name}"
     lines.append(line(cell(f" {_unit_text(judged)}{name}", "strong")))
-    lines += [line(" ", *row) for row in _verdict_lines(view, width - 1)][:2]
+    lines += [line(" ", *row) for row in verdict]
     lines = [*pad_rows(lines, room - table_rows - 1), model_line(drop, view, width)]
     return [*lines, *drop_table(view, width, table_rows)]
 
@@ -468,7 +470,7 @@ def result_lines(view: MeasureView, width: int, rows: int, *, wide: bool = False
             [piece(0, cell(_unit_text(judged, short=True), "strong")), Piece(_refining(drop), 1)],
             side,
         )
-        verdict = _verdict_lines(view, side)[: rows - 1]
+        verdict = _verdict_lines(view, side, advice=False)[: rows - 1]
         text = [unit, *[fit([piece(0, cell(detail, "dim"))], side) for detail in details]]
         text = [*text[: rows - len(verdict)], *verdict]
         return join_blocks([line(" ", *row) for row in digits], text, digits_width, rows, "  ")
@@ -541,10 +543,14 @@ def _details(view: MeasureView, drop: DropState | None) -> list[str]:
     return [text for text in lines if text]
 
 
-def _verdict_lines(view: MeasureView, width: int) -> list[Line]:
+def _verdict_lines(view: MeasureView, width: int, *, advice: bool = True) -> list[Line]:
     text, role = verdict_of(view.drop, view.verdict)
     lines = [line(cell(row, role)) for row in wrap(text, width)]
-    return [*lines, *[line(cell(row, "warn")) for row in advice_lines(view, width)]]
+    return (
+        lines
+        if not advice
+        else [*lines, *[line(cell(row, "warn")) for row in advice_lines(view, width)]]
+    )
 
 
 def advice_lines(view: MeasureView, width: int) -> list[str]:
