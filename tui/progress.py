@@ -15,6 +15,11 @@ if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
 
+MAX_PART_S = 3600.0
+"""Longest time of a part of the work, s, that the estimate of the time left takes into account. The
+default of rich, 30 s, is less than the diagnosis of a point with many sensors takes."""
+
+
 class ProgressBars:
     """Context manager that shows one bar for each kind of work, with text, count and times."""
 
@@ -100,6 +105,7 @@ def _start_display() -> "Progress":
         TimeElapsedColumn(),
         TimeRemainingColumn(),
         console=Console(stderr=True),
+        speed_estimate_period=MAX_PART_S,
         transient=True,
         redirect_stdout=False,  # results may go to a file
     )

@@ -101,20 +101,24 @@ def run(args: argparse.Namespace) -> int:
     device, spread = read_device(args.device) if args.device else (None, None)
     # A plot and a device file need values that a survey does not store.
     use_stored = not (args.refit or args.plot or args.write_device)
-    with diagnosis_progress() as progress:
-        points = list(
-            diagnose_files(
-                args.files,
-                options,
-                device,
-                args.jobs,
-                args.leave_out,
-                use_stored=use_stored,
-                progress=progress,
-                spread=spread,
-                allow=args.allow,
+    try:
+        with diagnosis_progress() as progress:
+            points = list(
+                diagnose_files(
+                    args.files,
+                    options,
+                    device,
+                    args.jobs,
+                    args.leave_out,
+                    use_stored=use_stored,
+                    progress=progress,
+                    spread=spread,
+                    allow=args.allow,
+                )
             )
-        )
+    except KeyboardInterrupt:
+        say("diagnose: finished points are stored; the same command continues with the others")
+        raise
     name = device_of(points) if args.write_device else None
     show_all(points, as_json=args.json, details=args.details)
     if args.leave_out is not None:

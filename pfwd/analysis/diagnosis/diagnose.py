@@ -169,7 +169,7 @@ def diagnose_entries(
             outcomes |= outcomes_of_device
         return outcomes
 
-    with Workers(min(jobs, len(work))) as workers:
+    with Workers(min(jobs, len(work)), questions) as workers:
         outcomes = diagnose(work)
         if leave_out in PREDICTED:
             outcomes = with_predictions(
@@ -199,6 +199,7 @@ def diagnose_entries(
         if entry.name in questions:
             result = with_question(result, entry, questions[entry.name])
         yield Diagnosed(entry.file, result, outcome, number=number)
+    workers.forget()
 
 
 def _by_device(work: Sequence[DiagnosisPoint]) -> list[list[DiagnosisPoint]]:

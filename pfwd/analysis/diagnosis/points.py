@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
+import pickle
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar
 
@@ -17,9 +21,12 @@ from inversion.diagnosis import (
     PointDiagnosis,
     PointRecords,
 )
+from inversion.forward.library import default_cache_folder
 from inversion.inference.diagnose import diagnose_point
 from inversion.inference.instrument import InstrumentKnowledge
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint
+from pfwd.analysis.result_store import software_name
+from pfwd.files.output_path import replaced_at_once
 from pfwd.spawning import WorkerPool
 
 # Number of devices that are diagnosed at the same time, for each process.
@@ -108,10 +115,16 @@ class Workers:
     ----------
     count : int
         Number of processes.
+    requests : mapping, optional
+        Identifiers of the requests by `DiagnosisPoint.name`. The diagnosis of each point is stored
+        in the cache as soon as it is finished, so that an interrupted run can be continued. It is
+        that of one step of the request and not the answer.
     """
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, requests: Mapping[str, str] | None = None) -> None:
         self._count = count
+        self._requests = requests or {}
+        self._files: set[Path] = set()
         self._pool: WorkerPool | None = None
         self._waiting: ThreadPoolExecutor | None = None
 
@@ -125,6 +138,22 @@ class Workers:
         for pool in (self._pool, self._waiting):
             if pool is not None:
                 pool.__exit__(*error)
+
+    def file_of(self, name: str, step: str) -> Path | None:
+        """Return the file for the diagnosis of a point in a step of its request; None: no file."""
+        if name not in self._requests:
+            return None
+        # Points with the same samples have the same request, and different numbers of drops.
+        key = repr((self._requests[name], name, step, software_name()))
+        folder = default_cache_folder() / "diagnoses"
+        self._files.add(file := folder / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.pickle")
+        return file
+
+    def forget(self) -> None:
+        """Remove the files of diagnoses, when all requests are complete."""
+        for file in self._files:
+            with contextlib.suppress(OSError):
+                file.unlink()
 
     def map(self, function: Callable[..., _R], *columns: Sequence[Any]) -> Iterator[_R]:
         """Yield the results of a function for rows of the columns, in order."""
@@ -149,6 +178,7 @@ def diagnose_all(
     counter: ProgressCounter,
     *,
     predict_last: bool = True,
+    step: str = "individual",
 ) -> DiagnosisByPoint:
     """Diagnose points that have records, in order.
 
@@ -161,11 +191,33 @@ def diagnose_all(
     counter : ProgressCounter
     predict_last : bool
         True: the last drop of each point is held out and predicted from the others.
+    step : str
+        Name of the step, unique within the request.
     """
     records = [point.records for point in points]
     names = [point.name for point in points]
-    outcomes = workers.map(partial(_diagnose, predict_last=predict_last), records, instruments)
+    files = [workers.file_of(name, step) for name in names]
+    diagnose = partial(_diagnose_once, predict_last=predict_last)
+    outcomes = workers.map(diagnose, records, instruments, files)
     return dict(zip(names, counter.counted(names, outcomes), strict=True))
+
+
+def _diagnose_once(
+    records: PointRecords, instrument: InstrumentKnowledge, file: Path | None, *, predict_last: bool
+) -> PointDiagnosis | DiagnosisFailure:
+    """Return the diagnosis that an interrupted run stored in the file, or diagnose and store."""
+    outcome: PointDiagnosis | DiagnosisFailure
+    if file is not None:
+        with contextlib.suppress(Exception):  # missing or damaged: unpickling may raise any error
+            outcome = pickle.loads(file.read_bytes())
+            return outcome
+    outcome = _diagnose(records, instrument, predict_last=predict_last)
+    if file is not None:
+        with contextlib.suppress(OSError):  # the result is valid without the file
+            file.parent.mkdir(parents=True, exist_ok=True)
+            with replaced_at_once(file) as draft:
+                draft.write_bytes(pickle.dumps(outcome))
+    return outcome
 
 
 def _diagnose(

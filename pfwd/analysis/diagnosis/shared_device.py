@@ -111,12 +111,19 @@ def diagnose_device(
     ]
     phases.together.expect(len(points))
     predict = leave_out is None
-    outcomes = diagnose_all(points, knowledge, workers, phases.together, predict_last=predict)
+    outcomes = diagnose_all(
+        points, knowledge, workers, phases.together, predict_last=predict, step="together"
+    )
     odd = [point for point in points if point.name in _odd_points(outcomes) - set(individual)]
     if odd:
         phases.together.expect(len(odd))
         reconsidered = diagnose_all(
-            odd, no_knowledge[: len(odd)], workers, phases.together, predict_last=predict
+            odd,
+            no_knowledge[: len(odd)],
+            workers,
+            phases.together,
+            predict_last=predict,
+            step="odd",
         )
         for name, diagnosis in successful(reconsidered).items():
             individual[name] = diagnosis
@@ -197,7 +204,9 @@ def _held_out_points(
         knowledge.append(InstrumentKnowledge(declared_effects=values))
     phases.together.expect(len(held_out))
     transferred = successful(
-        diagnose_all(held_out, knowledge, workers, phases.together, predict_last=False)
+        diagnose_all(
+            held_out, knowledge, workers, phases.together, predict_last=False, step="held-out"
+        )
     )
     return {name: _as_part(name, diagnosis) for name, diagnosis in transferred.items()}
 

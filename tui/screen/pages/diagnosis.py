@@ -108,8 +108,9 @@ class DiagnosisPage(Page):
                     *[line(" ", cell(text, "bad")) for text in wrap(diagnosis.error, width - 2)],
                 ]
             hint = (
-                "Enter diagnoses all points of the survey that have measured drops. It takes about "
-                "ten seconds for each point; measuring goes on."
+                "Enter diagnoses all points of the survey that have measured drops. A point takes "
+                "10 to 30 seconds with one sensor, and minutes with many. Finished points are "
+                "not lost when you stop it; measuring goes on."
             )
             return [(), *[line(" ", row) for row in wrap(hint, width - 2)]]
         self.place = min(self.place, len(results) - 1)

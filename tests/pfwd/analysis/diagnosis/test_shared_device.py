@@ -92,6 +92,7 @@ class Survey:
         counter: Any,
         *,
         predict_last: bool = True,
+        step: str = "",
     ) -> Any:
         answers = self._answers[len(self.known)]
         self.known.append(list(known))

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from inversion import InversionError, SurrogateLibrary
+from inversion.inference.diagnose import diagnose_point
 from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_files
 from pfwd.analysis.diagnosis.entries import entry_of, questions_of
 from pfwd.analysis.options import AnalysisOptions
@@ -59,6 +60,44 @@ def test_the_same_question_is_answered_from_the_survey(
     assert [it.result.file for it in found if it.result] == [str(survey)] * 2
     assert store_diagnoses(str(survey), told(found)) is None
     assert len(list((survey / "results").glob("diagnosis-*"))) == 2
+
+
+def test_the_next_run_goes_on_where_one_was_stopped(
+    survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two points of a device take four diagnoses: each by itself, and each with the other one."""
+    monkeypatch.setenv("PFWD_CACHE", str(tmp_path))
+    whole = [it.result for it in diagnose_files([str(survey)], use_stored=True)]
+    calls, count = 0, 3
+
+    def counted(*arguments: object, **options: object) -> object:
+        nonlocal calls
+        calls += 1
+        if calls == count + 1:
+            raise KeyboardInterrupt
+        return diagnose_point(*arguments, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("pfwd.analysis.diagnosis.points.diagnose_point", counted)
+    with pytest.raises(KeyboardInterrupt):
+        list(diagnose_files([str(survey)]))
+    assert calls == count + 1
+    files = sorted((tmp_path / "diagnoses").iterdir())
+    assert len(files) == count
+    # What is finished is no answer: the survey has the diagnoses from before and no others.
+    assert len(list((survey / "results").glob("diagnosis-*"))) == 2
+    files[0].write_bytes(files[0].read_bytes()[:100])  # a damaged one is computed again
+    calls = 10
+    found = [it.result for it in diagnose_files([str(survey)])]
+    assert calls == 10 + 4 - count + 1
+    for result, expected in zip(found, whole, strict=True):
+        assert result is not None
+        assert expected is not None
+        assert (result.question, result.verdict) == (expected.question, expected.verdict)
+        assert result.after is not None
+        assert expected.after is not None
+        assert result.after.modulus_pa == pytest.approx(expected.after.modulus_pa, rel=1e-9)
+        assert len(result.effects or ()) == len(expected.effects or ()) > 0
+    assert list((tmp_path / "diagnoses").iterdir()) == []
 
 
 def test_another_process_answers_from_the_survey_with_the_same_records(survey: Path) -> None:
