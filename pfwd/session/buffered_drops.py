@@ -7,12 +7,11 @@ both, `StreamedDrops` are recorded only if the instrument has not buffered them.
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 
-from pfwd.session.drop_metadata import load_of
 from pfwd.session.events import DropsWaiting, Notice, Repeats
 from pfwd.session.survey_recorder import SurveyRecorder
 from pfwd_device.acquisition.detection import AtRest, DetectionSettings, PulseReport, RawDrop
@@ -26,14 +25,6 @@ LOST_EVENT = "drops lost"
 """Event of a survey: drops that the instrument lost."""
 _MIN_SAMPLES_AT_REST = 8
 """Smallest number of samples before the trigger from which the load at rest is estimated."""
-_SETTING_TEXTS = {
-    "channel": "channel",
-    "threshold": "threshold",
-    "confirm": "time above the threshold",
-    "before": "record before the trigger",
-    "after": "record after the trigger",
-    "hold_off": "time for bounces",
-}
 OFFER_WAIT_S = 5.0
 """Time for which a drop in the stream waits for the instrument's own record, s of samples: an
 instrument announces it at least every 0.5 s, and its transfer at 115200 baud takes 1 s."""
@@ -73,26 +64,12 @@ def trigger_for(identity: Identity, settings: DetectionSettings) -> Trigger:
     )
 
 
-def trigger_differences(requested: Trigger, answer: Trigger, identity: Identity) -> list[str]:
-    """Return the settings in which the answer of an instrument differs, one phrase each."""
-    if not answer.on:
-        return ["detection: expected it on, got off"]
-    phrases = []
-    for name, text in _SETTING_TEXTS.items():
-        wanted, got = getattr(requested, name), getattr(answer, name)
-        if wanted == got:
-            continue
-        if name == "channel":
-            names = [channel.name for channel in identity.channels]
-            got_name = names[got] if got < len(names) else got
-            phrases.append(f"{text}: expected {names[wanted]}, got {got_name}")
-        elif name == "threshold":
-            newtons = (load_of(counts, identity) for counts in (wanted, got))
-            phrases.append(f"{text}: expected {next(newtons):.0f} N, got {next(newtons):.0f} N")
-        else:
-            times = (1e3 * samples / identity.sampling_rate for samples in (wanted, got))
-            phrases.append(f"{text}: expected {next(times):g} ms, got {next(times):g} ms")
-    return phrases
+def trigger_differences(requested: Trigger, answer: Trigger) -> str:
+    """Return the settings, in counts and samples, in which an instrument's answer differs."""
+    names = [each.name for each in fields(Trigger)]
+    values = ((name, getattr(requested, name), getattr(answer, name)) for name in names)
+    different = (each for each in values if each[1] != each[2])
+    return ", ".join(f"{name}: expected {wanted:d}, got {got:d}" for name, wanted, got in different)
 
 
 def raw_drop_of(item: BufferedDrop, trigger: Trigger | None, identity: Identity) -> RawDrop:
@@ -253,19 +230,22 @@ class StreamedItem:
     """Time at which the last sample of a drop arrived, s, monotonic clock."""
     rebounds: list[Rebound] = field(default_factory=list)
 
+    def is_in(self, offer: DropOffer) -> bool:
+        """Return whether a record of the instrument contains the trigger."""
+        same_run = self.stream == offer.stream
+        return same_run and 0 <= self.trigger - offer.first_sample < offer.samples
+
 
 class StreamedDrops:
     """Drops and reports in the stream that wait for the instrument's own record of the drop."""
 
     def __init__(self) -> None:
         self._waiting: list[StreamedItem] = []
-        self._buffered: deque[tuple[int, range]] = deque(maxlen=_N_BUFFERED)
+        self._buffered: deque[DropOffer] = deque(maxlen=_N_BUFFERED)
 
     def add(self, item: StreamedItem) -> None:
         """Let an item wait, unless the instrument's own record contains it already."""
-        if not any(
-            item.stream == stream and item.trigger in indices for stream, indices in self._buffered
-        ):
+        if not any(item.is_in(offer) for offer in self._buffered):
             self._waiting.append(item)
 
     def add_rebound(self, after: int, rebound: Rebound) -> None:
@@ -276,13 +256,8 @@ class StreamedDrops:
 
     def cover(self, offer: DropOffer) -> None:
         """Discard the items that a record of the instrument contains."""
-        indices = range(offer.first_sample, offer.first_sample + offer.samples)
-        self._buffered.append((offer.stream, indices))
-        self._waiting = [
-            item
-            for item in self._waiting
-            if item.stream != offer.stream or item.trigger not in indices
-        ]
+        self._buffered.append(offer)
+        self._waiting = [item for item in self._waiting if not item.is_in(offer)]
 
     def take_due(self, sampled: float) -> list[StreamedItem]:
         """Return and remove the items that have waited long enough.

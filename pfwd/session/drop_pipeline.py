@@ -142,11 +142,8 @@ class DropPipeline:
             Called when the drop is saved, for instance to let the instrument erase its copy.
         """
         if self.recorder is not None and release is not None:
-            streamed = self.recorder.find_streamed(record)
-            if streamed is not None and self._repeats_streamed(streamed):
-                if self.recorder.is_safe(streamed):
-                    release()
-                return
+            # The same drop, recorded from the stream, may have another trigger and hence key.
+            record = self.recorder.find_streamed(record) or record
         if self.recorder is not None and not isinstance(source, ImportedDrop):
             # The key of an imported drop is a checksum of its content.
             record = self._with_unique_key(record, self.recorder)
@@ -193,20 +190,6 @@ class DropPipeline:
         if self.recorder is not None and self._last_record is not None:
             self.recorder.publish(self._last_record)
         self._last = self._last_record = None
-
-    def _repeats_streamed(self, streamed: DropRecord) -> bool:
-        """Report that a buffered drop was recorded from the stream; return True if completely."""
-        name = f"drop {streamed.point}/{streamed.drop.number}"
-        if not streamed.metadata["missing"]:
-            text = f"{name}, recorded from the stream, was received again; it is not recorded twice"
-            self._report(Notice(text, kind="drops received again"))
-            return True
-        text = (
-            f"{name} was recorded from the stream with missing samples; the next drop is the "
-            f"instrument's complete record of it. Discard {name}"
-        )
-        self._report(Notice(text, serious=True, kind="drops received again"))
-        return False
 
     def _with_unique_key(self, record: DropRecord, recorder: SurveyRecorder) -> DropRecord:
         """Return a drop with a unique key, and report it if other samples had its key before.

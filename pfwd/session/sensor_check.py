@@ -77,21 +77,16 @@ class SensorChecker:
         """
         return self._due or self._is_on
 
-    @property
-    def shunt_requested(self) -> bool:
-        """True if the check itself has switched the shunt on."""
-        return self._shunt_requested
-
     def _begin(self) -> None:
         self._due = True
         self._rest: list[NDArray[np.int32]] = []
         self._shunted: list[NDArray[np.int32]] = []
         self._idle = 0
-        self._shunt_requested = self._is_measured = False
+        self.shunt_requested = self._is_measured = False
         self._unanswered = self._unrepeated = 0
 
     def _switch(self, on: bool) -> None:
-        self._shunt_requested = on
+        self.shunt_requested = on
         self._unanswered = self._unrepeated = 0
         self._shunt(on)
 
@@ -101,13 +96,13 @@ class SensorChecker:
         The command may have been lost, or another program may have left the shunt on.
         """
         self._is_on = samples.shunt
-        if samples.shunt == self._shunt_requested:
+        if samples.shunt == self.shunt_requested:
             return
         self._unanswered += len(samples.counts)
         self._unrepeated += len(samples.counts)
         if self._unrepeated > REPEAT_AFTER * self._rate:
             self._unrepeated = 0
-            self._shunt(self._shunt_requested)
+            self._shunt(self.shunt_requested)
 
     def feed(self, samples: Samples, *, at_rest: bool) -> Finding | None:
         """Evaluate further samples; return the result of a check that they complete.
@@ -140,7 +135,7 @@ class SensorChecker:
             return None
         if self._is_measured:
             return self._wait_for_off(samples)
-        if not self._shunt_requested:
+        if not self.shunt_requested:
             return self._feed_rest(samples)
         return self._feed_shunted(samples)
 
@@ -174,7 +169,7 @@ class SensorChecker:
     def _interrupt(self) -> None:
         """Interrupt a check because of a drop; it starts again afterwards."""
         if self._due:
-            if self._shunt_requested:
+            if self.shunt_requested:
                 self._switch(False)
             self._begin()
 

@@ -809,15 +809,14 @@ class Session:
         streams = self._identity is not None and self._identity.streams
         if self._feed.live and self._identity is not None and self._detector is not None:
             requested = trigger_for(self._identity, self._detector.settings)
-            differences = trigger_differences(requested, item.trigger, self._identity)
-            if differences:
-                rest = "it may miss drops. Check its firmware: pfwd conform"
-                if streams:
-                    rest = "drops that it does not store are recorded from its samples"
-                text = (
-                    f"the instrument does not detect drops as requested: {'; '.join(differences)}"
+            if differences := trigger_differences(requested, item.trigger):
+                effect = (
+                    "missed drops are recorded from its samples" if streams else "it may miss some"
                 )
-                self._report(Notice(f"{text}; {rest}", serious=True, kind="trigger settings"))
+                text = (
+                    f"the instrument does not detect drops as requested ({differences}); {effect}"
+                )
+                self._report(Notice(text, serious=True, kind="trigger settings"))
         if self._armed is not None and not streams and not self._was_ready:
             self._was_ready = True
             self._report(Ready())

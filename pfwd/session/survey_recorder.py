@@ -86,28 +86,14 @@ def _same_samples(recorded: DropRecord, record: DropRecord) -> bool:
 
 
 def _is_same_pulse(streamed: DropRecord, buffered: DropRecord) -> bool:
-    """Return whether a drop of the stream and a buffered one of its run are one drop.
-
-    Each has the trigger of the other in its record, and they agree in all samples that both have.
-    """
-    first, second = streamed.metadata["detection"], buffered.metadata["detection"]
-    if first.get("by_instrument"):
-        return False
-    starts = first["first_sample"], second["first_sample"]
-    counts = _counts_of(streamed), _counts_of(buffered)
-    start = max(starts)
-    end = min(begin + len(part) for begin, part in zip(starts, counts, strict=True))
-    triggers = (each["first_sample"] + each["trigger"] for each in (first, second))
-    if not all(start <= trigger < end for trigger in triggers):
-        return False
-    ours, theirs = (
-        part[start - begin : end - begin] for begin, part in zip(starts, counts, strict=True)
-    )
-    missing = np.zeros(len(counts[0]), bool)
-    for at, length in streamed.metadata["missing"]:
-        missing[at : at + length] = True
-    present = ~missing[start - starts[0] : end - starts[0]]
-    return np.array_equal(ours[present], theirs[present])
+    """Return whether a drop of the stream is complete and has the samples of a buffered one."""
+    first, second = (each.metadata["detection"]["first_sample"] for each in (streamed, buffered))
+    ours = _counts_of(streamed)[max(0, second - first) :]
+    theirs = _counts_of(buffered)[max(0, first - second) :]
+    length = min(len(ours), len(theirs))
+    is_streamed = not streamed.metadata["detection"].get("by_instrument")
+    is_complete = is_streamed and not streamed.metadata["missing"]
+    return is_complete and np.array_equal(ours[:length], theirs[:length])
 
 
 class SurveyRecorder:
@@ -180,21 +166,18 @@ class SurveyRecorder:
         return record, remarks
 
     def find_streamed(self, buffered: DropRecord) -> DropRecord | None:
-        """Return the drop of the stream that a buffered drop repeats; None: there is none."""
-        detection = buffered.metadata["detection"]
-        run = f"{buffered.metadata['identity']['serial_number']}/{detection['stream']}/"
-        samples = range(
-            detection["first_sample"], detection["first_sample"] + len(_counts_of(buffered))
-        )
-        held = [record for record in self._held if str(record.metadata.get("key")).startswith(run)]
-        stored = (
-            self._read(key)
-            for key in self.writer.keys_with(run)
-            if (sample := key.removeprefix(run).split("/")[0]).isdecimal()
-            if int(sample) in samples
-        )
-        same_run = (record for record in (*held, *stored) if record is not None)
-        return next((record for record in same_run if _is_same_pulse(record, buffered)), None)
+        """Return the drop of the stream that a buffered drop repeats; None: there is none.
+
+        The record of the instrument contains its trigger, and their samples agree.
+        """
+        identity, detection = buffered.metadata["identity"], buffered.metadata["detection"]
+        run = f"{identity['serial_number']}/{detection['stream']}/"
+        first = detection["first_sample"]
+        for sample in range(first, first + len(_counts_of(buffered))):
+            streamed = self._held_with(f"{run}{sample}") or self._read(f"{run}{sample}")
+            if streamed is not None and _is_same_pulse(streamed, buffered):
+                return streamed
+        return None
 
     def _held_with(self, key: str) -> DropRecord | None:
         held = (record for record in self._held if record.metadata.get("key") == key)

@@ -362,14 +362,14 @@ class Detector:
         self._watched_from = trigger.index + length
         counts, missing = self._window.part(trigger.index, self._watched_from)
         load = counts[~missing, self._load] - trigger.at_rest.load
-        level = None
+        yield from self._end_watch()
         if load.size:
             top = int(np.abs(load).argmax())
             self._sign = math.copysign(1.0, load[top])
             # A pulse that begins within the record rises from the load before it.
             since = max(top, load.size - REACH_QUANTA * self._quantum)
-            level = self._sign * trigger.at_rest.load + float((self._sign * load[since:]).min())
-        yield from self._end_watch(level)
+            lowest = float((self._sign * load[since:]).min())
+            self._watch.begin(self._sign * trigger.at_rest.load + lowest)
 
     def _classify_by_time(self, trigger: _Trigger | None) -> Iterator[DetectedItem]:
         """Decide from the time of a new pulse whether it may be a bounce of the last drop.
@@ -441,25 +441,27 @@ class Detector:
         if self._open is not None:
             missing[max(0, self._open.index - start) :] = True
         load = self._sign * counts[~missing, self._load].astype(float)
+        threshold = self._watch_threshold
         yield from self._report_unrecorded(
-            self._watch.add(start, end, load, reason, self._watch_threshold)
+            self._watch.add(range(start, end), load, reason, threshold)
         )
         if self._open is not None:
-            yield from self._report_unrecorded(self._watch.finish(self._watch_threshold))
+            yield from self._report_unrecorded(self._watch.finish(threshold, continues=True))
 
     def _watch_shunted(self, start: int, end: int) -> Iterator[DetectedItem]:
         """Yield reports of the pulses in samples with the calibration shunt on."""
         load = self._sign * self._window.shunted(start, end)[:, self._load].astype(float)
-        yield from self._report_unrecorded(
-            self._shunt_watch.add(start, end, load, PulseReason.SHUNT_ON, self._watch_threshold)
-            if load.size
-            else self._shunt_watch.finish(self._watch_threshold)
-        )
+        watch, group, threshold = self._shunt_watch, range(start, end), self._watch_threshold
+        pulses = watch.finish(threshold, continues=True)
+        if load.size:
+            pulses = watch.add(group, load, PulseReason.SHUNT_ON, threshold)
+        yield from self._report_unrecorded(pulses)
 
-    def _end_watch(self, level: float | None = None) -> Iterator[DetectedItem]:
-        """Report the remaining pulses; see `PulseWatch.begin` for the load that follows."""
-        yield from self._report_unrecorded(self._watch.finish(self._watch_threshold, level))
-        yield from self._report_unrecorded(self._shunt_watch.finish(self._watch_threshold))
+    def _end_watch(self) -> Iterator[DetectedItem]:
+        """Report the remaining pulses at the end of the samples."""
+        for watch in (self._watch, self._shunt_watch):
+            pulses = watch.finish(self._watch_threshold, continues=False)
+            yield from self._report_unrecorded(pulses)
 
     @property
     def _watch_threshold(self) -> float:
@@ -468,8 +470,7 @@ class Detector:
         The lowest of some hundred samples, with which a pulse is compared, lies below their level
         by more than twice the noise.
         """
-        noises = [noise for _, noise in self._early]
-        noise = float(np.median(noises)) if noises else 0.0
+        noise = float(np.median([noise for _, noise in self._early] or [0.0]))
         rest = self._rest or AtRest(0.0, noise)
         return self._threshold(rest) + 2.0 * rest.noise
 
@@ -479,8 +480,7 @@ class Detector:
                 yield from self._expect_bounces(pulse)
             else:
                 # It is treated like missing samples: a following pulse may be its bounce.
-                hole = pulse.start, max(pulse.end, pulse.start + self._hides_pulse)
-                self._holes.append(hole)
+                self._holes.append((pulse.start, max(pulse.end, pulse.start + self._hides_pulse)))
             yield self._report(pulse.start, pulse.peak, pulse.reason)
 
     def _expect_bounces(self, pulse: UnrecordedPulse) -> Iterator[DetectedItem]:

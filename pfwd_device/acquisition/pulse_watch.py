@@ -7,7 +7,6 @@ the plate and the calibration shunt are no pulses, and hide none.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +19,7 @@ REACH_QUANTA = 5
 for. So pulses up to 0.1 s long are measured in full, and reported 0.05 s after their peak."""
 
 
-@dataclass(frozen=True, slots=True)
-class UnrecordedPulse:
+class UnrecordedPulse(NamedTuple):
     """Pulse that no record contains."""
 
     start: int
@@ -54,69 +52,68 @@ class PulseWatch:
         self._confirm = confirm
         self.begin()
 
-    def begin(self, level: float | None = None) -> None:
+    def begin(self, level: float = math.inf) -> None:
         """Begin with samples that do not follow the former ones.
 
         Parameters
         ----------
-        level : float, optional
-            Load before the first sample, counts; None: that of the first sample.
+        level : float
+            Load before the first sample, counts; infinite: not known.
         """
-        self._level = level
         self._groups: list[_Group] = []
         self._next = 0  # index of the next group to evaluate
+        self._level = level
         self._tail = np.zeros(0)
         self._pulse: UnrecordedPulse | None = None
 
     def add(
-        self,
-        start: int,
-        end: int,
-        load: NDArray[np.float64],
-        reason: PulseReason,
-        threshold: float,
+        self, group: range, load: NDArray[np.float64], reason: PulseReason, threshold: float
     ) -> Iterator[UnrecordedPulse]:
-        """Add the samples present between two indices; yield the pulses that are over.
+        """Add a group of samples; yield the pulses that are over.
 
         Parameters
         ----------
-        start, end : int
-            Indices of the group.
+        group : range
+            Indices of the group in the stream.
         load : (n,) ndarray of float, counts
-            Its samples, positive in the direction of a pulse.
+            Those of its samples that are present, positive in the direction of a pulse.
         reason : PulseReason
             Reason why a pulse in it is not recorded.
         threshold : float, counts
             Smallest peak to report.
         """
-        if not load.size:
-            return
-        if not self._groups:
-            level = float(load[0]) if self._level is None else min(self._level, float(load[0]))
-            self._groups.append(_Group(start, start, level, -math.inf, reason))
         load = np.concatenate([self._tail, load])
-        self._tail = load[len(load) - self._confirm + 1 :] if len(load) >= self._confirm else load
+        self._tail = load[max(0, len(load) - self._confirm + 1) :]
         if len(load) < self._confirm:
             return
+        if not self._groups and math.isfinite(self._level):
+            level = min(self._level, float(load[0]))
+            self._groups.append(_Group(group.start, group.start, level, -math.inf, reason))
         runs = np.lib.stride_tricks.sliding_window_view(load, self._confirm)
         low, high = float(runs.max(axis=1).min()), float(runs.min(axis=1).max())
-        self._groups.append(_Group(start, end, low, high, reason))
+        self._groups.append(_Group(group.start, group.stop, low, high, reason))
         if self._next + REACH_QUANTA < len(self._groups):
             yield from self._evaluate(threshold)
             del self._groups[: max(0, self._next - REACH_QUANTA)]
             self._next = min(self._next, REACH_QUANTA)
 
-    def finish(self, threshold: float, level: float | None = None) -> Iterator[UnrecordedPulse]:
-        """Yield the remaining pulses, because the samples that follow are not watched.
+    def finish(self, threshold: float, *, continues: bool) -> Iterator[UnrecordedPulse]:
+        """Yield the remaining pulses.
 
-        Afterwards the watch begins anew; see `add` and `begin` for the parameters.
+        Parameters
+        ----------
+        threshold : float, counts
+            Smallest peak to report.
+        continues : bool
+            True: further samples follow, which are not watched, so that a rise may not be over.
         """
-        if self._groups and self._tail.size:
-            last, value = self._groups[-1], float(self._tail[-1])
-            self._groups.append(_Group(last.end, last.end, value, -math.inf, last.reason))
+        if self._groups:
+            last = self._groups[-1]
+            level = float(self._tail[-1]) if continues else math.inf
+            self._groups.append(_Group(last.end, last.end, level, -math.inf, last.reason))
             while self._next < len(self._groups):
                 yield from self._evaluate(threshold)
-        self.begin(level)
+        self.begin()
 
     def _evaluate(self, threshold: float) -> Iterator[UnrecordedPulse]:
         """Compare the next group with the groups around it."""
@@ -124,13 +121,11 @@ class PulseWatch:
         self._next += 1
         before = self._groups[max(0, number - REACH_QUANTA) : number]
         after = self._groups[number + 1 : number + 1 + REACH_QUANTA]
-        around = [min(each.low for each in side) for side in (before, after) if side]
-        peak = group.high - max(around, default=group.high)
-        if peak > threshold and pulse is None:
-            self._pulse = UnrecordedPulse(group.start, group.end, peak, group.reason)
-        elif peak > threshold and pulse is not None:
-            peak = max(pulse.peak, peak)
-            self._pulse = UnrecordedPulse(pulse.start, group.end, peak, pulse.reason)
+        lows = [min((each.low for each in side), default=math.inf) for side in (before, after)]
+        peak = group.high - max((low for low in lows if math.isfinite(low)), default=group.high)
+        if peak > threshold:
+            first = pulse or UnrecordedPulse(group.start, group.end, peak, group.reason)
+            self._pulse = first._replace(end=group.end, peak=max(first.peak, peak))
         elif pulse is not None:
             self._pulse = None
             yield pulse

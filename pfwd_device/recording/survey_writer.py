@@ -290,12 +290,6 @@ class SurveyWriter:
             complete_keys(self._layout, self._index)
             return self._index.keys.get(key)
 
-    def keys_with(self, prefix: str) -> list[str]:
-        """Return the keys of drops that begin with a text, for example with a serial number."""
-        with self._lock:
-            complete_keys(self._layout, self._index)
-            return [key for key in self._index.keys if key.startswith(prefix)]
-
     def add_point(self, name: str, declared: Mapping[str, Any] | None = None) -> str:
         """Add a test point, or change its declarations; return its name as it is recorded.
 
