@@ -15,13 +15,10 @@ import urllib.parse
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO, Any
 
 from pfwd.errors import OptionError, SurveyError, refusal
 from pfwd.files.output_path import replaced_durably
-
-if TYPE_CHECKING:
-    from PIL.ImageFile import ImageFile
 
 MAX_PHOTO_BYTES = 20_000_000
 """Largest file of a photo; the largest of a phone have half of it."""
@@ -171,8 +168,8 @@ def _folder(survey: str | os.PathLike[str], point: str) -> Path:
     return Path(survey) / "photos" / f"point {quoted}-{checksum}"
 
 
-def opened_photo(source: IO[bytes]) -> ImageFile:
-    """Open the picture in a JPEG or PNG file with Pillow, without decoding it.
+def opened_photo(source: IO[bytes]) -> Any:
+    """Return the image of Pillow in a JPEG or PNG file, without decoding it.
 
     Image.open of Pillow would refuse pictures of more than 179 million pixels, and open a JPEG with
     several pictures as another format.

@@ -21,7 +21,7 @@ from pfwd.files.header import (
     setup_from,
     setup_warnings,
 )
-from pfwd.files.survey_file import is_survey_file, read_survey_file, refuse_unreadable
+from pfwd.files.survey_file import is_survey_file, read_survey_file
 from pfwd.files.traces import TracePoint, is_trace_file, read_traces
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import DropRecord, SurveyPoint, read_drop_file, read_survey
@@ -74,7 +74,6 @@ def read_points(
         if is_hdf5(file) and is_survey_file(file):
             return _survey_points(read_survey_file(file), _declarations(header, overrides))
         if is_hdf5(file):
-            refuse_unreadable(file)
             record = read_drop_file(file)
             return [_point(file, record.point, [record], _declarations(header, overrides))]
     except RecordingError as err:
@@ -107,7 +106,7 @@ def survey_content(path: str | os.PathLike[str]) -> SurveyContent:
         if is_hdf5(file) and is_survey_file(file):
             return read_survey_file(file)
         if is_hdf5(file):
-            refuse_unreadable(file)
+            read_drop_file(file)  # says why a damaged file cannot be read
     except RecordingError as err:
         raise SurveyError(str(err)) from err
     actual = "another folder" if os.path.isdir(file) else "another file"

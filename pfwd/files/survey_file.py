@@ -94,26 +94,6 @@ def is_survey_file(path: str | os.PathLike[str]) -> bool:
         return False
 
 
-def refuse_unreadable(path: str | os.PathLike[str]) -> None:
-    """Refuse an HDF5 file that cannot be opened, for instance because it was cut off.
-
-    Whether it was an exported survey or a drop file is then unknown.
-
-    Raises
-    ------
-    RecordingError
-        If the file cannot be opened.
-    """
-    try:
-        with opened(path):
-            pass
-    except RecordingError:
-        raise
-    except Exception as err:
-        expected = "expected an exported survey or a drop file"
-        raise RecordingError(f"{path}: {expected}, got damage: {err}; copy it again") from err
-
-
 def write_survey_file(path: str | os.PathLike[str], content: SurveyContent, jobs: int = 1) -> None:
     """Write a survey into an HDF5 file and check the file by reading its drops.
 

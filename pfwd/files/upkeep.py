@@ -6,7 +6,7 @@ from typing import Any
 
 from pfwd.files.folders import refuse_no_survey, spare_folder
 from pfwd.files.reading import is_hdf5
-from pfwd.files.survey_file import check_survey_file, is_survey_file, refuse_unreadable
+from pfwd.files.survey_file import check_survey_file, is_survey_file
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import CheckReport, RecoveryReport, check, recover
 from pfwd_device.recording.drop_file import stored_drop
@@ -89,7 +89,6 @@ def check_survey(
 def _check_drop_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], list[str]]:
     damaged, notes = [], []
     try:
-        refuse_unreadable(path)
         if stored_drop(Path(path)).version == 1:
             notes = [f"{path}: attributes are not covered by the digest of format version 1"]
     except RecordingError as err:

@@ -8,7 +8,7 @@ import json
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from pfwd.report.blocks import (
     SIGNS,
@@ -26,10 +26,7 @@ from pfwd.report.blocks import (
 from pfwd.report.fonts import Letters, families, font_folders
 from pfwd.report.pictures_as_svg import svg_of
 from pfwd.report.texts import Texts
-from pfwd.report.typst_process import render_apart
-
-STANDARDS: tuple[Literal["a-2a"], Literal["ua-1"]] = ("a-2a", "ua-1")
-"""Archiving with tags, and accessibility. Typst refuses to write a file that breaks their rules."""
+from pfwd.report.typst_process import STANDARDS, render_apart
 
 _CHECKSUM_CHARACTERS = 64
 """Number of characters of a SHA-256; a table with one has smaller letters."""
@@ -74,18 +71,15 @@ def render_pdf(
     OptionError
         If the template of the user cannot be rendered.
     """
-    data = typst_data(blocks, texts, title, letters)
+    data = json.dumps(typst_data(blocks, texts, title, letters), ensure_ascii=False)
     if template is not None:
-        return render_apart(template, data, font_folders(), STANDARDS)
+        return render_apart(template, data, font_folders())
     import typst
 
-    fonts = typst.Fonts(
-        include_system_fonts=False, include_embedded_fonts=False, font_paths=[*font_folders()]
-    )
     compiler = typst.Compiler(
         resources.files(__package__).joinpath("templates/report.typ").read_bytes(),
-        font_paths=fonts,
-        sys_inputs={"data": json.dumps(data, ensure_ascii=False)},
+        font_paths=typst.Fonts(False, False, [*font_folders()]),
+        sys_inputs={"data": data},
     )
     pdf = compiler.compile(format="pdf", pdf_standards=[*STANDARDS])
     assert isinstance(pdf, bytes)

@@ -6,20 +6,21 @@ template's folder, has no packages from the network, and is ended after a time. 
 limited on Linux alone: other systems do not enforce such a limit.
 """
 
-import json
 import os
 import shutil
-import stat
 import subprocess
 import sys
 import tempfile
 import threading
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 from pfwd.errors import OptionError, refusal
 from pfwd_device.child_python import start_child
+
+STANDARDS: tuple[Literal["a-2a"], Literal["ua-1"]] = ("a-2a", "ua-1")
+"""Archiving with tags, and accessibility. Typst refuses to write a file that breaks their rules."""
 
 MAX_RENDER_S = 600.0
 """Longest time of a layout."""
@@ -30,40 +31,34 @@ MAX_RENDER_BYTES = 4_000_000_000
 MAX_TEMPLATE_FILES, MAX_TEMPLATE_BYTES = 1000, 100_000_000
 """Limits for the folder of a template with its folders."""
 
-_TASK, _PDF, _COPY = "task.json", "report.pdf", "template"
+_DATA, _PDF, _COPY = "data.json", "report.pdf", "template"
 _REFUSED = 3
 """Exit status of the process when Typst refuses the template."""
 
 
-def render_apart(
-    template: Path, data: dict[str, Any], fonts: Sequence[str], standards: Sequence[str]
-) -> bytes:
+def render_apart(template: Path, data: str, fonts: Sequence[str]) -> bytes:
     """Return the PDF that a template makes of the data.
 
     Parameters
     ----------
     template : Path
-    data : dict
-        Content of the report, described in docs/reports.md.
+    data : str
+        Content of the report as JSON, described in docs/reports.md.
     fonts : sequence of str
         Folders with fonts.
-    standards : sequence of str
-        Standards of the PDF.
 
     Raises
     ------
     OptionError
         If the template or its folder is refused, or the layout exceeds a limit.
     """
-    where = f"--template {template}"
-    template = template.resolve()
-    task = {"template": template.name, "fonts": fonts, "standards": standards, "data": data}
+    where, template = f"--template {template}", template.resolve()
     try:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             _copy_folder(template.parent, folder / _COPY, where)
-            (folder / _TASK).write_text(json.dumps(task, ensure_ascii=False), encoding="utf-8")
-            reason = _run(folder)
+            (folder / _DATA).write_text(data, encoding="utf-8")
+            reason = _run(folder, template.name, fonts)
             if reason is None:
                 return (folder / _PDF).read_bytes()
     except OSError as err:
@@ -75,26 +70,26 @@ def render_apart(
 
 def _copy_folder(source: Path, target: Path, where: str) -> None:
     """Copy a folder without links, devices and hidden folders."""
-    count = size = 0
-    for folder, folders, names in os.walk(source):
-        folders[:] = [name for name in folders if not name.startswith(".")]
-        for file in (Path(folder, name) for name in names):
-            status = file.lstat()
-            if not stat.S_ISREG(status.st_mode):
-                continue
-            count, size = count + 1, size + status.st_size
-            if count > MAX_TEMPLATE_FILES or size > MAX_TEMPLATE_BYTES:
-                limits = f"{MAX_TEMPLATE_FILES} files and {MAX_TEMPLATE_BYTES / 1e6:.0f} MB"
-                hint = "move the template into a folder of its own"
-                raise OptionError(refusal(where, f"a folder of at most {limits}", "more", hint))
-            place = target / file.relative_to(source)
-            place.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(file, place, follow_symlinks=False)
+    sizes: list[int] = []
+
+    def ignored(folder: str, names: list[str]) -> list[str]:
+        files = {name: Path(folder, name) for name in names}
+        links = [name for name, file in files.items() if file.is_symlink()]
+        regular = {name for name, file in files.items() if file.is_file()}.difference(links)
+        sizes.extend(files[name].stat().st_size for name in regular)
+        if len(sizes) > MAX_TEMPLATE_FILES or sum(sizes) > MAX_TEMPLATE_BYTES:
+            limits = f"{MAX_TEMPLATE_FILES} files and {MAX_TEMPLATE_BYTES / 1e6:.0f} MB"
+            hint = "move the template into a folder of its own"
+            raise OptionError(refusal(where, f"a folder of at most {limits}", "more", hint))
+        folders = {name for name, file in files.items() if file.is_dir() and name[0] != "."}
+        return [name for name in names if name not in regular | folders.difference(links)]
+
+    shutil.copytree(source, target, symlinks=True, ignore=ignored)
 
 
-def _run(folder: Path) -> str | None:
+def _run(folder: Path, name: str, fonts: Sequence[str]) -> str | None:
     """Run the process on a folder; return None, or why there is no PDF."""
-    with start_child("-m", __name__, str(folder)) as process:
+    with start_child("-m", __name__, str(folder), name, *fonts) as process:
         try:
             status = process.wait(MAX_RENDER_S)
         except subprocess.TimeoutExpired:
@@ -107,9 +102,11 @@ def _run(folder: Path) -> str | None:
         return None if status == 0 else "an end of Typst without result, as for lack of memory"
 
 
-def main(folder: Path) -> int:
-    """Lay out the PDF of a task in its folder and return the exit status of the process."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+def main(folder: Path, name: str, *fonts: str) -> int:
+    """Lay out the PDF of a folder and return the exit status of the process."""
+    # Its input ends when the parent does.
+    end = threading.Thread(target=lambda: (sys.stdin.buffer.read(), os._exit(1)), daemon=True)
+    end.start()
     if sys.platform == "linux":
         import resource
 
@@ -118,24 +115,21 @@ def main(folder: Path) -> int:
             resource.setrlimit(kind, (limit if hard < 0 else min(limit, hard), hard))
     # Typst has no option against downloads, but takes the proxy from these variables. There is none
     # at port 0, of any computer.
-    for name in ("https_proxy", "HTTPS_PROXY"):
-        os.environ[name] = "http://127.0.0.1:0"
-    for name in ("no_proxy", "NO_PROXY"):
-        os.environ.pop(name, None)
+    proxy = "http://127.0.0.1:0"
+    os.environ.update(https_proxy=proxy, HTTPS_PROXY=proxy, no_proxy="", NO_PROXY="")
     import typst
 
-    task = json.loads((folder / _TASK).read_text(encoding="utf-8"))
     root = str(folder / _COPY)
     try:
         compiler = typst.Compiler(
-            Path(root, task["template"]).read_bytes(),
+            Path(root, name).read_bytes(),
             root=root,
-            font_paths=typst.Fonts(font_paths=task["fonts"]),
-            sys_inputs={"data": json.dumps(task["data"], ensure_ascii=False)},
+            font_paths=typst.Fonts(font_paths=[*fonts]),
+            sys_inputs={"data": (folder / _DATA).read_text(encoding="utf-8")},
             package_path=root,
             package_cache_path=root,
         )
-        pdf = compiler.compile(format="pdf", pdf_standards=task["standards"])
+        pdf = compiler.compile(format="pdf", pdf_standards=[*STANDARDS])
     except typst.TypstError as err:
         sys.stdout.buffer.write(" ".join([err.message, *err.hints]).strip().encode()[:2000])
         return _REFUSED
@@ -144,12 +138,7 @@ def main(folder: Path) -> int:
     return 0
 
 
-def _end_with_parent() -> None:
-    sys.stdin.buffer.read()  # ends when the parent does
-    os._exit(1)
-
-
 if __name__ == "__main__":
-    status = main(Path(sys.argv[1]))
+    status = main(Path(sys.argv[1]), *sys.argv[2:])
     sys.stdout.flush()
     os._exit(status)  # the thread still waits for the parent

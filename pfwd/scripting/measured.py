@@ -528,30 +528,20 @@ def _vector(name: str, values: ArrayLike) -> NDArray[np.float64]:
     return vector
 
 
-_HINTS_BY_KIND = {
-    "c": "take the real part",
-    "M": "subtract the first and divide by numpy.timedelta64(1, 's')",
-    "m": "divide by numpy.timedelta64(1, 's')",
-    "V": "take one field",
-}
-"""Hints for arrays that hold no real numbers, by the kind of their NumPy type."""
-
-
 def _numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
     # A conversion would replace masked values by what lies under the mask, discard imaginary parts
     # and turn dates into counts of their units.
-    parts = values if isinstance(values, list | tuple) else [values]
-    if any(np.ma.is_masked(part) for part in parts):
-        actual = "masked values"
-        raise TraceError(refusal(name, "numbers", actual, "interpolate the missing values"))
+    if any(map(np.ma.is_masked, values if isinstance(values, list | tuple) else [values])):
+        hint = "interpolate the missing values"
+        raise TraceError(refusal(name, "numbers", "masked values", hint))
     try:
         array = np.asarray(values)
-        hint = _HINTS_BY_KIND.get(array.dtype.kind)
-        numbers = array.astype(np.float64) if hint is None else array
+        casting: Literal["unsafe", "same_kind"] = (
+            "unsafe" if array.dtype.kind in "OSU" else "same_kind"
+        )
+        numbers = array.astype(np.float64, casting=casting)
     except (TypeError, ValueError) as err:
-        raise TraceError(refusal(name, "numbers", quote(values))) from err
-    if hint is not None:
-        raise TraceError(refusal(name, "real numbers", f"values of type {array.dtype}", hint))
+        raise TraceError(refusal(name, "real numbers", quote(values))) from err
     if not np.all(np.isfinite(numbers)):
         raise TraceError(refusal(name, "finite numbers", "NaN or infinity"))
     return numbers

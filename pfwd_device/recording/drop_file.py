@@ -153,7 +153,8 @@ def stored_drop(path: Path) -> StoredDrop:
         if path.stat().st_size > MAX_DROP_FILE_BYTES:
             limit = f"{MAX_DROP_FILE_BYTES // 2**20} MiB"
             raise RecordingError(
-                f"{path}: expected the file of a drop, got a file of more than {limit}"
+                f"{path}: expected a drop file of at most {limit} or an intact exported survey, "
+                "got a larger file"
             )
     except OSError as err:
         raise RecordingError(f"{path}: expected a readable drop file, got {err}") from err
@@ -183,7 +184,8 @@ def _stored(source: Path | bytes, where: str) -> StoredDrop:
             raise
         raise RecordingError(f"{where}: {err}") from err
     except Exception as err:  # h5py raises undocumented errors on damage: OSError to SystemError
-        raise RecordingError(f"{where}: expected the file of a drop, got damage: {err}") from err
+        expected = "expected an intact drop file or exported survey"
+        raise RecordingError(f"{where}: {expected}, got damage: {err}") from err
 
 
 def write_drop(group: Any, record: DropRecord, number: int, survey: bytes) -> str:

@@ -231,7 +231,7 @@ def test_a_file_of_another_drop_is_not_taken_for_this_one(
     assert report.ok
     assert read_drop_file(drops / "drop-000001.h5").drop.number == 1
     assert (tmp_path / "damaged" / "drop-000001.h5").exists()
-    with pytest.raises(RecordingError, match="expected the file of a drop, got damage"):
+    with pytest.raises(RecordingError, match="an intact drop file or exported survey, got damage"):
         read_drop_file(tmp_path / "acknowledged.txt")
     with pytest.raises(RecordingError, match="expected a readable drop file"):
         read_drop_file(tmp_path / "none.h5")
