@@ -14,7 +14,6 @@ from concurrent.futures import Future
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
 from pfwd.export.rows import Order, Row, point_rows_of
@@ -223,9 +222,6 @@ class _RemoteDrop:
 
     def place_of(self, _number: int) -> DropPlace:
         return self._place
-
-    def last_result_of(self, _number: int) -> Path | None:
-        return Path(self._results[-1].path) if self._results else None
 
     def read_facts(self, _number: int) -> DropFacts:
         try:

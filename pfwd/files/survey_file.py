@@ -203,9 +203,6 @@ class ExportedSurvey:
         with _opened(self.path) as file:
             return len(_names(file, f"results/{number:06d}", self.path))
 
-    def last_result_of(self, _number: int) -> None:
-        """Return None: results have no files of their own."""
-
     def place_of(self, _number: int) -> None:
         """Return None: an exported survey has no journal to read a drop from."""
 

@@ -61,9 +61,6 @@ class DropOrigin(Protocol):
     def result_count_of(self, number: int, /) -> int:
         """Return the number of stored results of a drop."""
 
-    def last_result_of(self, number: int, /) -> Path | None:
-        """Return the file with the valid result of a drop; None without a stored result."""
-
     def read_diagnosis(self, number: int, /) -> Result | None:
         """Return the latest diagnosis that was stored with a drop; None without one."""
 
@@ -142,11 +139,6 @@ class SurveyDrop:
     def result_count(self) -> int:
         """Number of stored results, without reading them."""
         return self._origin.result_count_of(self.number)
-
-    @property
-    def last_result(self) -> Path | None:
-        """File with the valid result of the drop; None without a stored result."""
-        return self._origin.last_result_of(self.number)
 
     @property
     def place(self) -> DropPlace | None:

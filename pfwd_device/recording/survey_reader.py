@@ -226,11 +226,6 @@ class Survey:
         """Return the number of stored results of a drop."""
         return len(self._results.get(number, ()))
 
-    def last_result_of(self, number: int) -> Path | None:
-        """Return the file with the valid result of a drop; None without a stored result."""
-        paths = self._results.get(number)
-        return self.folder / max(paths, key=_last) if paths else None
-
     def read_diagnosis(self, number: int) -> Result | None:
         """Return the latest diagnosis that was stored with a drop; None without one."""
         paths = self._diagnoses.get(number)

@@ -86,7 +86,7 @@ def test_an_exported_survey_is_asked_as_its_folder_is(survey: Path, tmp_path: Pa
             None,
             (),
         )
-        assert (drop.last_result, drop.place) == (None, None)
+        assert drop.place is None
         traces = drop.read_traces()
         assert (traces.rebounds, traces.counts) == ((), None)
         assert traces.drop.load.tolist() == drop.read().drop.load.tolist()
