@@ -139,11 +139,19 @@ def import_files(
                     writer.note_event(RULES_EVENT, {"version": RULES_VERSION})
             if exported is not None:
                 yield from import_survey(writer, file, exported, before)
+            checksum = None if exported is not None else _checksum_of(file)
             for point, name in zip(points, names, strict=True):
                 for drop in point.drops:
-                    imported = _import_drop(writer, file, point, name, drop, before)
+                    imported = _import_drop(writer, file, checksum, point, name, drop, before)
                     before[imported.record] = imported.number
                     yield imported
+
+
+def _checksum_of(file: str) -> str | None:
+    """Return the SHA-256 of a file; None: it cannot be read a second time."""
+    with contextlib.suppress(OSError), open(file, "rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+    return None
 
 
 def _name_of(point: TracePoint, file: str) -> str:
@@ -166,6 +174,7 @@ def _name_of(point: TracePoint, file: str) -> str:
 def _import_drop(
     writer: SurveyWriter,
     file: str,
+    checksum: str | None,
     point: TracePoint,
     name: str,
     drop: Drop,
@@ -181,6 +190,7 @@ def _import_drop(
         metadata = {
             "key": key,
             "imported_from": os.path.basename(file),
+            "imported_sha256": checksum,
             "imported_utc": datetime.datetime.now(datetime.UTC).isoformat(),
             "time_utc": point.setup.time_utc,
             "software_version": software_version(),

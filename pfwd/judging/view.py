@@ -40,7 +40,10 @@ from pfwd_device.recording.survey_content import (
 
 DAMAGED = "damaged record"
 
-_METADATA = ("position", "time_utc", "time_local", "operator", "identity", "marks", RATE_DEVIATION)
+_METADATA = (
+    *("position", "time_utc", "time_local", "operator", "identity", "marks", RATE_DEVIATION),
+    *("imported_from", "imported_sha256"),
+)
 """Recorded keys of a drop that readers need; all of them would fill the memory."""
 
 NO_SETUP = PointSetup(plate_radius=0.0, test="stiffness")

@@ -43,7 +43,9 @@ from pfwd.report.peaks_blocks import (
     stiffness_table,
 )
 from pfwd.report.point_facts import (
+    chainage_column,
     clock_and_zone,
+    is_response_declared,
     modulus_text,
     points_text,
     shown_drops,
@@ -120,7 +122,9 @@ def curve_blocks(report: Report, texts: Texts, letters: Letters) -> list[Block]:
     for first in range(0, len(drawn), MAX_CURVES_IN_PICTURE):
         part = drawn[first : first + MAX_CURVES_IN_PICTURE]
         draw = partial(draw_curves, points=part, texts=texts, letters=letters)
-        blocks.append(Picture(draw, curves_height(part), texts["curves_note"], texts["curves"]))
+        note = texts["curves_note"]
+        note += texts["response_removed"] if is_response_declared(report) else ""
+        blocks.append(Picture(draw, curves_height(part), note, texts["curves"]))
     return blocks
 
 
@@ -319,22 +323,24 @@ def points_table(report: Report, texts: Texts) -> Table:
     judged = quantity is not Quantity.MODULUS
     mean = quantity is not Quantity.DEFLECTION
     title, times = time_cells(report, texts)
-    columns = [texts["point"], title, formatting.symbol_title("s", "mm")]
+    along, chainages = chainage_column(report, texts)
+    columns = [texts["point"], along, title, formatting.symbol_title("s", "mm")]
     columns += [formatting.symbol_title("s\N{COMBINING MACRON}", "mm")] if mean else []
     loads = not speeds or bool(_existing_note(report, texts))
     measured = [*([("v", "mm/s"), ("s/v", "ms")] * speeds), *([("F", "kN")] * loads)]
     columns += [formatting.symbol_title(symbol, unit) for symbol, unit in measured]
-    right = tuple(range(3, len(columns)))
+    right = (1, *range(4, len(columns)))
     columns += [formatting.name_of(quantity, texts)] if judged else []
     columns += [texts["modulus"], texts["target"], texts["verdict"]]
     rows = []
-    for point, time in zip(report.points, times, strict=True):
+    for point, chainage, time in zip(report.points, chainages, times, strict=True):
         progress = point.progress
         facts = [drop.facts for drop in shown_drops(point)]
         depths = [s for fact in facts if (s := fact.peak_deflection) is not None]
         kind = verdict_of(point)
         cells: list[str | Mark] = [
             point.shown_name,
+            chainage,
             time,
             " / ".join(map(depth_text, depths[:MAX_LISTED_DEPTHS]))
             + (" …" if len(depths) > MAX_LISTED_DEPTHS else ""),

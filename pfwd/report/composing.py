@@ -22,6 +22,7 @@ from pfwd.report.localising import localised, names_of
 from pfwd.report.lot_blocks import lot_blocks
 from pfwd.report.peaks_blocks import basin_of_drop, has_only_peaks, has_only_stiffness
 from pfwd.report.point_blocks import photo_blocks, point_blocks
+from pfwd.report.point_facts import is_response_declared
 from pfwd.report.provenance_blocks import device_blocks, procedure_blocks, recompute_blocks
 from pfwd.report.summary_blocks import common_warnings, summary_blocks, warning_blocks
 from pfwd.report.texts import Texts
@@ -69,7 +70,8 @@ def compose(
     if inverted or any(point.progress.value is not None for point in report.points):
         blocks.append(Paragraph(texts["uncertainty_note"], "note"))
     if inverted:
-        blocks.append(Paragraph(f"{texts['traces_note']} {texts['compaction_note']}", "note"))
+        corrected = f" {texts['compaction_note']}" if is_response_declared(report) else ""
+        blocks.append(Paragraph(texts["traces_note"] + corrected, "note"))
     if any(basin_of_drop(drop) is not None for point in report.points for drop in point.drops):
         blocks += [Heading(texts["basin"], 3), Paragraph(texts["basin_note"], "note")]
     if texts.code not in ("en", *texts.with_messages):

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from pfwd.judging import PointView
@@ -43,3 +44,8 @@ class Report:
     """Name of the survey's procedure, if the report judges by another; else None."""
     otherwise: tuple[str, ...] = ()
     """Sentences that state where the report judges differently from the survey."""
+
+    @property
+    def survey_name(self) -> str:
+        """Name of the survey's folder; a path of the computer does not belong into a report."""
+        return Path(self.survey).resolve().name

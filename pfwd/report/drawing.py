@@ -559,10 +559,10 @@ def draw_curves(figure: Any, points: Sequence[PointView], texts: Texts, letters:
             axes.legend(fontsize=5.5, loc="lower right", frameon=False, handlelength=1.0)
         if not column:
             axes.set_ylabel("s, mm", fontsize=7)
-        lowest = number + columns >= len(points)
-        axes.tick_params(labelbottom=lowest)
-        if lowest:
-            axes.set_xlabel("ms", fontsize=7, labelpad=1)
+        if number + columns >= len(points):
+            # The words have room below an axis of up to four in a row.
+            title = texts["time_axis"] if columns <= _CURVES_IN_ROW else "t, ms"
+            axes.set_xlabel(title, fontsize=7, labelpad=1)
 
 
 def _draw_curve(axes: Any, drop: DropView, colour: str) -> None:

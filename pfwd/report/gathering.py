@@ -140,7 +140,10 @@ class ReportOptions:
 
 
 def gather(
-    folder: str | Path, options: ReportOptions | None = None, progress: Progress | None = None
+    folder: str | Path,
+    options: ReportOptions | None = None,
+    progress: Progress | None = None,
+    output: str = "report.html",
 ) -> Report:
     """Return the data of a report: inverts what has no result, and judges the points.
 
@@ -150,6 +153,8 @@ def gather(
     options : ReportOptions, optional
     progress : callable, optional
         Receives one sentence for each step.
+    output : str
+        Name of the file that the report is written to.
 
     Returns
     -------
@@ -189,6 +194,7 @@ def gather(
     report = _report(survey, job, points, options)
     return replace(
         report,
+        command=_command(report.survey_name, output, options),
         instruments=tuple(gatherer.instruments.values()),
         checksums=dict(_checksums(survey)),
         survey_procedure=survey_procedure,
@@ -252,7 +258,7 @@ def _report(
             **_layer_settings(options),
             "seed": options.seed,
         },
-        command=_command(folder, options),
+        command="",
     )
 
 
@@ -384,12 +390,14 @@ def _thickness_text(thickness: Thickness) -> str:
     return ",".join(f"{value:g}" for value in thickness)
 
 
-def _command(folder: str, options: ReportOptions) -> str:
-    words = ["pfwd", "report", folder, "-o", "report.html"]
-    for name in ("language", "title", "procedure"):
+def _command(survey: str, output: str, options: ReportOptions) -> str:
+    """Return the command line that makes the report again, with names of files without folders."""
+    words = ["pfwd", "report", survey, "-o", output]
+    for name in ("language", "title", "procedure", "company", "logo", "template"):
         value = getattr(options, name)
         if value is not None and (name, value) != ("language", "en"):
-            words += [f"--{name}", str(value)]
+            is_text = name in ("title", "company")
+            words += [f"--{name}", value if is_text else Path(value).name]
     words += [] if options.point is None else ["--point", options.point]
     words += ["--slip"] if options.slip else []
     words += [] if options.signed is None else ["--signed", options.signed]

@@ -25,7 +25,7 @@ _DECIMAL = re.compile(r"(?<![\w.:/])(\d+)\.(\d+)(?![\w]|[.:]\d)")
 def names_of(report: Report) -> list[str]:
     """Return the names in a report whose dots are no decimal signs."""
     names = {name for point in report.points for name in (point.name, point.shown_name)}
-    return sorted({*names, report.title, report.survey}, key=len, reverse=True)
+    return sorted({*names, report.title, report.survey_name}, key=len, reverse=True)
 
 
 def localised(

@@ -13,6 +13,7 @@ from pfwd.report.content import Report
 from pfwd.report.drawing import draw_peaks_profile
 from pfwd.report.fonts import Letters
 from pfwd.report.point_facts import (
+    chainage_column,
     remarks_of,
     time_cells,
     used_drops,
@@ -76,19 +77,21 @@ def peaks_table(report: Report, texts: Texts) -> Table:
     title, times = time_cells(report, texts)
     judged = any(point.progress.value is not None for point in report.points)
     has_verdict = any(verdict_of(point) != Verdict.NONE for point in report.points)
-    columns = [texts["point"], title, texts["drops"]]
+    along, chainages = chainage_column(report, texts)
+    columns = [texts["point"], along, title, texts["drops"]]
     columns += [formatting.symbol_title("F", "kN"), formatting.symbol_title("s", "mm")]
     columns += [f"{texts['peak_method']}, MPa", *_INDICES]
-    right = tuple(range(2, len(columns)))
+    right = (1, *range(3, len(columns)))
     columns += [formatting.name_of(report.procedure.quantity, texts)] if judged else []
     columns += [texts["target"], texts["verdict"]] if has_verdict else []
     rows = []
-    for point, time in zip(report.points, times, strict=True):
+    for point, chainage, time in zip(report.points, chainages, times, strict=True):
         drops = used_drops(point)
         basins = [basin for drop in drops if (basin := basin_of_drop(drop)) is not None]
         kind = verdict_of(point)
         cells: list[str | Mark] = [
             point.shown_name,
+            chainage,
             time,
             str(len(drops)),
             _mean([drop.facts.peak_load for drop in drops], 1e-3),

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from inversion.notices import OTHER, Notice
 from pfwd.analysis.results import DiagnosisResult
-from pfwd.files.header import IMPORTED
+from pfwd.files.header import IMPORTED, declared_values
 from pfwd.judging import DropView, PointView
+from pfwd.judging.stations import chainage_of_point
 from pfwd.message_groups import MessageGroup, as_ranges, group_messages
 from pfwd.procedures import Kind, Verdict
 from pfwd.report import formatting
@@ -93,6 +94,26 @@ def clock_and_zone(point: PointView, texts: Texts) -> tuple[str, str]:
 def time_with_zone(point: PointView, texts: Texts) -> str:
     """Return the time of a point with its time zone in one text; empty: unknown."""
     return " ".join(filter(None, clock_and_zone(point, texts)))
+
+
+def is_response_declared(report: Report) -> bool:
+    """Return whether a response of a sensor is declared, which is then taken out of deflections."""
+    setups = [drop.setup for point in report.points for drop in point.drops]
+    return any(setup.geophone_natural_frequency for setup in setups)
+
+
+def chainage_column(report: Report, texts: Texts) -> tuple[str, list[str]]:
+    """Return the title of the column of chainages, and the chainage of each point in m."""
+    chainages = [
+        chainage_of_point(
+            point.shown_name,
+            point.job.station(point.shown_name),
+            [declared_values(point.setup)],
+        )
+        for point in report.points
+    ]
+    cells = [formatting.NO_VALUE if c is None else f"{round(c, 2):.10g}" for c in chainages]
+    return formatting.symbol_title(texts["chainage"], "m"), cells
 
 
 MINUTE_LENGTH = len("2026-01-31 14:05")

@@ -187,7 +187,7 @@ def recompute_blocks(report: Report, texts: Texts) -> list[Block]:
     settings = ", ".join(f"{key} {value}" for key, value in report.settings.items())
     rows = (
         (texts["command"], report.command),
-        (texts["survey"], f"{report.survey}, {report.survey_id}"),
+        (texts["survey"], f"{report.survey_name}, {report.survey_id}"),
         (texts["software"], ", ".join(f"{n} {v}" for n, v in report.software.items())),
         (texts["settings"], "" if has_only_peaks(report) else settings),
     )
@@ -197,6 +197,7 @@ def recompute_blocks(report: Report, texts: Texts) -> list[Block]:
         Pairs(tuple(row for row in rows if row[1])),
     ]
     blocks += [Heading(texts["declared"], 3), *_declared(report, texts)]
+    blocks += _imported_files(report, texts)
     files = [
         (point.shown_name, str(drop.number), f"drop-{drop.record:06d}.h5", checksum)
         for point in report.points
@@ -212,6 +213,20 @@ def recompute_blocks(report: Report, texts: Texts) -> list[Block]:
     if report.chosen and report.procedure.file is not None:
         blocks += [Heading(texts["procedure"], 3), Code(report.procedure.text)]
     return blocks
+
+
+def _imported_files(report: Report, texts: Texts) -> list[Block]:
+    """Return the table of the files that drops were imported from, with their checksums."""
+    stored = [drop.metadata for point in report.points for drop in point.drops]
+    files = dict.fromkeys(
+        (str(data["imported_from"]), str(data.get("imported_sha256") or formatting.NO_VALUE))
+        for data in stored
+        if data.get("imported_from")
+    )
+    if not files:
+        return []
+    table = Table((texts["original_file"], texts["checksum"]), tuple(files))
+    return [Heading(texts["original_files"], 3), table]
 
 
 def _values_of_averaged_drops(report: Report) -> list[str]:

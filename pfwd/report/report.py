@@ -88,7 +88,7 @@ def write_report(
         raise OptionError(refusal(where, kind, "no such file"))
     if options.template is not None and target.exists() and target.samefile(options.template):
         raise OptionError(refusal("--output", "another file than the template", str(target)))
-    report = gather(Path(survey), options, progress)
+    report = gather(Path(survey), options, progress, target.name)
     data = _filled(report, options) if ending == WORKBOOK else None
     _write(target, _rendered(report, options, texts, ending, second) if data is None else data)
     return report

@@ -65,7 +65,7 @@ def summary_blocks(report: Report, texts: Texts, letters: Letters) -> list[Block
 
 def _rows(report: Report, texts: Texts) -> tuple[tuple[str, str], ...]:
     return (
-        (texts["survey"], report.survey),
+        (texts["survey"], report.survey_name),
         (texts["made"], f"{report.made[:MINUTE_LENGTH].replace('T', ' ')} {report.zone}"),
         (texts["software"], ", ".join(f"{n} {v}" for n, v in report.software.items())),
     )

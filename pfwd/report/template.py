@@ -260,7 +260,7 @@ def survey_values(report: Report) -> Values:
 
     return {
         "title": report.title,
-        "survey": report.survey,
+        "survey": report.survey_name,
         "survey_id": report.survey_id,
         "site": each("site"),
         "operator": each("operator"),

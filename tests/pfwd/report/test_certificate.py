@@ -10,6 +10,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from pfwd.analysis.drop_facts import judged_deflection
+from pfwd.files.editing import Edit, edit_survey
 from pfwd.files.importing import import_files
 from pfwd.files.traces import TracePoint, write_traces
 from pfwd.judging import PointView
@@ -151,6 +152,10 @@ def test_the_curve_has_the_peak_of_the_table(tmp_path: Path, geophone: bool) -> 
     assert " / ".join(f"{peak:.3f}" for peak in peaks) == row["s,\N{NO-BREAK SPACE}mm"]
     facts = report.points[0].facts[1:]
     np.testing.assert_allclose(peaks, [fact.peak_deflection * 1e3 for fact in facts], rtol=1e-12)
+    blocks = compose(report, EN, Letters())
+    stated = [block.caption for block in blocks if isinstance(block, Picture)]
+    stated += [block.text for block in blocks if isinstance(block, Paragraph)]
+    assert ("declared response" in " ".join(stated)) is geophone
     if geophone:
         assert peaks[0] > 1.1 * 0.5  # the record without its response taken out has 0.5 mm
     for line in lines:
@@ -231,6 +236,28 @@ def test_times_are_local_and_name_their_zone(
     drops = tuple(replace(drop, metadata=recorded) for drop in point.drops)
     point = replace(point, drops=drops, job=replace(point.job, time_zone=zone))
     assert time_with_zone(point, EN) == shown
+
+
+def test_curves_of_the_first_page_have_a_time_axis(survey: Path) -> None:
+    points = gather(survey).points
+    few, many = drawn_curves([*points] * 2), drawn_curves([*points] * 5)
+    assert [axes.get_xlabel() for axes in few] == ["time after the trigger, ms"] * 4
+    assert [axes.get_xlabel() for axes in many] == [""] * 4 + ["t, ms"] * 6
+    for axes in many:
+        axes.figure.canvas.draw()
+        labels = [label for label in axes.get_xticklabels() if label.get_text()]
+        assert labels[1:]
+        assert all(label.get_visible() for label in labels)
+
+
+def test_a_chainage_has_a_column(survey: Path) -> None:
+    edit_survey(survey, [Edit("declared", {"chainage_m": 8827.754})], point="A")
+    report = gather(survey)
+    first = replace(report.points[1], title="km 12+320")
+    table = points_table(replace(report, points=(report.points[0], first)), EN)
+    assert table.columns[:2] == ("Point", "Chainage,\N{NO-BREAK SPACE}m")
+    assert [row[1] for row in table.rows] == ["8827.75", "12320"]
+    assert 1 in table.right
 
 
 def test_pictures_of_curves_have_room_below(survey: Path) -> None:

@@ -411,6 +411,22 @@ def test_wrong_usage_is_told(
     assert not list(survey.parent.glob(".report*")), "nothing half is left"
 
 
+def test_the_command_is_complete_and_names_no_folder(
+    made: Path, survey: Path, tmp_path: Path
+) -> None:
+    logo = tmp_path / "logo.png"
+    Figure(figsize=(1, 1)).savefig(logo)
+    target = survey.parent / "sent.html"
+    options = ReportOptions(company="Muster & Co", logo=str(logo), point="A", language="de")
+    report = write_report(survey, target, options)
+    expected = "pfwd report survey -o sent.html --language de --company 'Muster & Co'"
+    assert report.command == f"{expected} --logo logo.png --point A --seed 0"
+    texts = " ".join(Page(target.read_text(encoding="utf-8")).texts)
+    assert report.command in texts
+    assert hashlib.sha256((made.parent / "A.csv").read_bytes()).hexdigest() in texts
+    assert str(survey.parent) not in texts
+
+
 def test_a_deflection_has_a_target_of_its_own(survey: Path) -> None:
     edit_survey(survey, [Edit("target", 45e6)], point="A")
     edit_survey(survey, [Edit("discard", None)], point="B")
