@@ -96,11 +96,15 @@ def say(message: object) -> None:
     print(clean(f"pfwd: {message}"), file=sys.stderr, flush=True)
 
 
+def quoted(path: str) -> str:
+    """Return a path as one word for the shell of this computer."""
+    return subprocess.list2cmdline([path]) if os.name == "nt" else shlex.quote(path)
+
+
 def next_commands(survey: str | os.PathLike[str]) -> tuple[str, str]:
     """Return the commands that show a survey and write its report, quoted for the shell."""
-    path = os.fspath(survey)
-    quoted = subprocess.list2cmdline([path]) if os.name == "nt" else shlex.quote(path)
-    return f"pfwd open {quoted}", f"pfwd report {quoted} -o report.html"
+    path = quoted(os.fspath(survey))
+    return f"pfwd open {path}", f"pfwd report {path} -o report.html"
 
 
 def on_terminal() -> bool:

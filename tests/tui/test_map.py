@@ -1,6 +1,8 @@
 """``pfwd map``: a draft from what a text looks like, and the text read by it."""
 
 import math
+import os
+import shlex
 import sys
 from pathlib import Path
 
@@ -11,6 +13,7 @@ from pfwd.files.foreign.column_map import read_map
 from pfwd.files.foreign.map_draft import draft_map, map_text
 from pfwd.files.reading import read_points
 from tests.tui.console import pfwd
+from tui.cli import main
 
 
 def text_file(
@@ -33,17 +36,17 @@ def text_file(
 
 def test_a_german_spreadsheet_is_recognised_and_read(tmp_path: Path) -> None:
     file = text_file(tmp_path / "excel.csv", "Zeit [ms];Kraft [kN];Setzung [mm]", encoding="cp1252")
-    done = pfwd("map", file)
+    made = tmp_path / "excel.map.toml"
+    done = pfwd("map", file, "-o", made)
     assert done.returncode == 0, done.stderr
     assert "plate radius" in done.stderr
-    made = tmp_path / "excel.map.toml"
     made.write_text("plate_radius_m = 0.15\n" + made.read_text(encoding="utf-8"), encoding="utf-8")
     (point,) = read_points(file, column_map=made)
     (drop,) = point.drops
     assert drop.load.max() == pytest.approx(7000.0, rel=1e-3)
     assert drop.channels[0].values.max() == pytest.approx(0.5e-3, rel=1e-3)
     assert drop.channels[0].quantity == "displacement"
-    again = pfwd("map", file)
+    again = pfwd("map", file, "-o", made)
     assert again.returncode == 2
     assert "--force" in again.stderr
 
@@ -92,6 +95,27 @@ def test_what_holds_no_numbers_is_refused(content: bytes, tmp_path: Path) -> Non
         draft_map(tmp_path / "x")
 
 
+def test_the_map_is_written_here_and_the_next_command_can_be_pasted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    file = text_file(tmp_path / "site 12 (b).csv", "Zeit [ms];Kraft [kN];Setzung [mm]")
+    assert main(["map", str(file), "--no-questions"]) == 0
+    assert [path.name for path in Path().iterdir()] == ["site 12 (b).map.toml"]
+    words = shlex.split(capsys.readouterr().err.split("next: ")[1])
+    assert words == [
+        *("pfwd", "import", str(file), "--map", "site 12 (b).map.toml", "-o", "SURVEY"),
+    ]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no named pipes in folders")
+def test_a_pipe_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(TraceError, match=r"pipe: expected a file, got a pipe.*save the text"):
+        draft_map(tmp_path / "pipe")
+
+
 def test_a_text_that_no_reader_knows_names_both_commands(tmp_path: Path) -> None:
     file = text_file(tmp_path / "excel.csv", "Zeit [ms];Kraft [kN];Setzung [mm]")
     done = pfwd("import", file, "-o", tmp_path / "s")
@@ -102,7 +126,6 @@ def test_a_text_that_no_reader_knows_names_both_commands(tmp_path: Path) -> None
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
 def test_it_asks_on_a_terminal(tmp_path: Path) -> None:
-    import os
     import pty
     import subprocess
     import threading
@@ -112,7 +135,11 @@ def test_it_asks_on_a_terminal(tmp_path: Path) -> None:
     file = text_file(tmp_path / "a.csv", "A;B;C")
     keeper, terminal = pty.openpty()
     with subprocess.Popen(
-        [*PFWD, "map", str(file)], cwd=TOP, stdin=terminal, stdout=terminal, stderr=terminal
+        [*PFWD, "map", str(file), "-o", str(tmp_path / "a.map.toml")],
+        cwd=TOP,
+        stdin=terminal,
+        stdout=terminal,
+        stderr=terminal,
     ) as asking:
         os.close(terminal)
         answers = ["0.15", "time", "ms", "load", "kN", "wrong", "sensor", "velocity", "0", "mm/s"]

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from pfwd.errors import OptionError, refusal
-from tui.output import clean, say
+from tui.output import clean, quoted, say
 
 if TYPE_CHECKING:
     from pfwd.files.foreign.map_draft import DraftColumn, MapDraft
@@ -27,7 +27,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("file", metavar="FILE", help="delimited text of any program")
     parser.add_argument(
-        "-o", "--output", metavar="MAP.toml", help="default: FILE with .map.toml at its end"
+        "-o",
+        "--output",
+        metavar="MAP.toml",
+        help="default: name of FILE with .map.toml, in the current folder",
     )
     parser.add_argument("--force", action="store_true", help="overwrite an existing file")
     parser.add_argument(
@@ -40,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     from pfwd.files.foreign.map_draft import draft_map, map_text
     from pfwd.files.output_path import require_writable
 
-    target = args.output or os.path.splitext(args.file)[0] + ".map.toml"
+    target = args.output or os.path.splitext(os.path.basename(args.file))[0] + ".map.toml"
     require_writable(target, "--output", streams=True)
     if os.path.exists(target) and not args.force:
         hint = "--force overwrites it, -o names another file"
@@ -58,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
         missing = ["the plate radius (plate_radius_m, or --header)", *missing]
     if missing:
         say(f"map: add to {target}: {'; '.join(missing)}")
-    say(f"map: next: pfwd import {args.file} --map {target} -o SURVEY")
+    say(f"map: next: pfwd import {quoted(args.file)} --map {quoted(target)} -o SURVEY")
     return 1 if draft.missing else 0
 
 

@@ -7,6 +7,7 @@ sensor that no column name states.
 import csv
 import os
 import re
+import stat
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -117,6 +118,9 @@ def draft_map(file: str | os.PathLike[str]) -> MapDraft:
     """
     path = os.fspath(file)
     try:
+        if not stat.S_ISREG(os.stat(path).st_mode) and not os.path.isdir(path):
+            hint = "save the text as a file first: pfwd import reads it again"
+            raise TraceError(refusal(path, "a file", "a pipe or a device", hint))
         with open(path, "rb") as stream:
             data = stream.read(DRAFT_BYTES)
     except OSError as err:
