@@ -49,6 +49,7 @@ from pfwd.report.point_facts import (
     modulus_text,
     points_text,
     shown_drops,
+    target_notes,
     time_cells,
     verdict_of,
 )
@@ -304,7 +305,7 @@ def judged_by(report: Report, texts: Texts) -> str:
 def points_blocks(report: Report, texts: Texts) -> list[Block]:
     """Return the table of the points with the notes on its values."""
     notes = [*unsupported_note(report, texts), *_existing_note(report, texts)]
-    return [points_table(report, texts), *notes]
+    return [points_table(report, texts), *notes, *target_notes(report, texts)]
 
 
 def points_table(report: Report, texts: Texts) -> Table:

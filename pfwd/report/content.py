@@ -1,7 +1,7 @@
 """The data of a report, before anything is drawn or written."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +44,12 @@ class Report:
     """Name of the survey's procedure, if the report judges by another; else None."""
     otherwise: tuple[str, ...] = ()
     """Sentences that state where the report judges differently from the survey."""
+
+    target_changes: Mapping[str, tuple[str, float]] = field(default_factory=dict)
+    """Targets that were changed after the last drop of a point, by the name of the point: time of
+    the change (UTC, ISO 8601), and the target until then, Pa or m."""
+    replaced_target: float | None = None
+    """Target that the survey declares for the point of a slip with a target of its own, Pa or m."""
 
     @property
     def survey_name(self) -> str:

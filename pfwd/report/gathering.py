@@ -188,13 +188,20 @@ def gather(
         if failed is not None:
             tell(failed)
     otherwise = (
-        *_deviations_from_job(survey_procedure, job.procedure_in_force, options.target, points),
+        *_deviations_from_job(
+            survey_procedure,
+            job.procedure_in_force,
+            None if options.slip else options.target,
+            points,
+        ),
         *changed_verdicts(survey, point_views(survey, job)),
     )
     report = _report(survey, job, points, options)
     return replace(
         report,
         command=_command(report.survey_name, output, options),
+        target_changes=dict(_target_changes(survey, job, points)),
+        replaced_target=_replaced_target(survey, options, job),
         instruments=tuple(gatherer.instruments.values()),
         checksums=dict(_checksums(survey)),
         survey_procedure=survey_procedure,
@@ -297,6 +304,56 @@ def _deviations_from_job(
             f"{len(names)} points; the others have their own: {listed}"
         )
     return tuple(sentences)
+
+
+def _replaced_target(survey: Survey, options: ReportOptions, job: Job) -> float | None:
+    """Return the declared target that the target of a slip replaces; None: it replaces none."""
+    if not options.slip or options.target is None or options.point is None:
+        return None
+    target = point_view(choose_point(survey, options.point), job).progress.target
+    return None if target == options.target else target
+
+
+def _target_changes(
+    survey: Survey, job: Job, points: Iterable[PointView]
+) -> Iterator[tuple[str, tuple[str, float]]]:
+    """Yield the changes of `Report.target_changes`."""
+    stored = {point.name: point for point in survey.points}
+    for point in points:
+        times = [drop.metadata.get("time_utc") for drop in point.drops]
+        last = max((time for time in times if isinstance(time, str)), default="")
+        declared: list[tuple[str, int, Any]] = [
+            (str(edit.get("time_utc") or ""), 0, edit.get("value"))
+            for edit in stored[point.name].edits
+            if edit["what"] == "target"
+        ]
+        for change in job.changes:
+            if change.key == "target":
+                declared.append((change.time_utc, 2, change.value))
+            elif change.key == "stations":
+                own = [s for s in change.value or () if s.get("name") == point.shown_name]
+                declared.append((change.time_utc, 1, own[0].get("target") if own else None))
+        earlier = [entry for entry in declared if _moment(entry[0]) <= _moment(last)]
+        before, now = _declared_target(earlier), _declared_target(declared)
+        if last and before is not None and now is not None and before != now:
+            yield point.name, (max(time for time, _, _ in declared), before)
+
+
+def _declared_target(declared: Iterable[tuple[str, int, Any]]) -> float | None:
+    """Return the target in force after declarations: (time, priority, value), 0 counting first."""
+    values = {
+        rank: value for _, rank, value in sorted(declared, key=lambda entry: _moment(entry[0]))
+    }
+    in_force = (values[rank] for rank in sorted(values) if isinstance(values[rank], int | float))
+    return next(in_force, None)
+
+
+def _moment(time: str) -> datetime.datetime:
+    """Return a time in UTC; one that cannot be read is before all others."""
+    with suppress(ValueError):
+        moment = datetime.datetime.fromisoformat(time)
+        return moment if moment.tzinfo else moment.replace(tzinfo=datetime.UTC)
+    return datetime.datetime.min.replace(tzinfo=datetime.UTC)
 
 
 def _target_of(progress: PointProgress) -> str:
@@ -467,7 +524,13 @@ class _Gatherer:
             self.new_diagnoses.get((point.title, drop.number)) for drop in reversed(point.drops)
         )
         diagnosis = next((new for new in made if new is not None), None) or point.diagnosis
-        return replace(point, diagnosis=diagnosis, fallback_target=self.options.fallback)
+        given = self.options.target if self.options.slip else None
+        return replace(
+            point,
+            diagnosis=diagnosis,
+            fallback_target=self.options.fallback,
+            target=point.target if given is None else given,
+        )
 
     def _note_instrument(self, record: DropRecord) -> None:
         identity = record.metadata.get("identity")

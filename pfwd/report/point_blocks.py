@@ -170,7 +170,9 @@ def _rows(point: PointView, report: Report, texts: Texts) -> list[tuple[str, str
         (texts["stress"], _stress(point, texts)),
         (
             texts["position"],
-            "; ".join(filter(None, (time_with_zone(point, texts), _position(point.place, texts)))),
+            "; ".join(
+                filter(None, (time_with_zone(point, texts), position_text(point.place, texts)))
+            ),
         ),
         (texts["conditions"], "; ".join(around)),
         (texts["notes"], "; ".join(point.notes)),
@@ -237,7 +239,8 @@ def _stress(point: PointView, texts: Texts) -> str:
     return texts.say("stress_text", exponent=exponent, low=f"{low:.0f}", high=f"{high:.0f}")
 
 
-def _position(position: Mapping[str, Any] | None, texts: Texts) -> str:
+def position_text(position: Mapping[str, Any] | None, texts: Texts) -> str:
+    """Return the coordinates with the quality of the fix; empty: unknown."""
     if position is None:
         return ""
     parts = [

@@ -96,6 +96,26 @@ def time_with_zone(point: PointView, texts: Texts) -> str:
     return " ".join(filter(None, clock_and_zone(point, texts)))
 
 
+def target_notes(report: Report, texts: Texts) -> list[Block]:
+    """Return the notes on targets that were changed after the drops, or replaced by a slip."""
+    quantity = report.procedure.quantity
+    notes: dict[str, list[str]] = {}
+    for point in report.points:
+        if point.name in report.target_changes:
+            time, before = report.target_changes[point.name]
+            shown = f"{time[:MINUTE_LENGTH].replace('T', ' ')} UTC"
+            target = formatting.target_of(before, quantity)
+            note = texts.say("target_changed", time=shown, target=target)
+            notes.setdefault(note, []).append(point.shown_name)
+    if report.replaced_target is not None:
+        target = formatting.target_of(report.replaced_target, quantity)
+        notes[texts.say("target_of_slip", target=target)] = [report.points[0].shown_name]
+    return [
+        Paragraph(f"{', '.join(dict.fromkeys(names))}: {note}", "small warning")
+        for note, names in notes.items()
+    ]
+
+
 def is_response_declared(report: Report) -> bool:
     """Return whether a response of a sensor is declared, which is then taken out of deflections."""
     setups = [drop.setup for point in report.points for drop in point.drops]

@@ -3,9 +3,11 @@
 import hashlib
 from collections.abc import Sequence
 from functools import partial
+from statistics import fmean
 from typing import Any
 
-from pfwd.judging import PointView
+from pfwd.judging import DropView, PointView, value_of_drop
+from pfwd.procedures import Quantity
 from pfwd.report import formatting
 from pfwd.report.blocks import Block, Heading, Mark, Pairs, Paragraph, Picture, Table
 from pfwd.report.certificate_blocks import (
@@ -19,7 +21,8 @@ from pfwd.report.content import Report
 from pfwd.report.fonts import Letters
 from pfwd.report.gathering import ReportOptions
 from pfwd.report.localising import localised, names_of
-from pfwd.report.point_facts import modulus_text, time_of, verdict_of
+from pfwd.report.point_blocks import position_text
+from pfwd.report.point_facts import modulus_text, target_notes, time_of, used_drops, verdict_of
 from pfwd.report.texts import Texts
 
 _CODE_HEIGHT = 38.0
@@ -44,6 +47,7 @@ def slip_blocks(
     heading = Heading(f"{texts['slip']}: {texts['point']} {point.shown_name}", level=1)
     facts = [row for row in certificate_rows(report, texts) if row[1]]
     facts = [row for row in facts if row[0] not in (texts["points"], texts["verdict"])]
+    facts += _measured(point, texts)
     verdict = Table(
         (texts["verdict"], formatting.name_of(report.procedure.quantity, texts), texts["target"]),
         (
@@ -61,8 +65,9 @@ def slip_blocks(
         Pairs(tuple(facts)),
         verdict,
         Paragraph(texts.message(point.progress.verdict_reason)),
+        *target_notes(report, texts),
         *unsupported_note(report, texts),
-        _drops(report.points, texts),
+        _drops(report, texts),
         *curve_blocks(report, texts, letters),
     ]
     checksum = checksum_of(report)
@@ -76,7 +81,7 @@ def slip_blocks(
     alternative = f"{texts['qr_code']}: {payload}"
     if options.signed is not None:
         alternative += f"; {texts['sign_operator']}: {options.signed}"
-    keep = {texts[name] for name in ("judged_by", "period", "checksum")}
+    keep = {texts[name] for name in ("judged_by", "period", "checksum", "coordinates")}
     return [
         *localised(blocks, texts, keep, names_of(report)),
         Picture(draw, _CODE_HEIGHT, texts["qr_code_note"], alternative),
@@ -98,9 +103,29 @@ def _value(point: PointView, report: Report, texts: Texts) -> str:
     return modulus_text(point, texts) if value == formatting.NO_VALUE else value
 
 
-def _drops(parts: Sequence[PointView], texts: Texts) -> Table:
+def _measured(point: PointView, texts: Texts) -> list[tuple[str, str]]:
+    """Return the mean settlement, s/v and the coordinates of the point, as far as known."""
+    depths = [s for drop in used_drops(point) if (s := drop.facts.peak_deflection) is not None]
+    rows = (
+        ("s\N{COMBINING MACRON}", f"{depth_text(fmean(depths))} mm" if depths else ""),
+        (texts["s_over_v"], formatting.scaled(point.progress.s_over_v, 1e3, "ms")),
+        (texts["coordinates"], position_text(point.place, texts)),
+    )
+    return [row for row in rows if row[1] not in ("", formatting.NO_VALUE)]
+
+
+def _value_of_drop(point: PointView, drop: DropView) -> str:
+    """Return the value of a drop; one that the data do not support is missing."""
+    value = value_of_drop(point.job, drop)
+    if value is None or value.not_supported is not None or drop.facts.record_fault is not None:
+        return formatting.NO_VALUE
+    scale = 1e3 if value.quantity is Quantity.DEFLECTION else 1e-6
+    return formatting.digits(value.value * scale)
+
+
+def _drops(report: Report, texts: Texts) -> Table:
     rows = []
-    for point in parts:
+    for point in report.points:
         kinds = dict(point.progress.kinds)
         for drop, facts in zip(point.drops, point.facts, strict=True):
             used = drop.number in point.progress.used
@@ -113,8 +138,11 @@ def _drops(parts: Sequence[PointView], texts: Texts) -> Table:
                     depth_text(facts.peak_deflection),
                     formatting.scaled(facts.peak_velocity, 1e3, ""),
                     formatting.scaled(facts.pulse_duration, 1e3, ""),
+                    _value_of_drop(point, drop),
                 )
             )
+    quantity = report.procedure.quantity
+    unit = "mm" if quantity is Quantity.DEFLECTION else "MPa"
     columns = (
         texts["drop"],
         texts["kind"],
@@ -123,8 +151,9 @@ def _drops(parts: Sequence[PointView], texts: Texts) -> Table:
         formatting.symbol_title("s", "mm"),
         formatting.symbol_title("v", "mm/s"),
         f"{texts['pulse']}, ms",
+        f"{formatting.name_of(quantity, texts)}, {unit}",
     )
-    return Table(columns, tuple(rows), (0, 3, 4, 5, 6))
+    return Table(columns, tuple(rows), (0, 3, 4, 5, 6, 7))
 
 
 def checksum_of(report: Report) -> str:

@@ -1,7 +1,11 @@
 """The slip of a point: one page with a QR code that another program reads."""
 
+import datetime
 import hashlib
+import re
+from dataclasses import replace
 from pathlib import Path
+from typing import TypeGuard
 
 import numpy as np
 import pytest
@@ -11,15 +15,22 @@ from matplotlib.figure import Figure
 from pypdf import PdfReader
 
 from pfwd.errors import OptionError
-from pfwd.report.blocks import Pairs, Picture, Table
+from pfwd.files.editing import Edit, edit_survey
+from pfwd.report.blocks import Block, Pairs, Paragraph, Picture, Table
+from pfwd.report.composing import compose
 from pfwd.report.fonts import Letters
 from pfwd.report.gathering import ReportOptions, gather
 from pfwd.report.report import write_report
 from pfwd.report.slip_blocks import checksum_of, slip_blocks
 from pfwd.report.texts import load_texts
-from pfwd_device.recording import read_survey
+from pfwd_device.recording import SurveyWriter, read_survey
+from tests.pfwd.report.surveys import half_sine_drop, result_of
 
 EN = load_texts("en")
+
+
+def is_warning(block: Block) -> TypeGuard[Paragraph]:
+    return isinstance(block, Paragraph) and block.style == "small warning"
 
 
 def image_of(picture: Picture) -> np.ndarray:
@@ -69,6 +80,66 @@ def test_the_table_has_all_drops(survey: Path) -> None:
         *((str(number), "measured", "yes") for number in (2, 3, 4)),
     ]
     assert table.rows[1][3:5] == ("8.00", "0.500")
+    assert table.columns[-1] == "Modulus E, MPa"
+    assert [row[-1] for row in table.rows] == ["45.1", "45.2", "45.3", "45.4"]
+
+
+def test_settlement_its_ratio_and_coordinates_are_on_the_slip(survey: Path) -> None:
+    options = ReportOptions(point="A", slip=True, procedure="tp-bf-stb-b8.3", language="de")
+    report = gather(survey, options)
+    place = {"latitude": 48.624762, "longitude": 2.414874, "source": "declared"}
+    report = replace(report, points=(replace(report.points[0], place=place),))
+    blocks = slip_blocks(report, load_texts("de"), Letters(), options)
+    facts = dict(next(block for block in blocks if isinstance(block, Pairs)).rows)
+    assert facts["s\N{COMBINING MACRON}"] == "0,500 mm"
+    assert facts["s/v"].endswith(" ms")
+    assert facts["Lage"].startswith("48.624762, 2.414874")
+    table = [block for block in blocks if isinstance(block, Table)][-1]
+    assert table.columns[-1] == "E_vd, MPa"
+    assert table.rows[3][-1] == "45,0"  # 1.5 * 0.15 m * 0.1 MPa / 0.5 mm
+
+
+def test_the_target_of_a_slip_counts_and_that_of_the_survey_is_named(survey: Path) -> None:
+    edit_survey(survey, [Edit("target", 60e6)], point="A")
+    options = ReportOptions(point="A", slip=True, target=40e6)
+    report = gather(survey, options)
+    assert report.points[0].progress.target == 40e6
+    texts = [b.text for b in slip_blocks(report, EN, Letters(), options) if is_warning(b)]
+    assert f"A: {EN.say('target_of_slip', target='≥ 60 MPa')}" in texts
+    plain = gather(survey, ReportOptions(point="A", target=40e6))
+    assert plain.points[0].progress.target == 60e6
+    same = gather(survey, ReportOptions(point="A", slip=True, target=60e6))
+    assert not [b for b in slip_blocks(same, EN, Letters(), options) if is_warning(b)]
+
+
+@pytest.mark.parametrize("of_point", [True, False])
+def test_a_target_that_was_changed_after_the_drops_is_stated(survey: Path, of_point: bool) -> None:
+    def declare(target: float) -> None:
+        with SurveyWriter.open(survey, publish=False) as writer:
+            if of_point:
+                writer.edit("target", target, point="A")
+            else:
+                writer.note_event("job", {"target": target})
+
+    declare(40e6)
+    record = read_survey(survey).drops[0].read()
+    time = {"time_utc": datetime.datetime.now(datetime.UTC).isoformat()}
+    with SurveyWriter.open(survey, publish=False) as writer:
+        drop = half_sine_drop(9, 8009.0)
+        number = writer.save_drop(replace(record, drop=drop, metadata=time))
+        writer.publish(number)
+        writer.save_result(number, result_of(9))
+    options = ReportOptions(point="A", slip=True)
+    assert not gather(survey, options).target_changes
+    declare(30e6)
+    for report in (gather(survey, options), gather(survey)):
+        blocks = slip_blocks(report, EN, Letters(), options)
+        (warning,) = [block.text for block in blocks if is_warning(block)]
+        assert re.fullmatch(
+            r"A: the target was changed at .{16} UTC, after the drops; until then it was ≥ 40 MPa",
+            warning,
+        )
+        assert warning in [b.text for b in compose(report, EN, Letters()) if is_warning(b)]
 
 
 @pytest.mark.parametrize("language", ["en", "de"])
