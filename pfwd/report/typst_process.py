@@ -72,17 +72,16 @@ def _copy_folder(source: Path, target: Path, where: str) -> None:
     """Copy a folder without links, devices and hidden folders."""
     sizes: list[int] = []
 
-    def ignored(folder: str, names: list[str]) -> list[str]:
-        files = {name: Path(folder, name) for name in names}
-        links = [name for name, file in files.items() if file.is_symlink()]
-        regular = {name for name, file in files.items() if file.is_file()}.difference(links)
-        sizes.extend(files[name].stat().st_size for name in regular)
+    def ignored(folder: str, names: list[str]) -> set[str]:
+        files = [Path(folder, name) for name in names]
+        taken = [f for f in files if f.is_file() or (f.is_dir() and f.name[0] != ".")]
+        taken = [file for file in taken if not file.is_symlink()]
+        sizes.extend(file.stat().st_size for file in taken)
         if len(sizes) > MAX_TEMPLATE_FILES or sum(sizes) > MAX_TEMPLATE_BYTES:
             limits = f"{MAX_TEMPLATE_FILES} files and {MAX_TEMPLATE_BYTES / 1e6:.0f} MB"
             hint = "move the template into a folder of its own"
             raise OptionError(refusal(where, f"a folder of at most {limits}", "more", hint))
-        folders = {name for name, file in files.items() if file.is_dir() and name[0] != "."}
-        return [name for name in names if name not in regular | folders.difference(links)]
+        return set(names).difference(file.name for file in taken)
 
     shutil.copytree(source, target, symlinks=True, ignore=ignored)
 
