@@ -210,9 +210,10 @@ def replay(
         session = Session(feed, listener, plan, writer)
         with control(session):
             ending = session.run()
-        for point in () if writer is None else writer.contents().points:
-            if point.target is None and (target := targets.get(point.name)) is not None:
-                writer.edit("target", target, point=point.name)
+        if writer is not None:
+            for point in writer.contents().points:
+                if point.target is None and (target := targets.get(point.name)) is not None:
+                    writer.edit("target", target, point=point.name)
     for text in reader.damage if reader is not None else ():
         listener(Notice(f"{path}: damaged: {text}", serious=True))
     return ending
