@@ -280,7 +280,7 @@ class Survey:
         try:
             return self._result_file(path).read()
         except RecordingError as err:
-            self.damaged_results[path] = str(err)
+            self.damaged_results[path] = str(err).removeprefix(f"{self.path}/")
             raise
 
     def _read_drops(self) -> dict[int, SurveyDrop]:

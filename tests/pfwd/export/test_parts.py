@@ -100,7 +100,7 @@ def test_a_changed_result_is_left_to_the_first_process_which_reports_it(
     order = Order(content, row_maker=second)
     assert "damaged: " in "".join(row_texts(order, table_texts))
     assert order.results == 1
-    assert [text.split(":")[0] for text in content.damage] == [f"{file} is damaged"]
+    assert [text.split(":")[0] for text in content.damage] == [f"results/{file.name} is damaged"]
 
 
 def test_a_drop_that_is_not_whole_in_the_journal_is_left_to_the_first_process(

@@ -335,7 +335,8 @@ def test_a_changed_result_does_not_count_and_is_reported_once(
         with pytest.raises(RecordingError, match=r"-[12]\.json is damaged: expected the stored .*"):
             read()
     assert list(drop.readable_results()) == [{"seed": 1}]
-    assert [text.split(" is damaged")[0] for text in survey.damage] == [str(path), str(diagnosis)]
+    names = [f"results/{file.name}" for file in (path, diagnosis)]
+    assert [text.split(" is damaged")[0] for text in survey.damage] == names
     assert recover(tmp_path / "s").ok
     assert path.read_bytes() == content
     assert read_survey(tmp_path / "s").drops[0].read_last_result() == {"seed": 2}
