@@ -29,8 +29,6 @@ OFFER_WAIT_S = 5.0
 """Time for which a drop in the stream waits for the instrument's own record, s of samples: an
 instrument announces it at least every 0.5 s, and its transfer at 115200 baud takes 1 s."""
 NOT_BUFFERED = "recorded from the stream, because the instrument did not store the drop"
-_N_BUFFERED = 256
-"""Number of the latest buffered drops that are compared with those of the stream."""
 _MIN_PRE_TRIGGER = 1e-9
 """Shortest time before the trigger, s, in place of 0, which the settings of a detection refuse."""
 
@@ -241,7 +239,7 @@ class StreamedDrops:
 
     def __init__(self) -> None:
         self._waiting: list[StreamedItem] = []
-        self._buffered: deque[DropOffer] = deque(maxlen=_N_BUFFERED)
+        self._buffered: deque[DropOffer] = deque(maxlen=256)
 
     def add(self, item: StreamedItem) -> None:
         """Let an item wait, unless the instrument's own record contains it already."""

@@ -487,15 +487,13 @@ class Detector:
         """Begin the time in which pulses are bounces of one that the shunt has hidden."""
         if self._open is not None:
             return  # the pulse that is being recorded decides
-        last = self._last
-        if last is not None and pulse.start < last.deadline:
-            soon = pulse.start - last.pulse <= self._flight
-            if soon and pulse.peak < MAX_BOUNCE_PEAK_RATIO * last.peak:
-                last.pulse, last.peak = pulse.start, pulse.peak
-                return
+        last, start, deadline = self._last, pulse.start, pulse.start + self._rebound_window
         if last is not None:
+            soon = start < min(last.deadline, last.pulse + self._flight)
+            if soon and pulse.peak < MAX_BOUNCE_PEAK_RATIO * last.peak:
+                last.pulse, last.peak = start, pulse.peak
+                return
             yield ReboundsOver()
-        start, deadline = pulse.start, pulse.start + self._rebound_window
         self._last = _Last(start, deadline, start, pulse.peak, incomplete=False, recorded=False)
 
     def _departure(self, first: int, last: int, rest: AtRest) -> NDArray[np.float64]:

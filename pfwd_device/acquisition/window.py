@@ -28,22 +28,20 @@ class Window:
         """Index of the next sample that will be appended."""
         return self.start + len(self._counts)
 
-    def append(self, counts: NDArray[np.int32], *, shunt: bool = False) -> None:
+    def append(
+        self, counts: NDArray[np.int32], *, shunt: bool = False, missing: bool = False
+    ) -> None:
         """Append received samples, (n, channels), in counts of the converter.
 
         With the calibration shunt on they are no measurement: `part` returns them as missing.
         """
-        self._extend(counts, missing=shunt, shunted=shunt)
+        self._counts = np.concatenate([self._counts, counts])
+        self._missing = np.concatenate([self._missing, np.full(len(counts), shunt or missing)])
+        self._shunted = np.concatenate([self._shunted, np.full(len(counts), shunt)])
 
     def append_missing(self, length: int) -> None:
         """Append `length` missing samples."""
-        zeros = np.zeros((length, self._counts.shape[1]), np.int32)
-        self._extend(zeros, missing=True, shunted=False)
-
-    def _extend(self, counts: NDArray[np.int32], *, missing: bool, shunted: bool) -> None:
-        self._counts = np.concatenate([self._counts, counts])
-        self._missing = np.concatenate([self._missing, np.full(len(counts), missing)])
-        self._shunted = np.concatenate([self._shunted, np.full(len(counts), shunted)])
+        self.append(np.zeros((length, self._counts.shape[1]), np.int32), missing=True)
 
     def forget_before(self, index: int) -> None:
         """Discard the samples before an index in the stream."""

@@ -6,7 +6,7 @@ The number of cases is that of the environment's PFWD_PULSE_CASES, else 100.
 import dataclasses
 import itertools
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
 from pfwd_device.acquisition.detection import DetectionSettings
 from pfwd_device.acquisition.items import BufferedDrop, Samples, StreamBegan
+from pfwd_device.wire.fields import unpack_int24
 from pfwd_device.wire.messages import Armed, SampleBlock
 from simulators.instrument.memory import DropBuffer, Ring
 from tests.pfwd.scripted_feed import IDENTITY, NOW, RATE, Log, ScriptedFeed, connected, with_gaps
@@ -64,28 +65,22 @@ def cases(draw: Any) -> Case:
         pulses.append((at + draw(st.floats(0.018, 0.13)), peak * draw(st.floats(0.1, 1.2))))
     when = st.floats(0.0, seconds)
     most = draw(st.sampled_from([0, 1, 2]))
-    return Case(
-        pulses,
-        seconds + 0.5,
-        draw(st.sampled_from([0.0, 1.0])) * draw(st.floats(-800.0, 800.0)),
-        draw(
-            st.lists(
-                st.tuples(when, st.floats(0.3, 3), st.floats(200, 1200), st.floats(0.05, 0.5)),
-                max_size=most,
-            )
-        ),
-        draw(st.lists(st.tuples(when, st.floats(1e-4, 0.03)), max_size=most)),
-        draw(st.lists(when, max_size=most)),
-        draw(
-            st.lists(
-                st.tuples(when, st.floats(0.05, 1.0), st.sampled_from([0.0, 0.03])), max_size=most
-            )
-        ),
-        draw(st.sampled_from([None, 1, 2, 100])),
-        draw(st.booleans()),
-        draw(st.sampled_from([{}, {}, {"channel": 1}, {"threshold": 4000}, {"hold_off": 90_000}])),
-        draw(st.integers(0, 40)),
-    )
+    times = [st.floats(*bounds) for bounds in ((0.3, 3), (0.05, 0.5), (1e-4, 0.03), (0.05, 1))]
+    stays, ramps, missing, shunted = times
+    few = [
+        draw(st.lists(each, max_size=most))
+        for each in (
+            st.tuples(when, stays, st.floats(200, 1200), ramps),
+            st.tuples(when, missing),
+            when,
+            st.tuples(when, shunted, st.sampled_from([0.0, 0.03])),
+        )
+    ]
+    slots, is_emptied = draw(st.sampled_from([None, 1, 2, 100])), draw(st.booleans())
+    wrong = [{}, {}, {"channel": 1}, {"threshold": 4000}, {"hold_off": 90_000}]
+    trigger, delay = draw(st.sampled_from(wrong)), draw(st.integers(0, 40))
+    drift = draw(st.sampled_from([0.0, 1.0])) * draw(st.floats(-800.0, 800.0))
+    return Case(pulses, seconds + 0.5, drift, *few, slots, is_emptied, trigger, delay)
 
 
 def load_of(case: Case) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -126,10 +121,8 @@ class Instrument:
         for waiting in self.due:
             waiting[0] -= 1
         for _, drop in [each for each in self.due if each[0] < 0]:
-            counts = np.frombuffer(drop.data, np.uint8).reshape(-1, 3).astype(np.int32)
-            counts = counts @ np.array([1, 256, 65536], np.int32)
-            counts = ((counts + (1 << 23)) % (1 << 24) - (1 << 23)).astype(np.int32)
-            yield BufferedDrop(drop.offer, counts.reshape(drop.offer.samples, 2), NOW, 0.0)
+            counts = unpack_int24(drop.data).reshape(drop.offer.samples, 2)
+            yield BufferedDrop(drop.offer, counts, NOW, 0.0)
             if self.case.is_emptied:
                 self.buffer.release(drop.offer.stream, drop.offer.first_sample)
         self.due = [each for each in self.due if each[0] >= 0]
@@ -142,41 +135,34 @@ def indices_of(case: Case, counts: NDArray[np.int32], shunted: NDArray[np.bool_]
     feed = ScriptedFeed(forever=True)
     session = Session(feed, Log(), SessionPlan(options=None))
     session._repeats = Repeats(iter(range(0, 10**9, 1000)).__next__)
-    take, take_rebound = session._pipeline.take, session._pipeline.take_rebound
-    take_late, report = session._pipeline.take_late_rebound, session._report_pulse
 
-    def cover(first: int, length: int, stream: int | None, kind: str) -> None:
+    def cover(first: int, length: int, stream: int | None = None, kind: str = "recorded") -> None:
         for begin in [streams[stream]] if stream is not None else streams.values():
             covered.update(range(begin + first, begin + first + length))
         counted[kind] += 1
 
-    def on_drop(record: Any, *rest: Any, **more: Any) -> None:
+    def on_drop(record: Any, *_: Any) -> None:
         detection = record.metadata["detection"]
-        cover(detection["first_sample"], len(record.counts), detection["stream"], "recorded")
-        take(record, *rest, **more)
+        cover(detection["first_sample"], len(record.counts), detection["stream"])
 
-    def on_rebound(rebound: Any, *, recorded: bool) -> None:
-        cover(rebound.first_sample, len(rebound.counts), None, "recorded")
-        take_rebound(rebound, recorded=recorded)
+    def watch(owner: Any, name: str, note: Callable[..., None]) -> None:
+        method = getattr(owner, name)
 
-    def on_late(point: str, number: int, rebound: Any) -> None:
-        cover(rebound.first_sample, len(rebound.counts), None, "recorded")
-        take_late(point, number, rebound)
+        def noted(*values: Any, **more: Any) -> None:
+            note(*values)
+            method(*values, **more)
 
-    def on_report(pulse: Any) -> None:
-        cover(pulse.trigger - 200, 400, pulse.stream, "reported")
-        report(pulse)
+        setattr(owner, name, noted)
 
-    session._pipeline.take, session._pipeline.take_rebound = on_drop, on_rebound  # type: ignore[method-assign]
-    session._pipeline.take_late_rebound, session._report_pulse = on_late, on_report  # type: ignore[method-assign]
-    add_rebound = session._streamed.add_rebound
+    def on_rebound(*values: Any) -> None:
+        cover(values[-1].first_sample, len(values[-1].counts))
 
-    def on_stored(after: int, rebound: Any) -> None:
-        # A bounce of a drop that the instrument sends; by the protocol it is not stored.
-        cover(rebound.first_sample, len(rebound.counts), None, "recorded")
-        add_rebound(after, rebound)
-
-    session._streamed.add_rebound = on_stored  # type: ignore[method-assign]
+    watch(session._pipeline, "take", on_drop)
+    watch(session._pipeline, "take_rebound", on_rebound)
+    watch(session._pipeline, "take_late_rebound", on_rebound)
+    # A bounce of a drop that the instrument sends; by the protocol it is not stored.
+    watch(session._streamed, "add_rebound", on_rebound)
+    watch(session, "_report_pulse", lambda p: cover(p.trigger - 200, 400, p.stream, "reported"))
     instrument = Instrument(case)
     session._take(connected())
     if case.slots is not None:

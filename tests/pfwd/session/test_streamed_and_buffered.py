@@ -62,16 +62,10 @@ def test_a_drop_that_the_instrument_does_not_store_is_recorded_from_the_stream(
 def test_it_waits_some_seconds_and_no_longer(log: Log, writer: Any) -> None:
     waits = round((1.0 + OFFER_WAIT_S) * RATE)
     saved: list[int] = []
-    feed = ScriptedFeed(
-        connected(),
-        Armed(TRIGGER),
-        began(),
-        pieces(COUNTS[:waits]),
-        lambda: saved.append(len(writer.saved)),
-        pieces(COUNTS[waits : waits + 2000], 7, waits),
-        lambda: saved.append(len(writer.saved)),
-    )
-    run(feed, log, writer)
+    parts = pieces(COUNTS[:waits]), pieces(COUNTS[waits : waits + 2000], 7, waits)
+    count = [lambda: saved.append(len(writer.saved))]
+    items = [*parts[0], *count, *parts[1], *count]
+    run(ScriptedFeed(connected(), Armed(TRIGGER), began(), items), log, writer)
     assert saved == [0, 1]
 
 
@@ -80,14 +74,8 @@ def test_the_record_of_the_instrument_replaces_that_of_the_stream(
     log: Log, writer: Any, at: float
 ) -> None:
     end = round(at * RATE)
-    feed = ScriptedFeed(
-        connected(),
-        Armed(TRIGGER),
-        began(),
-        pieces(COUNTS[:end]),
-        buffered(COUNTS, 10_010),
-        pieces(COUNTS[end:], 7, end),
-    )
+    items = [*pieces(COUNTS[:end]), buffered(COUNTS, 10_010), *pieces(COUNTS[end:], 7, end)]
+    feed = ScriptedFeed(connected(), Armed(TRIGGER), began(), items)
     run(feed, log, writer)
     assert by_instrument(log) == [True]
     assert feed.acknowledged == [(7, 10_010 - TRIGGER.before)]
@@ -99,16 +87,9 @@ def test_the_drops_that_fill_its_memory_and_the_next_ones_are_all_recorded(
 ) -> None:
     times = [1.0, 3.0, 5.0, 7.0]
     counts = stream(14.0, [(at, 8000.0) for at in times])
-    feed = ScriptedFeed(
-        connected(),
-        Armed(TRIGGER),
-        began(),
-        pieces(counts[:40_000]),
-        buffered(counts, 10_003),
-        buffered(counts, 30_003),
-        pieces(counts[40_000:], 7, 40_000),
-    )
-    run(feed, log, writer)
+    stored = [buffered(counts, at) for at in (10_003, 30_003)]
+    items = [*pieces(counts[:40_000]), *stored, *pieces(counts[40_000:], 7, 40_000)]
+    run(ScriptedFeed(connected(), Armed(TRIGGER), began(), items), log, writer)
     assert by_instrument(log) == [True, True, False, False]
     keys = [record.metadata["detection"] for record in recorded(writer)]
     triggers = [key["first_sample"] + key["trigger"] for key in keys]
@@ -146,28 +127,10 @@ def test_a_complete_record_that_comes_later_is_recorded_beside_an_incomplete_one
     assert feed.acknowledged == [(7, 10_010 - TRIGGER.before)]
 
 
-def test_another_drop_with_the_trigger_in_the_same_record_is_recorded(
-    log: Log, writer: Any
-) -> None:
-    changed = COUNTS.copy()
-    changed[10_050] += 1
-    late = buffered(changed, 10_010)
-    run(ScriptedFeed(connected(), Armed(TRIGGER), began(), pieces(COUNTS), late), log, writer)
-    assert len(recorded(writer)) == 2
-
-
 def test_it_waits_over_a_lost_link(log: Log, writer: Any) -> None:
-    feed = ScriptedFeed(
-        connected(),
-        Armed(TRIGGER),
-        began(),
-        pieces(COUNTS[:10_700]),
-        lost(),
-        connected(again=True),
-        Armed(TRIGGER),
-        buffered(COUNTS, 10_003),
-    )
-    run(feed, log, writer)
+    again = [lost(), connected(again=True), Armed(TRIGGER), buffered(COUNTS, 10_003)]
+    before = [connected(), Armed(TRIGGER), began(), *pieces(COUNTS[:10_700])]
+    run(ScriptedFeed(before, again), log, writer)
     assert by_instrument(log) == [True]
 
 
