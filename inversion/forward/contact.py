@@ -346,9 +346,15 @@ def _moments(problem: PlateProblem, rule: QuadratureRule, layout: int) -> Moment
     return Moments.of(problem, *rule.nodes(_LAYOUT_STEP**layout, max(outside, default=0.0)))
 
 
+@cache
+def _upper_triangle(n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    rows, columns = np.triu_indices(n)
+    return rows, columns
+
+
 def symmetric(upper: ComplexArray, n: int) -> ComplexArray:
     """Return symmetric matrices (k, n, n) from their upper triangles (k, n (n + 1)/2)."""
-    rows, columns = np.triu_indices(n)
+    rows, columns = _upper_triangle(n)
     result = np.empty((upper.shape[0], n, n), dtype=np.complex128)
     result[:, rows, columns] = upper
     result[:, columns, rows] = upper
@@ -359,7 +365,8 @@ def spherical_bessel(count: int, xi: FloatArray) -> FloatArray:
     """Return the spherical Bessel functions of order 0 to count - 1 at ``xi`` (n,), (count, n)."""
     from scipy.special import spherical_jn
 
-    return np.stack([spherical_jn(order, xi) for order in range(count)])
+    result: FloatArray = spherical_jn(np.arange(count)[:, None], xi)
+    return result
 
 
 @cache

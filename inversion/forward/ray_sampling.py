@@ -25,7 +25,7 @@ from inversion.forward.kernel import (
 
 # Largest ratio of abs(p) of points that share a set of nodes. It is larger on rays of small kappa,
 # where few nodes are enough.
-_GROUP_FACTOR, _SMOOTH_GROUP_FACTOR, _SMOOTH_KAPPA = 2.2, 4.0, 20.0
+_GROUP_FACTOR, _SMOOTH_GROUP_FACTOR, _SMOOTH_KAPPA = 1.6, 4.0, 20.0
 # Width of a panel over the distance of an S wave's pole from the axis.
 _WIDTH_OVER_DISTANCE = 4.0
 # End of the equal panels over abs(p), beyond the Rayleigh wave of every Poisson's ratio.
@@ -37,6 +37,8 @@ _WIDTH_GROWTH = 1.5
 _RADIANS_PER_PANEL = 8.0
 # Attenuation, in nepers on the way down, above which an echo is neglected: it is below 1e-5.
 _MAX_ECHO_NEPERS = 6.0
+# Number of elements of intermediate arrays that fit into the second-level cache.
+_CHUNK_ELEMENTS = 8000
 
 
 def ray(kappa: float, step: float, low: float, high: float) -> ComplexArray:
@@ -117,21 +119,22 @@ def _fill_group(
         chosen = np.flatnonzero(selected[:, column])
         if not chosen.size:
             continue
-        # The points of one depth are contiguous, so a slice selects them without a copy.
-        depth_rows = slice(chosen[0], chosen[-1] + 1)
+        # The points of one depth are contiguous, so slices select them without a copy.
+        first, end = int(chosen[0]), int(chosen[-1]) + 1
         # Both real parts grow with xi, so the nodes with an echo come first.
-        n_echo_nodes = int(
-            np.searchsorted(slower[depth_rows].min(axis=0) * depth, _MAX_ECHO_NEPERS)
-        )
+        n_echo_nodes = int(np.searchsorted(slower[first:end].min(axis=0) * depth, _MAX_ECHO_NEPERS))
         if not n_echo_nodes:
-            layers[rows[depth_rows], column] = half_space[rows[depth_rows]]
+            layers[rows[first:end], column] = half_space[rows[first:end]]
             continue
-        part = depth_rows, slice(0, n_echo_nodes)
-        layer = layer_from_waves(
-            xi[:n_echo_nodes], z[depth_rows], alpha[part], beta[part], depth, shear
-        )
-        layer_products = products.plus(depth_rows, moments.products(_echo(layer, unbounded, part)))
-        layers[rows[depth_rows], column] = moments.sensors(layer_products)
+        step = max(1, _CHUNK_ELEMENTS // n_echo_nodes)
+        for start in range(first, end, step):
+            chunk = slice(start, min(start + step, end))
+            part = chunk, slice(0, n_echo_nodes)
+            layer = layer_from_waves(
+                xi[:n_echo_nodes], z[chunk], alpha[part], beta[part], depth, shear
+            )
+            layer_products = products.plus(chunk, moments.products(_echo(layer, unbounded, part)))
+            layers[rows[chunk], column] = moments.sensors(layer_products)
 
 
 def _echo(layer: Compliance, unbounded: Compliance, part: tuple[slice, slice]) -> Compliance:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
+from inversion.arrays import ComplexArray, FloatArray
+from inversion.forward import ray_sampling
 from inversion.forward.contact import PlateModel, PlateProblem, QuadratureRule, plate_compliance
+from inversion.forward.kernel import Compliance, layer_from_waves
 from inversion.forward.ray_sampling import compliance_on_ray, ray
 
 
@@ -38,3 +43,22 @@ def test_rays_have_one_direction_and_even_steps() -> None:
     assert np.diff(np.log(np.abs(p))) == pytest.approx(0.1)
     assert abs(p[0]) == pytest.approx(0.5)
     assert 40.0 * np.exp(-0.1) <= abs(p[-1]) < 40.0
+
+
+def test_a_new_poissons_ratio_needs_few_evaluations_in_parts_that_fit_the_cache(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    sizes: list[int] = []
+
+    def counted(xi: FloatArray, z: ComplexArray, *waves: Any) -> Compliance:
+        sizes.append(z.size * xi.size)
+        return layer_from_waves(xi, z, *waves)
+
+    monkeypatch.setattr(ray_sampling, "layer_from_waves", counted)
+    points = ray(45.0, 0.045, 0.02, 30.0)
+    depths = np.array([1.6, 5.0])
+    compliance_on_ray(
+        PlateProblem("rigid-rough", 0.37), 45.0, points, depths, np.ones((points.size, 2), bool)
+    )
+    assert max(sizes) <= 8000
+    assert sum(sizes) < 110_000
