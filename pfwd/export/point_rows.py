@@ -78,14 +78,14 @@ def judged_values(point: PointView) -> dict[str, Any]:
         "verdict": "none" if point.discarded else str(progress.verdict),
         "verdict_reason": progress.verdict_reason,
         "verdict_reason_code": progress.verdict_reason_code and str(progress.verdict_reason_code),
-        "value_not_supported": None if value is None else value.not_supported,
+        "value_not_supported": progress.withheld if value is None else value.not_supported,
         "drops_measured": len(progress.used),
         "diagnosis": None if diagnosis is None else diagnosis.verdict,
         **_use_values(progress, diagnosis),
         **_modulus_values("modulus", fitted),
         **_modulus_values("modulus_in_force", in_force),
         "modulus_source": None if in_force is None else in_force.source,
-        "modulus_not_supported": None if fitted is None else fitted.not_supported,
+        "modulus_not_supported": progress.withheld if fitted is None else fitted.not_supported,
     }
 
 

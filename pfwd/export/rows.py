@@ -219,7 +219,7 @@ def _point_columns(point: PointView) -> dict[str, Any]:
         "unit": unit_of(job.quantity),
         "target": progress.target,
         "verdict": progress.verdict.value,
-        "value_not_supported": None if value is None else value.not_supported,
+        "value_not_supported": progress.withheld if value is None else value.not_supported,
         "modulus_source": progress.modulus_in_force and progress.modulus_in_force.source,
     }
 

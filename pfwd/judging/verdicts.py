@@ -149,7 +149,7 @@ _TAKING_NO_PART = (Kind.DISCARDED, Kind.REJECTED)
 def _diagnosed(point: PointView) -> DiagnosedModulus | None:
     diagnosis = point.diagnosis_in_force
     after = None if diagnosis is None else diagnosis.after
-    if diagnosis is None or after is None or after.modulus_pa is None:
+    if diagnosis is None or after is None:
         return None
     return DiagnosedModulus(
         after.modulus_pa, after.modulus_interval_pa, diagnosis.use, diagnosis.use_reason
@@ -189,7 +189,7 @@ def modulus_in_force(
     PointModulus or None
         `not_supported` holds the reason if the records of the point support no value.
     """
-    fitted, fault = None, None
+    fitted, fault = fit_before_diagnosis(diagnosis), None
     if point is not None:
         fitted = dataclasses.replace(point, diagnosis=diagnosis).progress.fitted_modulus
         drops = set(diagnosis.drops or ())
@@ -197,7 +197,6 @@ def modulus_in_force(
     after = diagnosis.after
     if diagnosis.use != "do-not-use" and after is not None and after.modulus_pa is not None:
         return PointModulus(after.modulus_pa, after.modulus_interval_pa, "diagnosed", fault)
-    fitted = fitted or fit_before_diagnosis(diagnosis)
     if fitted is None or (fitted.not_supported is not None and fault is None):
         return None
     return dataclasses.replace(fitted, not_supported=fault)

@@ -137,6 +137,9 @@ def judge(
     violated = [*earlier_violations, *preconditions]
     record_fault = unsupported_records(used)
     modulus, other_modulus = moduli_of(procedure, used, diagnosed)
+    withheld = None
+    if modulus is None and diagnosed is not None:
+        withheld = diagnosed.use_reason
     if modulus is not None and record_fault is not None:
         modulus = dataclasses.replace(modulus, not_supported=record_fault)
     if procedure.quantity is Quantity.MODULUS:
@@ -151,7 +154,9 @@ def judge(
     faults = _point_faults(procedure, scatter, value, notes)
     goal = _goal(procedure, target, moisture, material, notes)
     _note_s_over_v(procedure, scatter.s_over_v, notes)
-    verdict, reason, code = _verdict(value, goal.target, violated, faults, sorted_drops)
+    verdict, reason, code = _verdict(
+        procedure, value, goal.target, violated, faults, sorted_drops, withheld
+    )
     next_kind, instruction = next_step(procedure, sorted_drops, violated, faults)
     return PointProgress(
         next_kind=next_kind,
@@ -168,6 +173,7 @@ def judge(
         notes=tuple(notes),
         value=value,
         modulus=modulus,
+        withheld=withheld,
         other_modulus=other_modulus,
         deflection_spread=scatter.deflection,
         load_spread=scatter.load,
@@ -207,9 +213,9 @@ def _modulus_notes(
     diagnosed: DiagnosedModulus | None,
 ) -> list[str]:
     """Return notes that say whether the diagnosed or the fitted modulus of the point is used."""
-    if modulus is None or diagnosed is None:
+    if diagnosed is None:
         return []
-    if modulus.source == "fitted":
+    if modulus is None or modulus.source == "fitted":
         return [f"the diagnosed modulus is not used: {diagnosed.use_reason}"]
     text = f"the modulus is the diagnosed one, {_megapascal(modulus)} MPa"
     if unused is not None:
@@ -318,11 +324,13 @@ def _note_s_over_v(procedure: Procedure, s_over_v: float | None, notes: list[str
 
 
 def _verdict(
+    procedure: Procedure,
     value: PointValue | None,
     target: float | None,
     violated: Sequence[str],
     faults: Sequence[str],
     drops: SortedDrops,
+    withheld: str | None,
 ) -> tuple[Verdict, str, ReasonCode | None]:
     undecided = Verdict.UNDECIDED
     if target is None:
@@ -331,6 +339,9 @@ def _verdict(
         return undecided, violated[0], ReasonCode.PRECONDITION
     if not drops.complete:
         return undecided, "measured drops are missing", ReasonCode.DROPS_MISSING
+    if value is None and withheld is not None and procedure.quantity is Quantity.MODULUS:
+        text = f"the modulus is not supported by the data: {withheld}"
+        return undecided, text, ReasonCode.NOT_SUPPORTED
     if value is None or (drops.counted and value.drops < len(drops.used)):
         text = "a measured drop lacks what is judged: discard and repeat it"
         return undecided, text, ReasonCode.VALUE_MISSING

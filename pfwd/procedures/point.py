@@ -158,8 +158,8 @@ Use = Literal["design", "with-care", "do-not-use"]
 class DiagnosedModulus:
     """Modulus of a point from its diagnosis, whose model includes effects of device and ground."""
 
-    value: float
-    """Modulus, Pa."""
+    value: float | None
+    """Modulus, Pa; None: the diagnosis leaves it open."""
     interval: tuple[float, float] | None
     """95 % interval, Pa; it includes the error of the model that the remaining residual shows."""
     use: Use
@@ -255,6 +255,9 @@ class PointProgress:
     modulus: PointModulus | None
     """Modulus of the point, diagnosed or fitted, whether or not the data support it; None: unknown.
     """
+    withheld: str | None
+    """Reason why no modulus is stated although drops were fitted and diagnosed; None: `modulus` is
+    stated, or nothing was diagnosed."""
     other_modulus: PointModulus | None
     """The fitted modulus if `modulus` is the diagnosed one, and the reverse."""
     deflection_spread: float | None

@@ -173,7 +173,8 @@ def moduli_of(
 ) -> tuple[PointModulus | None, PointModulus | None]:
     """Return the modulus of a point that is to be used, and the other one if there are two.
 
-    The diagnosed modulus is used where its diagnosis permits it, else the fitted one.
+    The diagnosed modulus is used where its diagnosis permits it, else the fitted one. Where the
+    diagnosis permits none and the data do not support the fits, there is no modulus.
 
     Parameters
     ----------
@@ -188,13 +189,14 @@ def moduli_of(
     if diagnosed is None:
         return fitted, None
     usable = diagnosed.use != "do-not-use"
-    result = PointModulus(
-        diagnosed.value,
-        diagnosed.interval,
-        "diagnosed",
-        None if usable else diagnosed.use_reason,
-    )
-    return (result, fitted) if usable or fitted is None else (fitted, result)
+    reason = None if usable else diagnosed.use_reason
+    result = None
+    if diagnosed.value is not None:
+        result = PointModulus(diagnosed.value, diagnosed.interval, "diagnosed", reason)
+    if usable:
+        return result, fitted
+    is_withheld = fitted is None or fitted.not_supported is not None
+    return (None, None) if is_withheld else (fitted, result)
 
 
 def _fitted_modulus(procedure: Procedure, used: Sequence[PointDrop]) -> PointModulus | None:

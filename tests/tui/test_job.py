@@ -139,12 +139,19 @@ def test_the_target_of_a_report_is_in_the_unit_of_its_procedure(
     for option in ("--target", "--target-deflection"):
         point, said = reported(survey, capsys, option, "0.6")
         assert (point["target"], point["verdict"]) == (pytest.approx(6e-4), "pass")
-        assert "report: " not in said, "nothing differs from the survey"
+        assert said.count("report: ") == 1, "only the target differs from the survey"
+        command = f"pfwd job {survey} --target 0.6"
+        assert "report: its target is not stored: other reports" in said
+        assert f"To store it: {command}\n" in said
     point, said = reported(survey, capsys, "--procedure", "tp-bf-stb-b8.3", "--target", "45")
     assert (point["target"], point["value"]["unit"]) == (45e6, "Pa")
     assert "judged by tp-bf-stb-b8.3; the procedure of the survey is another: astm-e2835" in said
     page = (Path(survey).parent / "r.html").read_text(encoding="utf-8")
     assert "own procedure is astm-e2835" in page
+    assert f"pfwd job {survey} --procedure tp-bf-stb-b8.3 --target 45\n" in said
+    main(["job", survey, "--target", "0.6"])
+    _, said = reported(survey, capsys, "--target", "0.6")
+    assert "its target is not stored" not in said
 
 
 def test_a_target_of_a_report_that_does_not_count_is_said(

@@ -16,7 +16,7 @@ from tui.arguments import (
     number,
     report_file,
 )
-from tui.output import clean, say
+from tui.output import clean, quoted, say
 from tui.progress import report_progress
 
 if TYPE_CHECKING:
@@ -152,6 +152,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace, second: "SecondDrawer | None") -> int:
+    from pfwd.report.gathering import TARGET_OF_REPORT
     from pfwd.report.report import ReportOptions, write_report
 
     if args.seed < 0:
@@ -190,5 +191,13 @@ def _run(args: argparse.Namespace, second: "SecondDrawer | None") -> int:
             print(json_text({**record, **progress.as_dict()}), flush=True)
         else:
             print(clean(f"point {point.name}: {progress.verdict.word}, {progress.verdict_reason}"))
+    if any(point.progress.target_source == TARGET_OF_REPORT for point in report.points):
+        chosen = "" if args.procedure is None else f" --procedure {quoted(args.procedure)}"
+        value = args.target if args.target is not None else args.target_deflection
+        command = f"pfwd job {quoted(args.survey)}{chosen} --target {value:g}"
+        say(
+            "report: its target is not stored: other reports, workbooks, exports and pages of the "
+            f"survey judge without it. To store it: {command}"
+        )
     say(f"{args.output} written in {time.monotonic() - start:.1f} s")
     return 0

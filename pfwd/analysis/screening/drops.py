@@ -166,11 +166,11 @@ SHORTEST_PULSE = 2e-3
 """Duration above half of the peak, s, below which a record is a false trigger: a weight on a spring
 takes 5 to 15 ms, a hammer on steel or an electric spike less than this."""
 
-SHORT_PULSE = 1e-2
+SHORT_PULSE = 7.5e-3
 SMALL_PLATE = 0.1
 """Duration of the half-sine with the same peak and impulse, s, below which the time axis is
 suspect, for plates of at least this radius, m. Portable and heavy devices load such plates for 10.9
-to 29 ms."""
+to 29 ms, light hammers on stiff springs for 8 ms."""
 
 SECOND_PULSE = 0.5
 PULSE_GAP = 0.25

@@ -329,6 +329,33 @@ def test_a_warning_that_doubts_the_fit_leaves_the_point_undecided(code: str) -> 
     assert before.not_supported == warning
 
 
+@pytest.mark.parametrize("ends", [(0.55e6, 7e6), (20e6, 80e6)])
+def test_a_modulus_that_fit_and_diagnosis_disown_is_no_number(ends: tuple[float, float]) -> None:
+    """The reason is that of the diagnosis, whether or not the drops were inverted before."""
+    found = diagnosis(ends=ends)
+    if ends[1] > 10 * ends[0]:
+        assert found.after is not None
+        found = dataclasses.replace(found, after=dataclasses.replace(found.after, modulus_pa=None))
+    on_bound = drops()
+    last = result_of(len(on_bound), 12e6) | {"at_bound": ["bedrock_depth"]}
+    on_bound[-1] = on_bound[-1].with_result(DropResult.from_json(last))
+    never_inverted = [drop.with_result(None) for drop in drops()]
+    judged = []
+    for some in (on_bound, never_inverted):
+        point = PointView("1", some, 40e6, job=Job(procedure=plain_procedure()), diagnosis=found)
+        progress = point.progress
+        assert (progress.value, progress.modulus, progress.fitted_modulus) == (None, None, None)
+        assert progress.verdict_reason_code is ReasonCode.NOT_SUPPORTED
+        assert progress.verdict_reason.endswith(f"not supported by the data: {found.use_reason}")
+        assert modulus_in_force(found, point) is None
+        values = judged_values(point)
+        assert values["value_not_supported"] == values["use_reason"] == found.use_reason
+        judged.append(values)
+    assert judged[0] == judged[1]
+    numbers = {key for key, value in judged[0].items() if isinstance(value, float)}
+    assert numbers == {"target"}
+
+
 def test_every_other_warning_leaves_the_verdict() -> None:
     doubts = {code for code, text in templates().items() if isinstance(text, Template)}
     assert doubts == {*WARNED, "not-converged", "parameter-on-bound"}
