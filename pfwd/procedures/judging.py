@@ -128,8 +128,13 @@ def judge(
     """
     on_rig = plate_radius == 0 and all(drop.kind is Kind.REJECTED for drop in drops)
     if not (on_rig or 0 < plate_radius <= LARGEST_PLATE_RADIUS_M):
-        expected = f"a number > 0 and at most {LARGEST_PLATE_RADIUS_M:g}, in m"
-        raise OptionError(refusal("plate radius", expected, f"{plate_radius:g}"))
+        raise OptionError(
+            refusal(
+                "plate radius",
+                f"a number > 0 and at most {LARGEST_PLATE_RADIUS_M:g}, in m",
+                f"{plate_radius:g}",
+            )
+        )
     notes = _notes(procedure)
     sorted_drops = sort_drops(procedure, drops, notes)
     used = sorted_drops.used
