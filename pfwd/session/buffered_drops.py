@@ -214,7 +214,7 @@ def _last_recorded(events: Iterable[Mapping[str, Any]], serial_number: str) -> i
     return totals[-1] if totals and type(totals[-1]) is int else None
 
 
-@dataclass(eq=False, slots=True)
+@dataclass(frozen=True, eq=False, slots=True)
 class StreamedItem:
     """Drop, or report of a pulse, in the stream of an instrument that detects drops itself."""
 
