@@ -25,7 +25,6 @@ from pfwd.files.photos import moment_of, store_photo
 from pfwd.files.reading import read_points
 from pfwd.files.survey_file import is_survey_file, photos_of_survey, read_survey_file
 from pfwd.files.traces import TracePoint
-from pfwd.procedures.judging import RULES_EVENT, RULES_VERSION
 from pfwd_device import Drop
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import (
@@ -134,9 +133,6 @@ def import_files(
                     SurveyWriter.open(survey, spare=spare_folder(), fall_back=False)
                 )
                 before = {drop.number: drop.drop for drop in read_survey(writer.folder).drops}
-                if not before and exported is None:
-                    # An exported survey has its own events.
-                    writer.note_event(RULES_EVENT, {"version": RULES_VERSION})
             if exported is not None:
                 yield from import_survey(writer, file, exported, before)
             checksum = None if exported is not None else _checksum_of(file)

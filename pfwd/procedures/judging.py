@@ -36,16 +36,6 @@ from pfwd.procedures.values import (
     value_of,
 )
 
-RULES_EVENT = "verdict_rules"
-"""Name of the event in a survey's journal that records, as ``version``, the version of the rules by
-which its first verdicts were made.
-"""
-
-RULES_VERSION = 2
-"""Version of the rules of judgement. Version 1 (program 0.1) compared no load with that of the
-procedure, accepted every fit and made symmetric intervals.
-"""
-
 MAX_DEFLECTION_M = 1.0
 """A target below this number is a deflection in m, a larger one a modulus in Pa."""
 

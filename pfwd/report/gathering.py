@@ -34,7 +34,6 @@ from pfwd.files.folders import refuse_no_survey
 from pfwd.files.header import PointSetup, declared_values, setup_warnings
 from pfwd.files.traces import TracePoint
 from pfwd.judging import DropView, Job, PointView, job_of, point_view, point_views
-from pfwd.judging.earlier_rules import changed_verdicts
 from pfwd.judging.job import target_text
 from pfwd.judging.view import NO_SETUP, place_of_point
 from pfwd.peaks.stiffness import stiffness_of
@@ -187,14 +186,9 @@ def gather(
         )
         if failed is not None:
             tell(failed)
-    otherwise = (
-        *_deviations_from_job(
-            survey_procedure,
-            job.procedure_in_force,
-            None if options.slip else options.target,
-            points,
-        ),
-        *changed_verdicts(survey, point_views(survey, job)),
+    target = None if options.slip else options.target
+    otherwise = tuple(
+        _deviations_from_job(survey_procedure, job.procedure_in_force, target, points)
     )
     report = _report(survey, job, points, options)
     return replace(

@@ -20,11 +20,9 @@ from pfwd.analysis.results import DropResult
 from pfwd.errors import OptionError
 from pfwd.files.editing import Edit
 from pfwd.files.moving import MOVED_TO, move_with, point_called, restore_with
-from pfwd.judging import Job, JobRequest, SurveyView, point_views
+from pfwd.judging import Job, JobRequest, SurveyView
 from pfwd.judging.drops import RATE_DEVIATION
-from pfwd.judging.earlier_rules import changed_verdicts
 from pfwd.judging.stations import similar_name
-from pfwd.procedures.judging import RULES_EVENT, RULES_VERSION
 from pfwd.session.buffered_drops import (
     NOT_BUFFERED,
     OFFER_WAIT_S,
@@ -161,13 +159,6 @@ class Session:
         self._plan = replace(plan, setup=job.setup)
         self._job, self._job_request = job.recorded, job.request
         self._differences = job.differences
-        self._rules_stored = False
-        """True: the version of the rules for verdicts is recorded in the survey."""
-        self._changed_verdicts: tuple[str, ...] = ()
-        if writer is not None and writer.points:
-            survey = writer.contents()
-            stored = point_views(survey, self.job)
-            self._changed_verdicts = tuple(changed_verdicts(survey, stored))
         self._reported_points: set[str] = set()
         stored_points = writer.points if writer is not None else ()
         stations = self.job.stations
@@ -446,8 +437,6 @@ class Session:
 
     def _run(self) -> Ending:
         self._report(JobReported(self.job, self._differences))
-        for text in self._changed_verdicts:
-            self._report(Notice(text, serious=True))
         if self._recorder is not None and not self._feed.live:
             self._keep_job(self._job_request)
         self._report_similar_point()
@@ -680,9 +669,6 @@ class Session:
         number = identity.serial_number
         details = {"url": item.url, "serial_number": number, "again": item.reconnected}
         self._recorder.keep_event("connected", details | _count(n_unsaved))
-        if not self._rules_stored:
-            self._recorder.keep_event(RULES_EVENT, {"version": RULES_VERSION})
-            self._rules_stored = True
         self._keep_job(self._job_request.over(instrument_request(identity)))
 
     def _keep_job(self, requested: JobRequest) -> None:

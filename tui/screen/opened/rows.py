@@ -148,7 +148,6 @@ class OpenedSurvey:
             Number of rows in a part.
         """
         from pfwd.judging import point_view
-        from pfwd.judging.earlier_rules import changed_verdicts
 
         places = {row.name: place for place, row in enumerate(self.rows)}
         part: list[PointRow] = []
@@ -158,9 +157,7 @@ class OpenedSurvey:
                 continue
             row = self.rows[place]
             try:
-                view = point_view(point, self.job)
-                row = judged_row(row, view)
-                self.remarks += changed_verdicts(self.survey, [view])
+                row = judged_row(row, point_view(point, self.job))
             except (SurveyError, DeviceError) as err:
                 row = dataclasses.replace(row, judged=True, verdict="none", reason=str(err))
             self.rows[place] = row
