@@ -356,7 +356,7 @@ def points_table(report: Report, texts: Texts) -> Table:
             cells.append(_mean([f / 1e3 for fact in facts if (f := fact.peak_load) is not None]))
         cells += [formatting.value_of(progress.value, texts)] if judged else []
         cells += [
-            modulus_text(point, texts) if progress.used else _moduli_of(facts),
+            modulus_text(point, texts) if progress.used or progress.modulus else _moduli_of(facts),
             formatting.target_of(progress.target, quantity),
             Mark(kind, texts["discarded"] if point.discarded else texts[kind]),
         ]
