@@ -55,6 +55,8 @@ PULSE_GAP = 0.25
 again above `SECOND_PULSE`, as in the screening of drops. A smaller one is a bounce or a knock."""
 MIN_RECORD_SAMPLES = 16
 """Smallest number of samples in a record: fewer do not resolve a pulse."""
+MIN_REVERSED_LOAD = 2.0
+"""Ratio of upward to downward load from which the polarity is wrong, as in the screening."""
 LONG_GAP_S = 1.0
 """Shortest gap after which the load at rest is estimated again, s."""
 
@@ -114,7 +116,7 @@ class Detector:
         self._channels = len(identity.channels)
         self._load = load_channel(identity)
         signed = counts_per_unit(identity.channels[self._load], identity)
-        self._sign = math.copysign(1.0, signed)  # of the load in a pulse, as the latest one had it
+        self._polarity = self._sign = math.copysign(1.0, signed)
         self._per_newton = per_newton = abs(signed)
         self._min_threshold = settings.threshold * per_newton
         self._full = 1 << (identity.adc_bits - 1)
@@ -365,7 +367,10 @@ class Detector:
         yield from self._end_watch()
         if load.size:
             top = int(np.abs(load).argmax())
-            self._sign = math.copysign(1.0, load[top])
+            # A load cell of the wrong polarity: a load that is taken off falls as well, but stays.
+            high, middle, low = np.percentile(self._polarity * load, (100, 50, 0))
+            is_reversed = middle - low > MIN_REVERSED_LOAD * (high - middle)
+            self._sign = -self._polarity if is_reversed else self._polarity
             # A pulse that begins within the record rises from the load before it.
             since = max(top, load.size - REACH_QUANTA * self._quantum)
             lowest = float((self._sign * load[since:]).min())

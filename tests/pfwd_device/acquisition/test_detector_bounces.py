@@ -244,6 +244,21 @@ def test_a_drift_of_the_load_hides_no_pulse_and_is_none(drift, peak):
     assert events == pytest.approx([20_000], abs=130)
 
 
+def test_a_load_that_is_taken_off_does_not_reverse_the_load_of_a_pulse():
+    time = np.arange(2 * RATE) / RATE
+    for ramp in (1e-4, 0.05, 0.1, 0.2):
+        counts = stream_of([], 2.0)
+        counts[:, 0] -= np.rint(1800 * np.clip((time - 1.0) / ramp, 0, 1)).astype(np.int32)
+        detector = Detector(IDENTITY)
+        detector.begin(7)
+        detector.feed(Samples(7, 0, counts, False, 0.0, NOW))
+        detector.finish("the instrument restarted")
+        detector.begin(8)
+        again = stream_of(pulses_at((0.1, 1000.0)), 1.0)
+        detections = detector.feed(Samples(8, 0, again, False, 0.0, NOW))
+        assert reasons(detections) == [PulseReason.REST_UNKNOWN]
+
+
 @pytest.mark.parametrize("polarity", [1, -1])
 def test_a_second_pulse_in_the_record_of_a_drop_is_reported(polarity):
     pulses = pulses_at((1.0, 8000.0), (1.06, 6000.0), (2.5, 8000.0), (2.56, 3000.0))
