@@ -119,6 +119,9 @@ TRIGGER_PAUSE = 1.0
 """Shortest time between two triggers by the instrument, s of samples. Nobody presses a button more
 often, and each trigger makes a drop."""
 
+PULSE_RISE = 0.01
+"""Time from the reported begin of a pulse to its peak, s."""
+
 BOUNCES_END = 2.5
 """Time after a drop within which an impact is a bounce of the weight, s: nobody lifts it sooner."""
 
@@ -915,7 +918,9 @@ class Session:
             case RawRebound():
                 self._streamed.add_rebound(item.after, rebound_of(item, self._identity))
             case PulseReport():
-                self._streamed.add(StreamedItem(item.stream, item.trigger, due, item))
+                # The index is that of the pulse's begin; a record may end before its peak.
+                peak = item.trigger + round(PULSE_RISE * self._identity.sampling_rate)
+                self._streamed.add(StreamedItem(item.stream, peak, due, item))
 
     def _record_streamed(self, sampled: float) -> None:
         """Record the drops in the stream that the instrument has not sent; see `StreamedDrops`."""

@@ -448,7 +448,7 @@ class Detector:
         load = self._sign * counts[~missing, self._load].astype(float)
         threshold = self._watch_threshold
         yield from self._report_unrecorded(
-            self._watch.add(range(start, end), load, reason, threshold)
+            self._watch.add(range(max(start, self._watched_from), end), load, reason, threshold)
         )
         if self._open is not None:
             yield from self._report_unrecorded(self._watch.finish(threshold, continues=True))

@@ -162,7 +162,8 @@ def indices_of(case: Case, counts: NDArray[np.int32], shunted: NDArray[np.bool_]
     watch(session._pipeline, "take_late_rebound", on_rebound)
     # A bounce of a drop that the instrument sends; by the protocol it is not stored.
     watch(session._streamed, "add_rebound", on_rebound)
-    watch(session, "_report_pulse", lambda p: cover(p.trigger - 200, 400, p.stream, "reported"))
+    # Unrecorded pulses within 40 ms may share a report.
+    watch(session, "_report_pulse", lambda p: cover(p.trigger - 200, 600, p.stream, "reported"))
     instrument = Instrument(case)
     session._take(connected())
     if case.slots is not None:

@@ -147,6 +147,17 @@ def test_a_pulse_that_the_stream_only_reports_may_be_a_drop_of_the_instrument(
     assert [event.kind for event in again.of(Notice) if event.serious] == ["pulses"]
 
 
+@pytest.mark.parametrize("late", [0, 15])
+def test_a_pulse_over_the_end_of_the_instruments_record_is_reported(
+    log: Log, writer: Any, late: int
+) -> None:
+    counts = stream(9.0, [(1.0, 8000.0), (1.096, 7000.0)])
+    items = [*pieces(counts[:12_000]), buffered(counts, 10_003 + late)]
+    run(ScriptedFeed(connected(), Armed(TRIGGER), began(), items), log, writer)
+    assert len(recorded(writer)) == 1
+    assert [event.kind for event in log.of(Notice) if event.serious] == ["pulses"] * 2
+
+
 @pytest.mark.parametrize(
     ("answer", "text"),
     [
