@@ -1,7 +1,10 @@
 """Comparison of an instrument's calibration with that of the drops already recorded with it."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
+from pfwd.errors import OptionError
+from pfwd.session.events import CalibrationChanged, Repeats
+from pfwd.session.survey_recorder import SurveyRecorder
 from pfwd_device.errors import RecordingError, SetupError
 from pfwd_device.identity import UNIT_OF_ROLE, ChannelIdentity, Identity, identity_from_dict
 from pfwd_device.recording import SurveyWriter
@@ -81,3 +84,72 @@ def last_recorded_identity(writer: SurveyWriter, serial_number: str) -> Identity
         if identity.serial_number == serial_number:
             return identity
     return None
+
+
+class CalibrationCheck:
+    """Comparison of the calibration of connected instruments with that of their earlier drops.
+
+    Parameters
+    ----------
+    report : callable
+        Receives the changes.
+    recorder : SurveyRecorder or None
+        Survey of a measurement; None: nothing is compared.
+    choice : "ask", "accept" or "refuse"
+        Treatment of a changed calibration.
+    """
+
+    def __init__(
+        self,
+        report: Callable[[CalibrationChanged], None],
+        recorder: SurveyRecorder | None,
+        choice: str,
+    ) -> None:
+        self._report, self._recorder, self._choice = report, recorder, choice
+        self._stored_events = Repeats()
+        self._calibrated: dict[str, Identity] = {}
+        """Identities with accepted calibration, by serial number."""
+        self.accepted: set[CalibrationChanged] = set()
+        """Changes that the operator has accepted."""
+        self.unanswered: CalibrationChanged | None = None
+        """Latest change for which the operator was asked."""
+
+    def is_accepted(self, identity: Identity) -> bool:
+        """Compare the calibration of an instrument with that of its earlier drops in the survey.
+
+        Returns
+        -------
+        bool
+            False: it has changed, and the operator has to accept that first.
+
+        Raises
+        ------
+        OptionError
+            If it has changed, and changes are to be refused.
+        """
+        serial = identity.serial_number
+        if self._recorder is None or not serial:
+            return True
+        before = self._calibrated.get(serial)
+        if before is None:
+            before = last_recorded_identity(self._recorder.writer, serial)
+        changes = () if before is None else calibration_changes(before, identity)
+        if changes:
+            event = CalibrationChanged(serial, changes, waits=self._choice == "ask")
+            if self._choice == "refuse":
+                raise OptionError(
+                    f"{event.text}. Nothing is recorded: check the instrument and the setup file, "
+                    "then give --accept-calibration, or begin another survey"
+                )
+            if self._choice == "ask" and event not in self.accepted:
+                self.unanswered = event
+                self._report(event)
+                return False
+            if self._choice == "accept":
+                self._report(event)
+            if (n_unreported := self._stored_events.due("calibration")) is not None:
+                details = {"serial_number": serial, "changes": list(changes)}
+                more = {"more_before": n_unreported} if n_unreported else {}
+                self._recorder.keep_event("calibration changed", details | more)
+        self._calibrated[serial] = identity
+        return True

@@ -12,7 +12,13 @@ from typing import Any
 
 from pfwd.judging.drops import SATURATED
 from pfwd.session.feeds import ImportedDrop, RecordedDrop
-from pfwd_device.acquisition.detection import AtRest, DetectionSettings, RawDrop, RawRebound
+from pfwd_device.acquisition.detection import (
+    AtRest,
+    DetectionSettings,
+    PulseReport,
+    RawDrop,
+    RawRebound,
+)
 from pfwd_device.calibration import counts_per_unit, load_channel
 from pfwd_device.errors import SetupError
 from pfwd_device.identity import Identity, identity_as_dict, identity_from_dict
@@ -120,6 +126,24 @@ def load_of(counts: float, identity: Identity) -> float:
     """Convert raw counts of the load channel, above those at rest, to N."""
     load = identity.channels[load_channel(identity)]
     return counts / abs(counts_per_unit(load, identity))
+
+
+def pulse_event(pulse: PulseReport, identity: Identity, point: str) -> tuple[dict[str, Any], str]:
+    """Return the event and the message about a pulse that may be a missed drop."""
+    peak = load_of(pulse.peak, identity)
+    seconds = pulse.trigger / identity.sampling_rate
+    details = {
+        "point": point,
+        "peak_load_n": peak,
+        "stream": pulse.stream,
+        "sample": pulse.trigger,
+        "doubt": str(pulse.reason),
+    }
+    text = (
+        f"point {point}: pulse of {peak / 1e3:.2f} kN at {seconds:.2f} s of run "
+        f"{pulse.stream}: {pulse.reason}. Check the last drops and repeat a missing one"
+    )
+    return details, text
 
 
 def rebound_of(raw: RawRebound, identity: Identity) -> Rebound:

@@ -19,7 +19,6 @@ import numpy as np
 from pfwd.analysis.results import DropResult
 from pfwd.errors import OptionError
 from pfwd.files.editing import Edit
-from pfwd.files.moving import MOVED_TO, move_with, point_called, restore_with
 from pfwd.judging import Job, JobRequest, SurveyView
 from pfwd.judging.drops import RATE_DEVIATION
 from pfwd.judging.stations import similar_name
@@ -35,17 +34,14 @@ from pfwd.session.buffered_drops import (
     trigger_differences,
     trigger_for,
 )
-from pfwd.session.calibration_change import (
-    calibration_changes,
-    last_recorded_identity,
-)
-from pfwd.session.drop_metadata import load_of, metadata_of, rebound_of, state_of
+from pfwd.session.calibration_change import CalibrationCheck
+from pfwd.session.drop_metadata import metadata_of, pulse_event, rebound_of, state_of
 from pfwd.session.drop_pipeline import DropPipeline, renumbered
+from pfwd.session.edits import apply_edit, apply_move
 from pfwd.session.events import (
     BatteryLow,
     CalibrationChanged,
     DropSaved,
-    Edited,
     InstrumentLost,
     InstrumentReady,
     InstrumentStatus,
@@ -89,7 +85,6 @@ from pfwd_device.drop import Drop
 from pfwd_device.errors import RecordingError, SetupError
 from pfwd_device.identity import Identity
 from pfwd_device.recording.record import DropRecord, Rebound, point_name
-from pfwd_device.recording.survey_content import SurveyDrop
 from pfwd_device.recording.survey_writer import SurveyWriter
 from pfwd_device.wire.messages import Armed, Event, EventKind, Refusal, Status, Trigger
 
@@ -193,11 +188,11 @@ class Session:
         """Drops since the instrument was connected, by their numbers within the survey."""
         self._status: Status | None = None
         self._unrecorded = UnrecordedDrops(self._report, self._recorder)
-        self._calibrated: dict[str, Identity] = {}
-        """Identities with accepted calibration, by serial number."""
-        self._unanswered: tuple[Connected, CalibrationChanged] | None = None
+        self._calibrations = CalibrationCheck(
+            self._report, self._recorder if feed.live else None, self._plan.changed_calibration
+        )
+        self._unanswered: Connected | None = None
         """Connection whose changed calibration the operator has not accepted yet."""
-        self._accepted_changes: set[CalibrationChanged] = set()
         self._postponed: list[BufferedDrop | Armed] = []
         """Items that arrived before the operator has accepted the calibration."""
         self._armed: Trigger | None = None
@@ -231,13 +226,10 @@ class Session:
         RecordingError
             If nothing is recorded, or the survey cannot be written.
         """
-        if self._recorder is None:
-            raise RecordingError(
-                "job: expected a session that records, got a replay without output"
-            )
+        writer = self._writer("job")
         news = request.news(self.job)
         for kind, details in news.events():
-            self._recorder.writer.note_event(kind, details)
+            writer.note_event(kind, details)
         self._job = self._job.with_request(news)
         self._report(JobReported(self.job))
 
@@ -267,27 +259,13 @@ class Session:
         RecordingError
             If nothing is recorded, there is no such point or drop, or the survey cannot be written.
         """
-        if self._recorder is None:
-            raise RecordingError(
-                "edit: expected a session that records, got a replay without output"
-            )
-        if edit.what == "restore" and number is not None:
-            self._restore_drop(self._recorder.writer, number)
-            return
-        self._recorder.writer.edit(edit.what, edit.value, point=point, number=number)
+        for event in apply_edit(self._writer("edit"), edit, point, number):
+            self._report(event)
         if edit.what == "discard" and number is not None and self._pipeline.diagnoses is not None:
             self._pipeline.diagnoses.discard(number)
-        self._report(Edited(edit.what, edit.value, point, number))
 
     def move_drop(self, number: int, to: str) -> None:
-        """Move a drop to another point.
-
-        Parameters
-        ----------
-        number : int
-            Number of the drop within the survey.
-        to : str
-            Name or title of the point to which the drop belongs, or a new name.
+        """Move a drop, by its number within the survey, to a point: its name, title, or a new name.
 
         Raises
         ------
@@ -296,35 +274,21 @@ class Session:
         OptionError
             If the drop cannot be moved there.
         """
-        if self._recorder is None:
-            raise RecordingError(
-                "move: expected a session that records, got a replay without output"
-            )
-        writer = self._recorder.writer
-        drop = _drop_of(writer, number, "move")
-        to = point_called(writer.contents(), to)
-        within = move_with(writer, drop, to)
-        value = {MOVED_TO: {"point": to, "drop": within}}
-        self._report(Edited("discard", value, None, number))
-        self._report_changed_point(writer, to)
-
-    def _restore_drop(self, writer: SurveyWriter, number: int) -> None:
-        drop = _drop_of(writer, number, "restore")
-        copy = restore_with(writer, drop)
-        if copy is not None:
-            value = {MOVED_TO: {"point": drop.point, "drop": drop.drop}}
-            self._report(Edited("discard", value, None, copy.number))
-        self._report(Edited("restore", None, None, number))
-
-    def _report_changed_point(self, writer: SurveyWriter, name: str) -> None:
-        """Report a point after a drop was moved to it.
-
-        The moved drop is a new record of the survey, from which the point is read again.
-        """
-        stored = read_point_event(writer, name)
+        writer = self._writer("move")
+        to, event = apply_move(writer, number, to)
+        self._report(event)
+        # The moved drop is a new record of the survey, from which the point is read again.
+        stored = read_point_event(writer, to)
         if stored is not None:
-            self._reported_points.add(name)
+            self._reported_points.add(to)
             self._report(stored)
+
+    def _writer(self, where: str) -> SurveyWriter:
+        """Return the writer of the survey; raise RecordingError if nothing is recorded."""
+        if self._recorder is None:
+            expected = "expected a session that records, got a replay without output"
+            raise RecordingError(f"{where}: {expected}")
+        return self._recorder.writer
 
     def keep_result(self, number: int, result: DropResult) -> None:
         """Save a further result of a drop; earlier results stay.
@@ -582,7 +546,8 @@ class Session:
         declared, checked = setup.declared_with(identity), setup.setup_with(identity)
         sensor_channels(identity)  # raises before the first drop, not at it
         detector = Detector(identity, setup.device.detection)
-        if not self._is_calibration_accepted(item, identity):
+        if not self._calibrations.is_accepted(identity):
+            self._unanswered = item
             return
         self._detector = detector
         if identity != self._identity:
@@ -612,52 +577,12 @@ class Session:
         if self._analyses is not None:
             self._analyses.prepare(identity, checked)
 
-    def _is_calibration_accepted(self, item: Connected, identity: Identity) -> bool:
-        """Compare the calibration of an instrument with that of its earlier drops in the survey.
-
-        Returns
-        -------
-        bool
-            False: it has changed, and the operator has to accept that first.
-
-        Raises
-        ------
-        OptionError
-            If it has changed, and the plan refuses that.
-        """
-        serial = identity.serial_number
-        if self._recorder is None or not self._feed.live or not serial:
-            return True
-        before = self._calibrated.get(serial)
-        if before is None:
-            before = last_recorded_identity(self._recorder.writer, serial)
-        changes = () if before is None else calibration_changes(before, identity)
-        if changes:
-            choice = self._plan.changed_calibration
-            event = CalibrationChanged(serial, changes, waits=choice == "ask")
-            if choice == "refuse":
-                raise OptionError(
-                    f"{event.text}. Nothing is recorded: check the instrument and the setup file, "
-                    "then give --accept-calibration, or begin another survey"
-                )
-            if choice == "ask" and event not in self._accepted_changes:
-                self._unanswered = item, event
-                self._report(event)
-                return False
-            if choice == "accept":
-                self._report(event)
-            if (n_unreported := self._stored_events.due("calibration")) is not None:
-                details = {"serial_number": serial, "changes": list(changes)}
-                self._recorder.keep_event("calibration changed", details | _count(n_unreported))
-        self._calibrated[serial] = identity
-        return True
-
     def accept_calibration(self, event: CalibrationChanged) -> None:
         """Accept a changed calibration; must be called in the session's thread, see `ask`."""
-        self._accepted_changes.add(event)
-        if self._unanswered is None or self._unanswered[1] != event:
+        self._calibrations.accepted.add(event)
+        if self._unanswered is None or self._calibrations.unanswered != event:
             return  # the connection was lost meanwhile; the next one is accepted without asking
-        self._on_connected(self._unanswered[0])
+        self._on_connected(self._unanswered)
         postponed, self._postponed = self._postponed, []
         for item in postponed:
             self._take(item)
@@ -939,22 +864,10 @@ class Session:
         """Report a pulse that may be a missed drop, and record it as an event of the survey."""
         if self._recorded is not None or self._identity is None:
             return  # it was reported during the measurement
-        peak = load_of(pulse.peak, self._identity)
-        seconds = pulse.trigger / self._identity.sampling_rate
+        details, text = pulse_event(pulse, self._identity, self._point)
         n_unsaved = self._stored_events.due("pulse")
         if self._recorder is not None and n_unsaved is not None:
-            details = {
-                "point": self._point,
-                "peak_load_n": peak,
-                "stream": pulse.stream,
-                "sample": pulse.trigger,
-                "doubt": str(pulse.reason),
-            }
             self._recorder.keep_event("pulse", details | _count(n_unsaved))
-        text = (
-            f"point {self._point}: pulse of {peak / 1e3:.2f} kN at {seconds:.2f} s of run "
-            f"{pulse.stream}: {pulse.reason}. Check the last drops and repeat a missing one"
-        )
         self._report(Notice(text, serious=True, kind="pulses"))
 
     def _on_drop(self, raw: RawDrop, due: float | None = None) -> None:
@@ -1047,14 +960,6 @@ class Session:
             return datetime.datetime.now(datetime.UTC)
         later = last.first + len(last.counts) - (raw.first + raw.trigger)
         return last.time_utc - datetime.timedelta(seconds=later / self._identity.sampling_rate)
-
-
-def _drop_of(writer: SurveyWriter, number: int, where: str) -> SurveyDrop:
-    """Return a drop by its number within the survey; raise RecordingError if there is none."""
-    for drop in writer.contents().drops:
-        if drop.number == number:
-            return drop
-    raise RecordingError(f"{where}: expected a drop of the survey, got number {number}")
 
 
 def _count(n_unsaved: int) -> dict[str, int]:
