@@ -369,6 +369,7 @@ class Detector:
             top = int(np.abs(load).argmax())
             # A load cell of the wrong polarity: a load that is taken off falls as well, but stays.
             high, middle, low = np.percentile(self._polarity * load, (100, 50, 0))
+            middle = min(middle, 0.0)  # and one that is put on does not fall below that at rest
             is_reversed = middle - low > MIN_REVERSED_LOAD * (high - middle)
             self._sign = -self._polarity if is_reversed else self._polarity
             # A pulse that begins within the record rises from the load before it.
