@@ -145,7 +145,7 @@ def test_the_command_says_a_line_a_requirement_and_fails_when_one_does(played: P
 
 def test_a_port_that_is_not_there_is_one_line() -> None:
     done = pfwd("conform", "socket://127.0.0.1:9")
-    assert done.returncode == 1
+    assert done.returncode == 3
     assert "expected a connection" in done.stderr
     assert "Traceback" not in done.stderr
 
