@@ -6,7 +6,7 @@ Importing them does not load the inversion.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 from inversion.diagnosis.findings import EffectParameter as EffectParameter
@@ -388,6 +388,12 @@ class DropResult(InversionResult, StoredRecord):
         limit = OUR_TOLERANCES["most_residual"]
         return fit_fault(self) or residual_fault(self.contact_residual_rms_over_peak, limit)
 
+    def without_ground(self) -> DropResult:
+        """Return the result without the fitted parameters of the ground."""
+        names = (item.name for item in fields(self) if item.name.startswith(_GROUND_FIELDS))
+        none: dict[str, Any] = dict.fromkeys(names)
+        return replace(self, **none)
+
     @property
     def half_sine_load_n(self) -> float | None:
         """Peak of the half-sine fitted to the load, N."""
@@ -400,6 +406,10 @@ class DropResult(InversionResult, StoredRecord):
     def peak_load_or_half_sine_n(self) -> float | None:
         """Peak of the measured load, N, or of the half-sine if it was not stored."""
         return self.half_sine_load_n if self.peak_load_n is None else self.peak_load_n
+
+
+_GROUND_FIELDS = ("modulus_", "viscosity_", "density_", "bedrock_depth_", "layers", "effective_")
+"""Beginnings of the names of the fields of `DropResult` that a fit determines."""
 
 
 def fit_fault(result: DropResult) -> str | None:

@@ -55,6 +55,12 @@ DROP_COLUMNS = (
         "diagnosed or fitted; empty: none",
     ),
     *result_columns("last"),
+    ResultColumn(
+        "modulus_not_supported",
+        "text",
+        "reason why the data do not support modulus_pa; it is empty if the diagnosis of the point "
+        "permits no modulus either",
+    ),
 )
 """Columns of the table of drops, in their order."""
 

@@ -41,7 +41,7 @@ SURVEY_COLUMNS = (
     *("drop", "record", "point", "site", "operator", "device", "time_utc", "notes"),
     *("peak_load_n", "deflection_recorded_m", "deflection_corrected_m"),
     *("procedure", "quantity", "value", "interval_low", "interval_high", "unit", "target"),
-    *("verdict", "value_not_supported", "modulus_source"),
+    *("verdict", "value_not_supported", "modulus_source", "modulus_not_supported"),
 )
 """Columns whose values are those of the survey now. The others are those at the time of the
 inversion."""
@@ -196,6 +196,7 @@ def point_rows_of(survey_id: str, point: PointView, *, inverted: bool = False) -
     inverted : bool
         True: the results are of an inversion for this export, and discarded drops have none.
     """
+    point = point.shown
     progress = point.progress
     verdict = _point_columns(point)
     kinds = dict(progress.kinds)
@@ -221,6 +222,7 @@ def _point_columns(point: PointView) -> dict[str, Any]:
         "verdict": progress.verdict.value,
         "value_not_supported": progress.withheld if value is None else value.not_supported,
         "modulus_source": progress.modulus_in_force and progress.modulus_in_force.source,
+        "modulus_not_supported": progress.withheld,
     }
 
 
@@ -288,6 +290,7 @@ def _row(
         values |= {"status": NO_RESULT_STATUS, "reason": fault or why, "warnings": []}
     else:
         values |= _result(drop.last_result, stored_point, drop)
+        values["modulus_not_supported"] = point.progress.withheld or drop.last_result.not_supported
     if drop.declared is not None:
         values |= _peak_values(drop, declared, values)
     if values["status"] in ("seating", "measured"):

@@ -142,6 +142,13 @@ class DropView:
         """Return the drop with this result in place of the stored ones."""
         return dataclasses.replace(self, result=result, sound_result=result, last_result=result)
 
+    def without_modulus(self) -> "DropView":
+        """Return the drop without the ground that was fitted to it; residuals remain."""
+        names = ("result", "sound_result", "last_result")
+        results = {name: getattr(self, name) for name in names}
+        shown = {name: result and result.without_ground() for name, result in results.items()}
+        return dataclasses.replace(self, **shown)
+
 
 def drop_from_traces(drop: Drop, setup: PointSetup, **more: Any) -> DropView:
     """Screen a drop by its own record, and return it with the facts that follow.

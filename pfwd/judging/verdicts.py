@@ -118,6 +118,14 @@ class PointView:
         """Judgement by the procedure of the job: value, target and verdict."""
         return _judge(self) if self.whole is None else self.whole.progress
 
+    @cached_property
+    def shown(self) -> "PointView":
+        """Point for readers: if its modulus is withheld, its drops have none either."""
+        if self.progress.withheld is None:
+            return self
+        drops = tuple(drop.without_modulus() for drop in self.drops)
+        return dataclasses.replace(self, drops=drops, whole=self.whole and self.whole.shown)
+
     def drop(self, number: int) -> DropView | None:
         """Return the drop with this number; None: there is none."""
         return next((drop for drop in self.drops if drop.number == number), None)

@@ -18,13 +18,18 @@ import pytest
 from PIL import Image
 from python_calamine import CalamineWorkbook
 
+from pfwd.analysis.result_store import basis_of, store_diagnoses
+from pfwd.analysis.results import DiagnosisResult, FittedState
 from pfwd.errors import OptionError, SurveyError
 from pfwd.export import geopackage, workbook
 from pfwd.export.export import export_survey
 from pfwd.export.tables import cell
 from pfwd.files.photos import store_photo
 from pfwd.judging import JobRequest
+from pfwd.judging.view import read_points
 from pfwd.procedures import find_procedure
+from pfwd.report.gathering import gather_stored
+from pfwd.report.provenance_blocks import result_values
 from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.export.conftest import result_of
 
@@ -442,3 +447,42 @@ def test_an_ending_that_names_no_format_is_refused(
     with pytest.raises(OptionError, match=f"an ending that names a format.*{hint}"):
         export_survey(judged, None, tmp_path / name)
     assert not (tmp_path / name).exists()
+
+
+def test_drops_have_no_number_where_their_point_has_no_modulus(
+    judged: Path, tmp_path: Path
+) -> None:
+    """A fit on a bound is exported as it is, but not after a diagnosis that permits no modulus."""
+    drops = [drop for drop in read_survey(judged).drops if drop.number < 3]
+    more = {"density_kg_m3": 1900.0, "residual_rms_over_peak": 0.01, "at_bound": ["bedrock_depth"]}
+    on_bound = [result_of(drop.read().drop, **more) for drop in drops]
+    with SurveyWriter.open(judged) as writer:
+        for number, result in enumerate(on_bound, 1):
+            writer.save_result(number, result)
+    before = [(45e6, "bedrock depth is on a bound of the search")] * 2
+    assert _fits_of(judged, tmp_path / "before") == before
+    assert ["modulus_pa" in value for value in values_of_averaged_drops(judged)] == [True] * 2
+    after = FittedState(modulus_pa=2e7, modulus_interval_pa=(1e7, 9e7))
+    basis = basis_of(read_points(judged)[0].setup)
+    diagnosis = DiagnosisResult(drops=(1, 2), basis=basis, after=after)
+    assert store_diagnoses(str(judged), [(2, diagnosis)]) is None
+    assert _fits_of(judged, tmp_path / "after") == [(None, diagnosis.use_reason)] * 2
+    assert ["modulus_pa" in value for value in values_of_averaged_drops(judged)] == [False] * 2
+
+
+def _fits_of(survey: Path, path: Path) -> list[tuple[float | None, str]]:
+    """Modulus and reason of the averaged drops, the same in the table and in the result."""
+    export_survey(survey, "jsonl", path)
+    rows = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()][:2]
+    assert all(row["result"]["modulus_pa"] == row["modulus_pa"] for row in rows)
+    return [(row["modulus_pa"], row["modulus_not_supported"]) for row in rows]
+
+
+def values_of_averaged_drops(survey: Path) -> list[list[str]]:
+    """Words of the line of each averaged drop at the end of a report."""
+    (point,) = [point for point in gather_stored(survey).points if point.name == "A/1"]
+    return [
+        result_values(drop.result).split()
+        for drop in point.drops
+        if drop.number in point.progress.used and drop.result is not None
+    ]

@@ -351,6 +351,11 @@ def test_a_modulus_that_fit_and_diagnosis_disown_is_no_number(ends: tuple[float,
         values = judged_values(point)
         assert values["value_not_supported"] == values["use_reason"] == found.use_reason
         judged.append(values)
+        shown = point.shown
+        assert judged_values(shown) == values
+        assert all(fact.modulus is None for fact in shown.facts)
+        for drop in shown.drops:
+            assert drop.result is None or drop.result.viscosity_pa_s is None
     assert judged[0] == judged[1]
     numbers = {key for key, value in judged[0].items() if isinstance(value, float)}
     assert numbers == {"target"}

@@ -95,9 +95,10 @@ def saved_drop(
     reason: str | None = None,
     record: int | None = None,
     marks: tuple[str, ...] = (),
+    load: float = 9900.0,
 ) -> SavedDrop:
     # Drops are judged by their own records.
-    traces = drop(number, 1100.0 if status == "rejected" else 9900.0)
+    traces = drop(number, 1100.0 if status == "rejected" else load)
     view = drop_from_traces(
         traces,
         SETUP,
@@ -322,13 +323,13 @@ async def deliver(app: App, pilot: Any, *events: Any) -> None:
     await pilot.pause()
 
 
-def complete_point(point: str = "7") -> list[Any]:
-    """Three seating and three measured drops."""
+def complete_point(point: str = "7", load: float = 9900.0) -> list[Any]:
+    """Three seating and three measured drops with this peak load, N."""
     events: list[Any] = [ready(), status()]
     for number in range(1, 7):
         kind = "seating" if number <= 3 else "measured"
         events += [
-            saved(number, point, status=kind),
+            saved(number, point, status=kind, load=load),
             analysed(number, point, modulus=47e6 + 1e5 * number),
         ]
     return events

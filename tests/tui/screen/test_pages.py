@@ -632,9 +632,8 @@ def test_only_the_judged_value_has_a_verdict(size: tuple[int, int]) -> None:
     procedure = find_procedure("tp-bf-stb-b8.3")
 
     async def script(app: App, pilot: Any) -> None:
-        await deliver(
-            app, pilot, JobReported(Job(procedure=procedure, target=45e6)), *complete_point()
-        )
+        job = JobReported(Job(procedure=procedure, target=45e6))
+        await deliver(app, pilot, job, *complete_point(load=7070.0))
         await pilot.press("up")
         measure = app.text
         await pilot.press("2")

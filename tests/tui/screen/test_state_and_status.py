@@ -6,11 +6,13 @@ from typing import Any
 
 import pytest
 
-from pfwd.analysis.results import DiagnosisResult, DropResult, EffectResult
+from pfwd.analysis.result_store import basis_of
+from pfwd.analysis.results import DiagnosisResult, DropResult, EffectResult, FittedState
 from pfwd.judging import Job, PointView
 from pfwd.procedures import Verdict, find_procedure
 from pfwd.session.events import (
     BatteryLow,
+    DropAnalysed,
     DropNotSaved,
     Edited,
     InstrumentLost,
@@ -33,12 +35,13 @@ from tests.tui.screen.scripted import (
     analysed,
     complete_point,
     ready,
+    result,
     samples,
     saved,
     status,
     stored_drop,
 )
-from tui.screen.pages.drop_texts import verdict_of
+from tui.screen.pages.drop_texts import modulus_of_drop, remark, verdict_of
 from tui.screen.session.diagnosis import verdict_text
 from tui.screen.session.screen_events import SessionEnded, SessionStarted, SurveyRead
 from tui.screen.session.state import SessionState
@@ -343,3 +346,24 @@ def test_a_saturated_drop_is_never_clean() -> None:
     assert text.startswith("SATURATED")
     assert role == "bad"
     assert verdict_of(drop, "EXPLAINED by saturation") == (text, role)
+
+
+def test_the_fit_of_a_drop_is_not_shown_where_its_point_has_no_modulus() -> None:
+    events = [
+        dataclasses.replace(event, result=result(at_bound=["bedrock_depth"]))
+        if isinstance(event, DropAnalysed)
+        else event
+        for event in complete_point()
+    ]
+    state = state_after(*events)
+    assert state.last is not None
+    shown = modulus_of_drop(state.last, SI)
+    assert shown[0].endswith("*")
+    numbers = tuple(drop.number for drop in state.current.drops)
+    basis = basis_of(state.current.setup)
+    diagnosis = DiagnosisResult(drops=numbers, basis=basis, after=FittedState())
+    state.take(PointDiagnosed("7", diagnosis))
+    assert modulus_of_drop(state.last, SI) == ("-", "")
+    assert f"no modulus: {diagnosis.use_reason}" in remark(state.last, SI)
+    state.take(PointDiagnosed("7", dataclasses.replace(diagnosis, drops=())))
+    assert modulus_of_drop(state.last, SI) == shown, "the diagnosis is not in force any more"

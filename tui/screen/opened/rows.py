@@ -176,7 +176,7 @@ class OpenedSurvey:
 
         stored = () if self.survey is None else self.survey.points
         point = next((point for point in stored if point.name == name), None)
-        return None if point is None else point_view(point, self.job)
+        return None if point is None else point_view(point, self.job).shown
 
     def _key(self) -> list[Any]:
         """Return the key of the cache, which changes with every write to the survey."""

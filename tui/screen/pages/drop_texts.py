@@ -264,6 +264,8 @@ def remark(drop: DropState, units: Units) -> str:
         parts.append("only in memory")
     elif drop.results and not drop.final:
         parts.append("refining the fit")
+    elif drop.withheld is not None:
+        parts.append(f"no modulus: {drop.withheld}")
     parts += drop.marks
     if drop.results and drop.result and drop.result.explained is False:
         parts.append("unexplained")
@@ -290,7 +292,9 @@ def point_summary(state: SessionState, point: PointView, units: Units, width: in
     pieces = []
     judged, texts = progress.value, judged_value_of_point(progress, units)
     if judged is None or texts is None:
-        return fit([piece(0, cell("point: nothing measured yet", "dim"))], width)
+        withheld = progress.withheld
+        text = "nothing measured yet" if withheld is None else f"no modulus: {withheld}"
+        return fit([piece(0, cell(f"point: {text}", "dim"))], width)
     text = f"point: {texts.name} {texts.text}, mean of {judged.drops}"
     pieces.append(piece(0, cell(text, "strong")))
     if UNSUPPORTED_MARK in text:

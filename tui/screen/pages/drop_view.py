@@ -292,8 +292,8 @@ def _warnings(result: DropResult, width: int) -> list[Line]:
 
 def _alternatives(view: DropPageState, drop: DropState, width: int) -> list[Line]:
     lines = _heading("results")
-    in_force = [("in force", result) for result in drop.results[-1:]]
-    earlier = [("before it", result) for result in drop.results[:-1]]
+    in_force = [] if drop.result is None else [("in force", drop.result)]
+    earlier = [("before it", result) for result in drop.results[:-1] if drop.withheld is None]
     units = view.units
     for kind, result in [*in_force, *earlier]:
         method = word(METHOD_TEXTS, result.method)
@@ -309,7 +309,7 @@ def _short_result(result: DropResult, units: Units) -> str:
     modulus = result.modulus_pa
     if modulus is None:
         open_below = effective_text(result, units) if has_layers(result) else ""
-        return open_below or result.reason or "no result"
+        return open_below or result.reason or "no modulus"
     text = units.with_interval("modulus", modulus, result.modulus_interval_pa)
     return f"{text}, residual {percent(result.residual_rms_over_peak)}"
 

@@ -418,7 +418,7 @@ def _large(view: MeasureView, width: int, room: int) -> list[Line] | None:
     digits = _large_number(judged.value, judged.ends, width - 2, space)
     lines: list[Line] = [(Cell(" "), *row) for row in digits]
     name = "" if judged.is_fit else f"  {judged.name}"
-    lines.append(line(cell(f" {_unit_text(judged)}{name}", "strong")))
+    lines.append(line(cell(f" {_unit_text(judged, drop)}{name}", "strong")))
     lines += [line(" ", *row) for row in verdict]
     lines = [*pad_rows(lines, room - table_rows - 1), model_line(drop, view, width)]
     return [*lines, *drop_table(view, width, table_rows)]
@@ -467,7 +467,10 @@ def result_lines(view: MeasureView, width: int, rows: int, *, wide: bool = False
         digits_width = max(width_of(row) for row in digits) + 2
         side = width - digits_width - 3
         unit = fit(
-            [piece(0, cell(_unit_text(judged, short=True), "strong")), Piece(_refining(drop), 1)],
+            [
+                piece(0, cell(_unit_text(judged, drop, short=True), "strong")),
+                Piece(_refining(drop), 1),
+            ],
             side,
         )
         verdict = _verdict_lines(view, side, advice=False)[: rows - 1]
@@ -478,7 +481,7 @@ def result_lines(view: MeasureView, width: int, rows: int, *, wide: bool = False
     name = "modulus of the subgrade" if layered else judged.name
     title = name if drop is None else f"{name}, drop {drop.number}"
     verdict = _verdict_lines(view, width)
-    unit_rows = wrap(_unit_text(judged), width)
+    unit_rows = wrap(_unit_text(judged, drop), width)
     used = len(details) + len(verdict) + len(unit_rows) + 1
     space = max(LETTER_ROWS, rows - used)
     lines: list[Line] = [line(cell(title, "dim"), *_refining(drop))]
@@ -491,9 +494,11 @@ def result_lines(view: MeasureView, width: int, rows: int, *, wide: bool = False
     return pad_rows([*lines, *verdict[: max(0, room)]], rows)
 
 
-def _unit_text(judged: JudgedValue, *, short: bool = False) -> str:
+def _unit_text(judged: JudgedValue, drop: DropState | None, *, short: bool = False) -> str:
     """Return the unit of the large digits and the interval."""
     if judged.value == NO_VALUE:
+        if judged.is_fit and drop is not None and drop.withheld is not None:
+            return f"no modulus: {drop.withheld}"
         return "no result yet" if judged.is_fit else f"no {judged.name} yet"
     if not judged.is_fit:
         return f"{judged.unit}  {judged.name}" if short else judged.unit

@@ -35,6 +35,8 @@ class DropState:
     """Peak loads of the bounces, N."""
     fault: str = ""
     """Reason why there is no modulus; empty: there is one, or it is being computed."""
+    withheld: str | None = None
+    """Reason why neither fit nor diagnosis of the point permits a modulus; None: one does."""
     identical: bool | None = None
     saved_at: float = 0.0
     """Monotonic clock when the drop was stored, s; 0: read from the survey."""
@@ -97,8 +99,9 @@ class DropState:
 
     @property
     def result(self) -> DropResult | None:
-        """Last result of the inversion of this drop."""
-        return self.results[-1] if self.results else None
+        """Last result of the inversion of this drop, without the ground if it is withheld."""
+        last = self.results[-1] if self.results else None
+        return last if last is None or self.withheld is None else last.without_ground()
 
     @property
     def modulus(self) -> float | None:

@@ -262,6 +262,7 @@ class SessionState:
         for view in point.drops:
             if view.number in drops:
                 drops[view.number].view = view
+                drops[view.number].withheld = progress.withheld
         reasons = {drop.number: drop.reason for drop in progress.excluded}
         for number, kind in progress.kinds:
             drop = drops.get(number)
