@@ -92,11 +92,14 @@ def violated_preconditions(
     centre_sensor : str, optional
         Place of the centre sensor, "plate" or "ground"; None: it is not compared.
     """
-    needed = procedure.centre_sensor
-    is_misplaced = None not in (needed, centre_sensor) and needed != centre_sensor
+    is_misplaced = centre_sensor is not None and centre_sensor != procedure.centre_sensor
     return [
         *_plate_violation(procedure, plate_radius),
-        *([_MISPLACED[needed]] if needed is not None and is_misplaced else ()),
+        *(
+            text
+            for place, text in _MISPLACED.items()
+            if is_misplaced and place == procedure.centre_sensor
+        ),
         *_load_violation(procedure, used, plate_radius),
     ]
 
