@@ -1,8 +1,8 @@
 """The data of a report, before anything is drawn or written."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from pfwd.judging import PointView
@@ -54,4 +54,4 @@ class Report:
     @property
     def survey_name(self) -> str:
         """Name of the survey's folder; a path of the computer does not belong into a report."""
-        return Path(self.survey).resolve().name
+        return os.path.basename(os.path.abspath(self.survey))
