@@ -38,7 +38,7 @@ _RADIANS_PER_PANEL = 8.0
 # Attenuation, in nepers on the way down, above which an echo is neglected: it is below 1e-5.
 _MAX_ECHO_NEPERS = 6.0
 # Number of elements of intermediate arrays that fit into the second-level cache.
-_CHUNK_ELEMENTS = 8000
+_EVALUATIONS_PER_CHUNK = 8000
 
 
 def ray(kappa: float, step: float, low: float, high: float) -> ComplexArray:
@@ -126,7 +126,7 @@ def _fill_group(
         if not n_echo_nodes:
             layers[rows[first:end], column] = half_space[rows[first:end]]
             continue
-        step = max(1, _CHUNK_ELEMENTS // n_echo_nodes)
+        step = max(1, _EVALUATIONS_PER_CHUNK // n_echo_nodes)
         for start in range(first, end, step):
             chunk = slice(start, min(start + step, end))
             part = chunk, slice(0, n_echo_nodes)
