@@ -28,6 +28,8 @@ _MIN_SAMPLES_AT_REST = 8
 OFFER_WAIT_S = 5.0
 """Time for which a drop in the stream waits for the instrument's own record, s of samples: an
 instrument announces it at least every 0.5 s, and its transfer at 115200 baud takes 1 s."""
+PULSE_RISE_S = 0.01
+"""Time from the trigger of a pulse to its peak, s; a record may end between them."""
 NOT_BUFFERED = "recorded from the stream, because the instrument did not store the drop"
 _MIN_PRE_TRIGGER = 1e-9
 """Shortest time before the trigger, s, in place of 0, which the settings of a detection refuse."""
@@ -229,9 +231,10 @@ class StreamedItem:
     rebounds: list[Rebound] = field(default_factory=list)
 
     def is_in(self, offer: DropOffer) -> bool:
-        """Return whether a record of the instrument contains the trigger."""
+        """Return whether a record of the instrument contains the peak of the pulse."""
+        peak = self.trigger + PULSE_RISE_S * offer.sampling_rate
         same_run = self.stream == offer.stream
-        return same_run and 0 <= self.trigger - offer.first_sample < offer.samples
+        return same_run and 0 <= peak - offer.first_sample < offer.samples
 
 
 class StreamedDrops:

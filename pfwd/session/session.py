@@ -114,9 +114,6 @@ TRIGGER_PAUSE = 1.0
 """Shortest time between two triggers by the instrument, s of samples. Nobody presses a button more
 often, and each trigger makes a drop."""
 
-PULSE_RISE = 0.01
-"""Time from the reported begin of a pulse to its peak, s."""
-
 BOUNCES_END = 2.5
 """Time after a drop within which an impact is a bounce of the weight, s: nobody lifts it sooner."""
 
@@ -843,9 +840,7 @@ class Session:
             case RawRebound():
                 self._streamed.add_rebound(item.after, rebound_of(item, self._identity))
             case PulseReport():
-                # The index is that of the pulse's begin; a record may end before its peak.
-                peak = item.trigger + round(PULSE_RISE * self._identity.sampling_rate)
-                self._streamed.add(StreamedItem(item.stream, peak, due, item))
+                self._streamed.add(StreamedItem(item.stream, item.trigger, due, item))
 
     def _record_streamed(self, sampled: float) -> None:
         """Record the drops in the stream that the instrument has not sent; see `StreamedDrops`."""

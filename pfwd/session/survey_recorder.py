@@ -92,7 +92,9 @@ def _is_same_pulse(streamed: DropRecord, buffered: DropRecord) -> bool:
     theirs = _counts_of(buffered)[max(0, first - second) :]
     length = min(len(ours), len(theirs))
     is_streamed = not streamed.metadata["detection"].get("by_instrument")
-    is_complete = is_streamed and not streamed.metadata["missing"]
+    trigger = second + buffered.metadata["detection"]["trigger"]
+    has_trigger = 0 <= trigger - first < len(_counts_of(streamed))
+    is_complete = is_streamed and has_trigger and not streamed.metadata["missing"]
     return is_complete and np.array_equal(ours[:length], theirs[:length])
 
 

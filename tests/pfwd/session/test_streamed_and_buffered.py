@@ -158,6 +158,13 @@ def test_a_pulse_over_the_end_of_the_instruments_record_is_reported(
     assert [event.kind for event in log.of(Notice) if event.serious] == ["pulses"] * 2
 
 
+def test_a_drop_at_the_end_of_the_instruments_record_is_recorded(log: Log, writer: Any) -> None:
+    counts = stream(9.0, [(1.0, 8000.0), (1.1, 7000.0)])
+    items = [*pieces(counts[:14_000]), buffered(counts, 10_015)]
+    run(ScriptedFeed(connected(), Armed(TRIGGER), began(), items), log, writer)
+    assert by_instrument(log) == [True, False]
+
+
 @pytest.mark.parametrize(
     ("answer", "text"),
     [
