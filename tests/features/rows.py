@@ -169,7 +169,7 @@ def test_a_row_holds(row: dict[str, Any], runner: Runner, tmp_path: Path) -> Non
         assert not re.search(pattern, text, re.M), f"{pattern!r} is in\n{text}"
     objects = []
     if {"lines", "keys", "values"} & set(row) or "objects" in row.get("check", ""):
-        objects = [json.loads(line, parse_constant=refuse_constant) for line in text.splitlines()]
+        objects = [json.loads(line, parse_constant=refuse_constant) for line in text.splitlines() if line]
     if "lines" in row:
         assert len(objects) == row["lines"], text
     for number, entry in enumerate(objects):
