@@ -26,6 +26,7 @@ from pfwd_device.recording.drop_place import DropPlace
 from pfwd_device.recording.index import no_collections
 from pfwd_device.recording.record import DropRecord
 from pfwd_device.recording.survey_content import (
+    DropElsewhere,
     Result,
     ResultFile,
     SurveyDrop,
@@ -160,6 +161,12 @@ class _RemotePoints:
 
 
 def _sent(drop: SurveyDrop) -> tuple[Any, ...]:
+    same = drop.same_peaks
+    elsewhere = None if same is None else (replace(same.point, drops=()), _sent_alone(same.drop))
+    return (elsewhere, *_sent_alone(drop))
+
+
+def _sent_alone(drop: SurveyDrop) -> tuple[Any, ...]:
     place = drop.place
     if place is None:
         raise RecordingError(f"drop {drop.number} is not in the journal")
@@ -187,6 +194,7 @@ def _received_points(job: Job, sent: list[tuple[SurveyPoint, Any]]) -> tuple[Job
 
 
 def _drop(
+    elsewhere: tuple[SurveyPoint, Any] | None,
     place: DropPlace,
     results: tuple[ResultFile, ...],
     diagnosis: Result | None,
@@ -196,6 +204,7 @@ def _drop(
     target: Any,
     edits: tuple[dict[str, Any], ...],
 ) -> SurveyDrop:
+    same = None if elsewhere is None else DropElsewhere(elsewhere[0], _drop(None, *elsewhere[1]))
     return SurveyDrop(
         number=place.number,
         point=place.point,
@@ -206,7 +215,7 @@ def _drop(
         target=target,
         edits=edits,
         source="journal",
-        _origin=_RemoteDrop(place, results, diagnosis),
+        _origin=_RemoteDrop(place, results, diagnosis, same),
     )
 
 
@@ -214,14 +223,22 @@ class _RemoteDrop:
     """Data of one drop in the second process, with the interface of a survey."""
 
     def __init__(
-        self, place: DropPlace, results: tuple[ResultFile, ...], diagnosis: Result | None
+        self,
+        place: DropPlace,
+        results: tuple[ResultFile, ...],
+        diagnosis: Result | None,
+        same: DropElsewhere | None,
     ) -> None:
+        self._same = same
         self._place = place
         self._results = results
         self._diagnosis = diagnosis
 
     def place_of(self, _number: int) -> DropPlace:
         return self._place
+
+    def same_peaks_of(self, _number: int) -> DropElsewhere | None:
+        return self._same
 
     def read_facts(self, _number: int) -> DropFacts:
         try:

@@ -21,7 +21,7 @@ import os
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, NoReturn
 
@@ -58,7 +58,13 @@ from pfwd_device.recording.hdf5_tree import (
     write_dataset,
 )
 from pfwd_device.recording.payload import decode_json, encode_json, json_excess
-from pfwd_device.recording.survey_content import Result, ResultFile, SurveyContent
+from pfwd_device.recording.survey_content import (
+    DropElsewhere,
+    Result,
+    ResultFile,
+    SurveyContent,
+    same_peaks,
+)
 from pfwd_device.text import clean
 
 SURVEY_FORMAT = "pfwd-survey"
@@ -228,6 +234,14 @@ class ExportedSurvey:
     def read_traces(self, number: int) -> DropRecord:
         """Return a drop without rebounds and without raw counts of the converter."""
         return replace(self.read_drop(number), counts=None, rebounds=())
+
+    def same_peaks_of(self, number: int) -> DropElsewhere | None:
+        """Return the first drop of another point with the same peaks; None: there is none."""
+        return self._same_peaks.get(number)
+
+    @cached_property
+    def _same_peaks(self) -> dict[int, DropElsewhere]:
+        return same_peaks(self.points, {})
 
     def read_facts(self, number: int) -> DropFacts:
         """Return peaks or traces of a drop with its declarations."""

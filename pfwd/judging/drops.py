@@ -87,6 +87,18 @@ class DropView:
         return self.own.number
 
     @property
+    def samples(self) -> tuple[float | None, ...] | None:
+        """Facts that no other drop has to the last digit, unless its record is a copy.
+
+        None: the drop does not count, or has no traces.
+        """
+        own = self.own
+        if self.discarded is not None or own.pulse_duration is None or own.peak_deflection is None:
+            return None
+        peaks = (own.peak_load, own.peak_deflection, own.pulse_duration, own.peak_velocity)
+        return (*peaks, own.offset_over_peak, own.return_over_peak)
+
+    @property
     def marks(self) -> tuple[str, ...]:
         """Irregularities of the record, such as missing samples."""
         return tuple(map(str, self.metadata.get("marks") or ()))

@@ -70,6 +70,8 @@ class PointView:
     them."""
     warnings: tuple[Notice, ...] = ()
     """Warnings about its setup, for a report."""
+    copies: Mapping[int, str] = field(default_factory=dict)
+    """Fault of each drop whose record is a copy of that of a drop of another point, by number."""
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "source": None}
@@ -96,7 +98,12 @@ class PointView:
         if self.whole is not None:
             fact_by_number = {fact.number: fact for fact in self.whole.facts}
             return tuple(fact_by_number[drop.number] for drop in self.drops)
-        return tuple(classify_drops(self.drops))
+        return tuple(
+            fact
+            if fact.record_fault is not None or fact.number not in self.copies
+            else dataclasses.replace(fact, record_fault=self.copies[fact.number])
+            for fact in classify_drops(self.drops)
+        )
 
     @cached_property
     def plate(self) -> "PointPlate":

@@ -57,19 +57,44 @@ class SurveyView:
     job: Job = field(default_factory=Job)
     points: Mapping[str, PointView] = field(default_factory=dict)
     """Points in order, by the name under which their drops are stored."""
+    owners: Mapping[tuple[float | None, ...], tuple[str, ...]] = field(default_factory=dict)
+    """Names of the points that have, or had, a drop with these `DropView.samples`."""
 
     def with_job(self, job: Job) -> "SurveyView":
         """Return the survey with all points judged by another job."""
         points = {name: replace(point, job=job) for name, point in self.points.items()}
-        return SurveyView(job, points)
+        return replace(self, job=job, points=points)
 
     def with_points(self, points: Iterable[PointView]) -> "SurveyView":
         """Return the survey with these points added.
 
-        They replace points of the same name.
+        They replace points of the same name. Copies are found among all points.
         """
         judged = {point.name: replace(point, job=self.job) for point in points}
-        return SurveyView(self.job, {**self.points, **judged})
+        owners, merged, concerned = dict(self.owners), {**self.points, **judged}, set[str]()
+        for name, point in judged.items():
+            before = self.points[name].drops if name in self.points else ()
+            for samples in filter(None, (drop.samples for drop in (*before, *point.drops))):
+                owners[samples] = tuple(dict.fromkeys((*owners.get(samples, ()), name)))
+                concerned.update(owners[samples] if len(owners[samples]) > 1 else ())
+        view = SurveyView(self.job, merged, owners)
+        copies = {name: view._copies(merged[name]) for name in concerned}
+        merged |= {name: replace(merged[name], copies=found) for name, found in copies.items()}
+        return view
+
+    def _copies(self, point: PointView) -> dict[int, str]:
+        """Return the `PointView.copies` of a point."""
+        copies: dict[int, str] = {}
+        for drop in () if point.discarded else point.drops:
+            names = () if drop.samples is None else self.owners.get(drop.samples, ())
+            others = (self.points[name] for name in names if name != point.name)
+            for other in (other for other in others if not other.discarded):
+                for same in other.drops:
+                    if same.samples == drop.samples:
+                        name, number = other.shown_name, same.number
+                        fault = f"its record is a copy of that of drop {number} of point {name}"
+                        copies.setdefault(drop.number, fault)
+        return copies
 
 
 def read_points(folder: str | os.PathLike[str]) -> tuple[PointView, ...]:
@@ -114,7 +139,7 @@ def point_view(point: SurveyPoint, job: Job) -> PointView:
     later = later_declarations(point)
     for drop in point.drops:
         drops.append(_drop_view(drop, later, drops[-1] if drops else None))
-    return PointView(
+    view = PointView(
         name=point.name,
         drops=tuple(drops),
         target=_target_of(point),
@@ -126,6 +151,17 @@ def point_view(point: SurveyPoint, job: Job) -> PointView:
         place=place_of_point(point, drops, point.declared),
         source=point,
     )
+    elsewhere = {
+        found.drop.number: found for found in (drop.same_peaks for drop in point.drops) if found
+    }
+    others = [
+        # No point has such a name.
+        PointView(
+            f"\n{number}", (_drop_view(drop, later_declarations(other), None),), title=other.title
+        )
+        for number, (other, drop) in elsewhere.items()
+    ]
+    return SurveyView(job).with_points([view, *others]).points[view.name] if others else view
 
 
 def job_of_folder(folder: str | os.PathLike[str], instead: Procedure | None = None) -> Job:

@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from pfwd_device.drop import Peaks
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.agreement import (
     InconsistentRecords,
@@ -156,6 +157,8 @@ class Index:
     """Survey-wide number of a drop by its key, the text that identifies it on its instrument."""
     has_all_keys: bool = True
     """True if `keys` contains the keys of all drops; see :func:`complete_keys`."""
+    peaks: dict[int, Peaks | None] = field(default_factory=dict)
+    """Recorded peaks that were read, by survey-wide number of the drop; see `same_peaks`."""
     rebounds: dict[int, list[Entry]] = field(default_factory=dict)
     """Records of rebounds by the survey-wide number of their drop."""
     files: dict[str, FileEntry] = field(default_factory=dict)

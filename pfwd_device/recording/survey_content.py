@@ -6,16 +6,18 @@ A key is the text that identifies a drop on its instrument.
 """
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+from pfwd_device.drop import Peaks
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording.drop_payload import DropFacts
+from pfwd_device.recording.drop_payload import DropFacts, peaks_data
 from pfwd_device.recording.drop_place import DropPlace
 from pfwd_device.recording.payload import decode_json
 from pfwd_device.recording.record import DropRecord
+from pfwd_device.signals import trace_peaks
 
 Result = Mapping[str, Any]
 
@@ -73,6 +75,9 @@ class DropOrigin(Protocol):
     def file_bytes_of(self, number: int, /) -> bytes | None:
         """Return the content of the HDF5 file of a drop; None if it is missing or changed."""
 
+    def same_peaks_of(self, number: int, /) -> "DropElsewhere | None":
+        """Return the first drop of another point with the same peaks; see `same_peaks`."""
+
     def read_drop(self, number: int, /) -> DropRecord:
         """Read the complete record of a drop with all its rebounds."""
 
@@ -121,6 +126,14 @@ class SurveyDrop:
     def key(self) -> str | None:
         """Text that identifies the drop on its instrument; None without one."""
         return self._origin.key_of(self.number)
+
+    @property
+    def same_peaks(self) -> "DropElsewhere | None":
+        """First drop of another point with the same recorded peaks; None: there is none.
+
+        The peaks of all drops of the survey are read once.
+        """
+        return self._origin.same_peaks_of(self.number)
 
     @property
     def results(self) -> tuple[Path, ...]:
@@ -236,6 +249,53 @@ class SurveyPoint:
     """All edits, in order."""
     drops: tuple[SurveyDrop, ...]
     """Drops in the order of recording, including discarded ones."""
+
+
+class DropElsewhere(NamedTuple):
+    """Drop with its point."""
+
+    point: SurveyPoint
+    drop: SurveyDrop
+
+
+def same_peaks(
+    points: Iterable[SurveyPoint], known: dict[int, Peaks | None]
+) -> dict[int, DropElsewhere]:
+    """Return the first drop of another point with the same peaks, by survey-wide number.
+
+    Discarded drops and points, and drops without traces, do not count.
+
+    Parameters
+    ----------
+    points : iterable of SurveyPoint
+        All points of the survey.
+    known : dict
+        Peaks that were read before, by survey-wide number; those that are read now are added.
+    """
+    by_peaks: dict[Peaks, list[DropElsewhere]] = {}
+    for point in points:
+        for drop in () if point.discarded else point.drops:
+            if drop.number not in known:
+                known[drop.number] = _peaks_of(drop)
+            peaks = known[drop.number]
+            if peaks is not None and not drop.discarded:
+                by_peaks.setdefault(peaks, []).append(DropElsewhere(point, drop))
+    found: dict[int, DropElsewhere] = {}
+    for first, *rest in by_peaks.values():
+        second = next((one for one in rest if one.point is not first.point), None)
+        if second is not None:
+            for one in (first, *rest):
+                found[one.drop.number] = second if one.point is first.point else first
+    return found
+
+
+def _peaks_of(drop: SurveyDrop) -> Peaks | None:
+    try:
+        facts = drop.read_facts()
+    except RecordingError:
+        return None  # a damaged drop is rejected
+    traces = facts.drop
+    return facts.peaks if traces is None or peaks_data(traces) is None else trace_peaks(traces)
 
 
 class SurveyContent(Protocol):

@@ -8,6 +8,7 @@ import hashlib
 import os
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,14 @@ from pfwd_device.recording.ledger import Entry
 from pfwd_device.recording.payload import decode_payload, payload_data
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.recording.recovery import lost_texts
-from pfwd_device.recording.survey_content import Result, ResultFile, SurveyDrop, SurveyPoint
+from pfwd_device.recording.survey_content import (
+    DropElsewhere,
+    Result,
+    ResultFile,
+    SurveyDrop,
+    SurveyPoint,
+    same_peaks,
+)
 from pfwd_device.text import clean
 
 _MAX_NOTE_LENGTH = 4096
@@ -162,6 +170,14 @@ class Survey:
             except RecordingError:
                 pass  # damaged since the survey was opened
         return facts_of(self.read_traces(number))
+
+    def same_peaks_of(self, number: int) -> DropElsewhere | None:
+        """Return the first drop of another point with the same peaks; None: there is none."""
+        return self._same_peaks.get(number)
+
+    @cached_property
+    def _same_peaks(self) -> dict[int, DropElsewhere]:
+        return same_peaks(self.points, self._index.peaks)
 
     def place_of(self, number: int) -> DropPlace | None:
         """Return the location of a drop in the journal, given its survey-wide number.

@@ -22,6 +22,7 @@ from pfwd.export.tables import jsonl_texts
 from pfwd.files.reading import survey_content
 from pfwd.judging import JobRequest, PointView, job_of, point_views
 from pfwd.judging.job import target_text
+from pfwd.procedures import Verdict
 from pfwd.report import formatting, gathering
 from pfwd.report.blocks import Mark
 from pfwd.report.certificate_blocks import points_table
@@ -378,6 +379,16 @@ DIFFERED = {
     ],
     "a value that changes alone": [*stories.measured(30e6), ("drop", "1", 8000.0, 45.5e6)],
     "a point judged by its diagnosis": [*stories.measured(44e6), ("diagnosis", "1", 41e6)],
+    "the record of a drop of a point with a later name is copied": [
+        *(*stories.measured(44e6, 3), ("drop", "2", 8000.0, 45e6), ("drop", "2", 8200.0, 45e6)),
+        *(("name", "2", "left"), ("drop", "2", 6000.0, 45e6)),
+    ],
+    "a copy is discarded": [
+        *(*stories.measured(44e6, 3), ("drop", "2", 8000.0, 45e6), ("discard", 4, None)),
+    ],
+    "the point with the copy is discarded": [
+        *(("drop", "2", 8000.0, 45e6), *stories.measured(44e6, 3), ("discard", "2", None)),
+    ],
     "a small drop before a large one": [("drop", "1", 1600.0, 45e6), ("drop", "1", 9000.0, 45e6)],
 }
 """Stories that were told in two ways before they were found."""
@@ -387,6 +398,31 @@ DIFFERED = {
 def test_what_once_differed(story: list[Any]) -> None:
     check_sessions(story, len(story))
     check_documents(story)
+
+
+def test_a_copy_at_another_point_takes_the_verdict_of_both() -> None:
+    copied = [*stories.measured(44e6, 2), ("drop", "2", 9000.0, 45e6), ("drop", "2", 8100.0, 45e6)]
+    fault = "drop 2: its record is a copy of that of drop 2 of point"
+    with surveys() as place:
+        told = Told(place / "s")
+        told.play([*copied, ("target", "2", 30e6)])
+        points = read(told.folder)
+        for name, other in (("1", "2"), ("2", "1")):
+            assert points[name].progress.verdict is Verdict.UNDECIDED
+            assert f"{fault} {other}" in points[name].progress.verdict_reason
+        assert 1 not in points["1"].copies
+        told.begin_again()
+        told.play([("discard", 4, None)])
+        points = read(told.folder)
+    assert not points["1"].copies
+    assert not points["2"].copies
+
+
+def test_a_drop_that_was_moved_is_no_copy() -> None:
+    with surveys() as place:
+        told = Told(place / "s")
+        told.play([*stories.measured(44e6, 3), ("move", 1, "2")])
+        assert not any(point.copies for point in read(told.folder).values())
 
 
 def test_a_rebound_does_not_end_a_diagnosis() -> None:

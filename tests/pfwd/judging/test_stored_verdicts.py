@@ -237,8 +237,10 @@ def diagnosis_in_force(point: SurveyPoint, drops: Sequence[RawDrop]) -> Mapping[
     return None
 
 
-def naive_outcome(point: SurveyPoint, job: Job) -> dict[str, Any]:
-    """Judge a point from its raw drops and edits."""
+def naive_outcome(
+    point: SurveyPoint, job: Job, others: Sequence[SurveyPoint] = ()
+) -> dict[str, Any]:
+    """Judge a point from its raw drops and edits; other points may hold copies of its drops."""
     procedure = job.procedure_in_force
     drops = [raw_drop(drop) for drop in point.drops]
     used = sort_raw(drops, procedure)
@@ -247,6 +249,10 @@ def naive_outcome(point: SurveyPoint, job: Job) -> dict[str, Any]:
     target = target_of(point, job, procedure.quantity)
     wanted = procedure.measured_drops
     copies = len({(drop.load, drop.deflection) for drop in used}) < len(used)
+    kept = [other for other in others if other.name != point.name and not other.discarded]
+    elsewhere = [raw_drop(drop) for other in kept for drop in other.drops if not drop.discarded]
+    peaks = {(drop.load, drop.deflection) for drop in elsewhere}
+    copies = copies or any((drop.load, drop.deflection) in peaks for drop in used)
     nominal = procedure.nominal_load
     wrong_load = nominal is not None and any(
         abs(drop.load - nominal.value) > 0.1 * nominal.value for drop in used
@@ -290,7 +296,7 @@ def checked(number: int) -> Iterator[str]:
                 # Student's quantiles of the program are rounded to four digits.
                 for name, other, accuracy in (
                     ("stored", expected[point.name], 1e-9),
-                    ("naive", naive_outcome(point, job), 2e-4),
+                    ("naive", naive_outcome(point, job, survey.points), 2e-4),
                 ):
                     for key, value in other.items():
                         if not is_same(found[point.name][key], value, accuracy):

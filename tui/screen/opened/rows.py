@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pfwd.judging import Job, PointView
     from pfwd.procedures import PointProgress
 
-CACHE_VERSION = 6
+CACHE_VERSION = 7
 """Version of the cache, to be raised when rows have other fields or are judged otherwise."""
 
 MAX_CACHE_BYTES = 50_000_000
