@@ -65,7 +65,7 @@ def survey(tmp_path: Path) -> Path:
             writer.note_event(*event)
         for place, (name, modulus) in enumerate(MODULI.items()):
             for number in (1, 2):
-                drop = half_sine_drop(number, 8000.0)
+                drop = half_sine_drop(number, 8000.0 + 1e-3 * place)
                 record = DropRecord(name, drop, None, declared_values(SETUP), {})
                 writer.save_result(writer.save_drop(record), result_of(number, modulus))
             where = {"latitude": 48.0 + 1e-4 * place, "longitude": 11.0}
