@@ -54,13 +54,13 @@ DROP_COLUMNS = (
         "source of the point's modulus in force, which may not be that of this drop's fit: "
         "diagnosed or fitted; empty: none",
     ),
-    *result_columns("last"),
     ResultColumn(
         "modulus_not_supported",
         "text",
         "reason why the data do not support modulus_pa; it is empty if the diagnosis of the point "
         "permits no modulus either",
     ),
+    *result_columns("last"),
 )
 """Columns of the table of drops, in their order."""
 
