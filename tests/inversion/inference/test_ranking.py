@@ -99,7 +99,9 @@ def assert_same_choice(
     assert max(ranked, key=lambda structure: ranked[structure]) == best
     assert best in fitted
     for structure in fitted:
-        assert ranking.evidence[structure] == pytest.approx(every[structure], abs=0.5)
+        # A short fit may end in a better optimum than in the other order of the fits: on one
+        # processor that of a measured drop is 4.7 better. A worse one would be a wrong ranking.
+        assert ranking.evidence[structure] > every[structure] - 0.5
     return best
 
 
