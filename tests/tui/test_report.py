@@ -63,7 +63,7 @@ def test_data_that_is_no_survey_has_status_1(tmp_path: Path) -> None:
 
 def test_a_receiver_that_is_not_there_is_told(tmp_path: Path) -> None:
     done = pfwd("log", "/dev/none", "-o", tmp_path / "s", "--gps", "/dev/no-receiver")
-    assert done.returncode == 1
+    assert done.returncode == 3
     assert "/dev/no-receiver" in done.stderr
 
 

@@ -77,6 +77,9 @@ NOT_IN_REPORTS = [
     r"Enough for a mean; another measured drop makes it more certain\.",
     r".*: correct it and measure the point again beside this place\.",
     r".*: see that the plate lies flat, and measure the point again beside this place\.",
+    # what `log` and the screen say at once; a report has its event
+    r"point .*: pulse of .* kN at .* s of run .*: .*\. Check the last drops and repeat a "
+    r"missing one",
     # remedies, which a report does not give
     r"measure again.*",
     r"correct the declaration that the warning names and diagnose again",
