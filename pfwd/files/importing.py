@@ -37,7 +37,7 @@ from pfwd_device.recording import (
 from pfwd_device.recording.drop_file import software_version
 from pfwd_device.recording.index import EDITS
 from pfwd_device.recording.payload import encode_json
-from pfwd_device.recording.record import point_name
+from pfwd_device.recording.record import copy_fault, point_name
 from pfwd_device.recording.survey_content import SurveyContent
 from pfwd_device.text import LONGEST_TEXT, clean
 
@@ -192,6 +192,8 @@ def _import_drop(
             "software_version": software_version(),
         }
         record = DropRecord(name, replace(drop, number=number), None, declared, metadata)
+        record = writer.with_copy_mark(record)
+        remarks += _copy_remarks(record)
         saved = writer.save_drop(record)
         writer.publish(saved)
         return Imported(file, record.point, number, saved, kind=kind, remarks=remarks)
@@ -328,21 +330,30 @@ def _import_stored_drop(
     except RecordingError as err:
         return Imported(file, drop.point, drop.drop, error=str(err))
     number = max(record.drop.number, writer.next_number(record.point))
-    saved = writer.save_drop(
-        replace(
-            record,
-            drop=replace(record.drop, number=number),
-            metadata={**record.metadata, "key": key},
-        )
+    record = replace(
+        record,
+        drop=replace(record.drop, number=number),
+        metadata={**record.metadata, "key": key},
     )
+    if not drop.discarded:
+        record = writer.with_copy_mark(record)
+    saved = writer.save_drop(record)
     writer.publish(saved)
     for result in results:
         writer.save_result(saved, result)
     for edit in _supported_edits(drop.edits, omitted):
         writer.edit(edit["what"], edit.get("value"), number=saved)
     before[saved] = number
-    kind, remarks = kind_of(record.drop, record.declared), remarks_of(record.declared)
+    kind = kind_of(record.drop, record.declared)
+    remarks = remarks_of(record.declared) + _copy_remarks(record)
     return Imported(file, record.point, number, saved, kind=kind, remarks=remarks)
+
+
+def _copy_remarks(record: DropRecord) -> tuple[str, ...]:
+    fault = copy_fault(record.metadata)
+    if fault is None:
+        return ()
+    return (f"drop {record.drop.number}: {fault}; the point gets no verdict with it",)
 
 
 def _original_declarations(point: SurveyPoint) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from pfwd.peaks.stiffness import Stiffness
 from pfwd.procedures import Kind, PointDrop
 from pfwd_device import Drop
 from pfwd_device.drop import Peaks
+from pfwd_device.recording.record import copy_fault
 from pfwd_device.recording.survey_content import SurveyDrop
 
 RATE_DEVIATION = "rate_deviation"
@@ -121,9 +122,10 @@ class DropView:
             return PointDrop(self.number, Kind.REJECTED, reason=self.moved_to)
         facts = with_modulus(self.own, self.result, self.setup, self.warnings)
         facts = dataclasses.replace(facts, peak_fault=self.saturation)
-        deviation = self.metadata.get(RATE_DEVIATION)
+        deviation, fault = self.metadata.get(RATE_DEVIATION), copy_fault(self.metadata)
         if isinstance(deviation, float):
             fault = f"the sampling rate was {100 * abs(deviation):.1f} % off the declared one"
+        if fault is not None:
             facts = dataclasses.replace(facts, record_fault=fault, fit_fault=fault)
         if self.discarded is None or facts.kind is Kind.REJECTED:
             return facts

@@ -32,6 +32,7 @@ from pfwd.procedures import Kind, PointDrop, PointModulus, Procedure
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import read_survey
 from pfwd_device.recording.drop_payload import DropFacts
+from pfwd_device.recording.record import COPY_OF
 from pfwd_device.recording.survey_content import (
     SurveyContent,
     SurveyDrop,
@@ -42,7 +43,7 @@ DAMAGED = "damaged record"
 
 _METADATA = (
     *("position", "time_utc", "time_local", "operator", "identity", "marks", RATE_DEVIATION),
-    *("imported_from", "imported_sha256"),
+    *("imported_from", "imported_sha256", COPY_OF),
 )
 """Recorded keys of a drop that readers need; all of them would fill the memory."""
 

@@ -25,7 +25,7 @@ from pfwd.session.setup_file import setup_of
 from pfwd.session.survey_recorder import SurveyRecorder
 from pfwd_device.recording.drop_payload import facts_of
 from pfwd_device.recording.layout import Layout
-from pfwd_device.recording.record import DropRecord, Rebound
+from pfwd_device.recording.record import DropRecord, Rebound, copy_fault
 from pfwd_device.recording.survey_writer import SurveyWriter
 
 LAST_REBOUNDS = 3.0
@@ -155,6 +155,11 @@ class DropPipeline:
             self._report(Notice(text, kind="drops received again"))
             return
         key = record.point, record.drop.number
+        if self.recorder is not None:
+            record = self.recorder.writer.with_copy_mark(record)
+            if (fault := copy_fault(record.metadata)) is not None:
+                text = f"drop {key[0]}/{key[1]}: {fault}; its point gets no verdict with it. "
+                self._report(Notice(text + "Discard the copy", serious=True, kind="copies"))
         view, facts = self._screen(record)
         if source is None and facts is not None:
             metadata = {**record.metadata, FACTS_KEY: facts.to_json()}

@@ -54,7 +54,7 @@ _PUBLISHED_PATH = re.compile(r"(drops|results|captures)/\w[\w.-]*", re.ASCII)
 _INDEXED_KEYS = {
     Kind.SURVEY: ("created_utc", "software", "format_version"),
     Kind.POINT: ("name", "order", "declared"),
-    Kind.DROP: ("number", "point", "drop", "key", "restored_from"),
+    Kind.DROP: ("number", "point", "drop", "key", "restored_from", "peaks"),
     Kind.REBOUND: ("number",),
     Kind.EDIT: ("what", "value", "point", "number", "time_utc"),
     Kind.EVENT: ("event", "damage", "settled"),
@@ -154,8 +154,10 @@ class Index:
     """Drops by survey-wide number."""
     keys: dict[str, int] = field(default_factory=dict)
     """Survey-wide number of a drop by its key, the text that identifies it on its instrument."""
+    drops_by_peaks: dict[str, list[int]] = field(default_factory=dict)
+    """Survey-wide numbers of the drops with the same recorded peaks, by the text of these."""
     has_all_keys: bool = True
-    """True if `keys` contains the keys of all drops; see :func:`complete_keys`."""
+    """True if `keys` and `drops_by_peaks` contain all drops; see :func:`complete_keys`."""
     rebounds: dict[int, list[Entry]] = field(default_factory=dict)
     """Records of rebounds by the survey-wide number of their drop."""
     files: dict[str, FileEntry] = field(default_factory=dict)
@@ -241,6 +243,12 @@ class Index:
         self.rebounds.setdefault(number, []).append(entry)
         self._added(entry)
 
+    def with_peaks(self, peaks: Any) -> list[int]:
+        """Return the entry of `drops_by_peaks` for recorded peaks; an empty list without any."""
+        if not isinstance(peaks, dict):
+            return []
+        return self.drops_by_peaks.setdefault(str(sorted(peaks.items())), [])
+
     def _added(self, entry: Entry) -> None:
         self.entries[entry.sequence] = entry
         self.closed = entry.kind == _CLOSE
@@ -318,6 +326,7 @@ class Index:
         self.drops[drop.number] = drop
         if drop.key is not None:
             self.keys[drop.key] = drop.number
+        self.with_peaks(data.get("peaks")).append(drop.number)
         if drop.restored_from is not None:
             self.settled.add(int(drop.restored_from))
 
@@ -441,7 +450,7 @@ def no_collections() -> Iterator[None]:
 
 
 def complete_keys(layout: Layout, index: Index) -> None:
-    """Add the keys of the drops to an index, which :func:`read_index` does not read.
+    """Add the keys and peaks of the drops to an index, which :func:`read_index` does not read.
 
     A key is the text that identifies a drop on its instrument.
 
@@ -455,7 +464,9 @@ def complete_keys(layout: Layout, index: Index) -> None:
     for drop in index.drops.values():
         if drop.key is None:
             frame = read_record(layout, drop.entry.segment, drop.entry.offset)
-            key = payload_data(frame.payload).get("key")
+            data = payload_data(frame.payload)
+            index.with_peaks(data.get("peaks")).append(drop.number)
+            key = data.get("key")
             if isinstance(key, str):
                 drop.key = key
                 index.keys[key] = drop.number

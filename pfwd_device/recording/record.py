@@ -11,6 +11,9 @@ from pfwd_device.drop import Drop
 from pfwd_device.errors import RecordingError
 from pfwd_device.text import LONGEST_TEXT, clean
 
+COPY_OF = "copy_of"
+"""Key of a drop's metadata: point and number of the drop of another point with the same samples."""
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rebound:
@@ -54,6 +57,15 @@ class DropRecord:
             counts = _read_only_counts(self.counts, f"drop {self.point}/{self.drop.number}")
             object.__setattr__(self, "counts", counts)
         object.__setattr__(self, "rebounds", tuple(self.rebounds))
+
+
+def copy_fault(metadata: Mapping[str, Any]) -> str | None:
+    """Return the sentence about the drop of another point with the same samples; None: no copy."""
+    copied = metadata.get(COPY_OF)
+    if not isinstance(copied, Mapping):
+        return None
+    number, point = copied.get("drop"), copied.get("point")
+    return f"its record is a copy of that of drop {number} of point {point}"
 
 
 def point_name(name: str) -> str:

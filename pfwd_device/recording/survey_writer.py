@@ -38,7 +38,7 @@ from pfwd_device.recording.publishing import (
     Publisher,
     PublishingThread,
 )
-from pfwd_device.recording.record import DropRecord, Rebound, point_name
+from pfwd_device.recording.record import COPY_OF, DropRecord, Rebound, point_name
 from pfwd_device.recording.record_log import RESERVE_BYTES, RecordLog, refused
 from pfwd_device.recording.recovery import RecoveryReport, begin, prepare, repair
 from pfwd_device.recording.spare import SpareFolder
@@ -309,6 +309,27 @@ class SurveyWriter:
             order = int(point["order"]) if point else len(self._index.points) + 1
             self._write(Kind.POINT, {"name": name, "order": order, "declared": plain})
             return name
+
+    def with_copy_mark(self, record: DropRecord) -> DropRecord:
+        """Return a drop, with `COPY_OF` in its metadata if a drop of another point has its samples.
+
+        Discarded drops, and drops with missing samples or without traces, are not compared.
+        """
+        metadata = {key: value for key, value in record.metadata.items() if key != COPY_OF}
+        with self._lock:
+            same_peaks = self._index.with_peaks(peaks_data(record.drop))
+            points = self.contents().points if same_peaks else ()
+        for point in points:
+            if point.name == record.point or point.discarded:
+                continue
+            for drop in point.drops:
+                if drop.number not in same_peaks or drop.discarded:
+                    continue
+                with contextlib.suppress(RecordingError):  # a damaged drop does not count
+                    if drop.read_traces().drop.has_samples_of(record.drop):
+                        place = {"point": point.name, "drop": drop.drop}
+                        return replace(record, metadata={**metadata, COPY_OF: place})
+        return replace(record, metadata=metadata)
 
     def save_drop(self, record: DropRecord) -> int:
         """Save a drop; return its survey-wide number when it is on the disk.

@@ -148,6 +148,7 @@ EXAMPLES = [
             "the model leaves 12 % of the peak, at most 10 % is allowed",
             "the record contradicts the peak that its file stores",
             "its record is a copy of that of drop 1",
+            "its record is a copy of that of drop 1 of point P 2",
             "the sampling rate was 5.1 % off the declared one",
             "modulus is on a bound of the search",
             "viscosity is on a bound of the search",

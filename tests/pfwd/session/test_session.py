@@ -355,6 +355,19 @@ def test_drops_at_a_wrong_sampling_rate_get_no_verdict_now_and_later(log: Log, w
         assert all(drop.facts.record_fault for drop in point.drops)  # that before the report too
 
 
+def test_a_copy_of_a_drop_of_another_point_is_reported_at_once(log: Log, writer: Any) -> None:
+    for number, point in ((7, "A"), (8, "A"), (9, "B")):
+        feed = ScriptedFeed(connected(), began(number), pieces(ONE_DROP, number))
+        run(feed, log, writer, point=point)
+    fault = "its record is a copy of that of drop 1 of point A"
+    (notice,) = (notice for notice in log.of(Notice) if notice.serious)
+    assert notice.text.startswith(f"drop B/1: {fault}; its point gets no verdict with it")
+    faults = [event.saved.view.facts.record_fault for event in log.of(DropSaved)]
+    assert faults == [None, None, fault]
+    copied = {"point": "A", "drop": 1}
+    assert [drop.metadata.get("copy_of") for drop in recorded(writer)] == [None, None, copied]
+
+
 def test_a_saturated_drop_does_not_count_as_measured(log: Log, writer: Any) -> None:
     counts = stream(6.0, [(1.0, 4500.0), (4.0, 4000.0)])
     counts = np.clip(counts, -(2**15), 2**15 - 1)  # the velocity has 35,300 counts, then 31,400

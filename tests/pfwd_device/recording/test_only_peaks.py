@@ -1,6 +1,7 @@
 """Drops without time histories: kept as what they are, and refused by earlier programs."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -51,6 +52,12 @@ def test_peaks_that_are_none_are_refused() -> None:
         Drop(1, two, two, (), Peaks(1.0, ()))
     with pytest.raises(ValueError, match="at least 2 samples"):
         Drop(1, none, none, ())
+
+
+def test_equal_peaks_at_another_point_are_no_copy(tmp_path: Path) -> None:
+    with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
+        writer.save_drop(record())
+        assert "copy_of" not in writer.with_copy_mark(replace(record(), point="km 2")).metadata
 
 
 def test_record_and_file_give_it_back() -> None:
