@@ -144,7 +144,7 @@ class PulseReport:
     """Number of the stream."""
     trigger: int
     """Index of its first sample above the threshold, within the stream; for a pulse that is not
-    recorded, the first index of the part of the stream that contains it."""
+    recorded, above the fraction `DetectionSettings.hysteresis` of it."""
     peak: int
     """Peak, counts above the load before it."""
     reason: PulseReason

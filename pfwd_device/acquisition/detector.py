@@ -149,7 +149,8 @@ class Detector:
         self._rest = at_rest
         self._frozen = at_rest is not None
         self._early: list[tuple[float, float]] = []
-        self._watch, self._shunt_watch = PulseWatch(self._confirm), PulseWatch(self._confirm)
+        watches = (PulseWatch(self._confirm, self.settings.hysteresis) for _ in range(2))
+        self._watch, self._shunt_watch = watches
         self._watched_from = first
         """Index of the first sample after the last record."""
         self._holes: deque[tuple[int, int]] = deque()
@@ -243,7 +244,10 @@ class Detector:
             assert self._last is not None
             peak = self._peak(trigger, self._rebound_after)
             if self._is_bounce(trigger, peak, self._last):
-                items.append(self._report(trigger.index, peak, PulseReason.CUT_OFF))
+                items += self._watch_bounce(trigger, self._window.end, PulseReason.CUT_OFF)
+                # Half a pulse may end just above the threshold.
+                least = self.settings.hysteresis * trigger.threshold
+                items += self._report_unrecorded(self._watch.finish(least, continues=False))
                 trigger = None
             else:
                 self._last = None
@@ -337,12 +341,13 @@ class Detector:
             if self._is_bounce(trigger, peak, self._last):
                 if self._last.recorded:
                     yield self._rebound(trigger, peak, self._last)
-                else:
-                    self._last.pulse, self._last.peak = trigger.index, peak
-                    trigger.reason = PulseReason.BOUNCE_OF_SHUNTED
-                if trigger.reason is not None:
-                    yield self._report(trigger.index, peak, trigger.reason)
+                    if trigger.reason is not None:
+                        yield self._report(trigger.index, peak, trigger.reason)
                 yield from self._stop_recording(trigger, self._rebound_after)
+                if not self._last.recorded:
+                    self._last.pulse, self._last.peak = trigger.index, peak
+                    reason = PulseReason.BOUNCE_OF_SHUNTED
+                    yield from self._watch_bounce(trigger, self._watched_from, reason)
                 return
             # Too large for a bounce, so it is a drop.
             trigger.may_bounce = False
@@ -447,20 +452,29 @@ class Detector:
         if self._open is not None:
             missing[max(0, self._open.index - start) :] = True
         load = self._sign * counts[~missing, self._load].astype(float)
+        indices = (start + np.flatnonzero(~missing)).tolist()
         threshold = self._watch_threshold
-        yield from self._report_unrecorded(
-            self._watch.add(range(max(start, self._watched_from), end), load, reason, threshold)
-        )
+        yield from self._report_unrecorded(self._watch.add(indices, load, reason, threshold))
         if self._open is not None:
             yield from self._report_unrecorded(self._watch.finish(threshold, continues=True))
 
+    def _watch_bounce(
+        self, trigger: _Trigger, end: int, reason: PulseReason
+    ) -> Iterator[DetectedItem]:
+        """Watch the samples of a bounce that is not recorded; further pulses may be in them."""
+        self._open, self._watched_from = None, trigger.index
+        self._watch.begin(self._sign * trigger.at_rest.load)
+        yield from self._watch_unrecorded(trigger.index, end, reason)
+        self._watched_from = end
+
     def _watch_shunted(self, start: int, end: int) -> Iterator[DetectedItem]:
         """Yield reports of the pulses in samples with the calibration shunt on."""
-        load = self._sign * self._window.shunted(start, end)[:, self._load].astype(float)
-        watch, group, threshold = self._shunt_watch, range(start, end), self._watch_threshold
+        indices, counts = self._window.shunted(start, end)
+        load = self._sign * counts[:, self._load].astype(float)
+        watch, threshold = self._shunt_watch, self._watch_threshold
         pulses = watch.finish(threshold, continues=True)
-        if load.size:
-            pulses = watch.add(group, load, PulseReason.SHUNT_ON, threshold)
+        if indices:
+            pulses = watch.add(indices, load, PulseReason.SHUNT_ON, threshold)
         yield from self._report_unrecorded(pulses)
 
     def _end_watch(self) -> Iterator[DetectedItem]:
@@ -476,15 +490,15 @@ class Detector:
         The lowest of some hundred samples, with which a pulse is compared, lies below their level
         by more than twice the noise.
         """
-        noise = float(np.median([noise for _, noise in self._early] or [0.0]))
-        rest = self._rest or AtRest(0.0, noise)
+        early = [noise for _, noise in self._early] or [0.0]
+        rest = self._rest or AtRest(0.0, float(np.median(early)))
         return self._threshold(rest) + 2.0 * rest.noise
 
     def _report_unrecorded(self, pulses: Iterator[UnrecordedPulse]) -> Iterator[DetectedItem]:
         for pulse in pulses:
             if pulse.reason is PulseReason.SHUNT_ON:
                 yield from self._expect_bounces(pulse)
-            else:
+            elif pulse.reason is not PulseReason.BOUNCE_OF_SHUNTED:
                 # It is treated like missing samples: a following pulse may be its bounce.
                 self._holes.append((pulse.start, max(pulse.end, pulse.start + self._hides_pulse)))
             yield self._report(pulse.start, pulse.peak, pulse.reason)

@@ -2,7 +2,8 @@
 
 A pulse is a load that rises and falls again within `REACH_QUANTA` groups of samples. It is measured
 from the load around it, not from the load at rest. So a load that drifts, a person who steps onto
-the plate and the calibration shunt are no pulses, and hide none.
+the plate and the calibration shunt are no pulses, and hide none. It ends where it is lower than a
+fraction of the threshold.
 """
 
 import math
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfwd_device.acquisition.detection import PulseReason
+from pfwd_device.acquisition.window import runs
 
 REACH_QUANTA = 5
 """Number of groups of 10 ms before and after a group in which the load around a pulse is looked
@@ -23,19 +25,22 @@ class UnrecordedPulse(NamedTuple):
     """Pulse that no record contains."""
 
     start: int
-    """Index of the first group of samples that contains it."""
+    """Index of its first sample in the stream."""
     end: int
-    """Index after the last group."""
+    """Index after its last sample."""
     peak: float
     """Peak above the load around it, counts."""
     reason: PulseReason
 
 
 class _Group(NamedTuple):
-    start: int
-    end: int
+    indices: list[int]
+    lower: NDArray[np.float64]
+    """Load that the samples up to each index do not fall below for the time of confirmation."""
+    upper: NDArray[np.float64]
+    """Load that they do not exceed."""
     low: float
-    high: float
+    """Smallest value of `upper`, counts."""
     reason: PulseReason
 
 
@@ -46,10 +51,13 @@ class PulseWatch:
     ----------
     confirm : int
         Number of successive samples for which the load has to stay up; spikes are shorter.
+    hysteresis : float
+        Fraction of the threshold below which a pulse has ended, so that the next one can begin.
     """
 
-    def __init__(self, confirm: int) -> None:
+    def __init__(self, confirm: int, hysteresis: float) -> None:
         self._confirm = confirm
+        self._hysteresis = hysteresis
         self.begin()
 
     def begin(self, level: float = math.inf) -> None:
@@ -67,16 +75,16 @@ class PulseWatch:
         self._pulse: UnrecordedPulse | None = None
 
     def add(
-        self, group: range, load: NDArray[np.float64], reason: PulseReason, threshold: float
+        self, indices: list[int], load: NDArray[np.float64], reason: PulseReason, threshold: float
     ) -> Iterator[UnrecordedPulse]:
         """Add a group of samples; yield the pulses that are over.
 
         Parameters
         ----------
-        group : range
-            Indices of the group in the stream.
+        indices : (n,) list of int
+            Indices of its samples in the stream; missing samples are left out.
         load : (n,) ndarray of float, counts
-            Those of its samples that are present, positive in the direction of a pulse.
+            Load, positive in the direction of a pulse.
         reason : PulseReason
             Reason why a pulse in it is not recorded.
         threshold : float, counts
@@ -84,18 +92,24 @@ class PulseWatch:
         """
         load = np.concatenate([self._tail, load])
         self._tail = load[max(0, len(load) - self._confirm + 1) :]
-        if len(load) < self._confirm:
+        n_confirmed = len(load) - self._confirm + 1
+        if n_confirmed < 1:
             return
         if not self._groups and math.isfinite(self._level):
-            level = min(self._level, float(load[0]))
-            self._groups.append(_Group(group.start, group.start, level, -math.inf, reason))
-        runs = np.lib.stride_tricks.sliding_window_view(load, self._confirm)
-        low, high = float(runs.max(axis=1).min()), float(runs.min(axis=1).max())
-        self._groups.append(_Group(group.start, group.stop, low, high, reason))
+            self._add_level(min(self._level, float(load[0])), reason)
+        rows = [load[first : first + n_confirmed] for first in range(self._confirm)]
+        lower, upper = np.minimum.reduce(rows), np.maximum.reduce(rows)
+        self._groups.append(
+            _Group(indices[-n_confirmed:], lower, upper, float(upper.min()), reason)
+        )
         if self._next + REACH_QUANTA < len(self._groups):
             yield from self._evaluate(threshold)
             del self._groups[: max(0, self._next - REACH_QUANTA)]
             self._next = min(self._next, REACH_QUANTA)
+
+    def _add_level(self, level: float, reason: PulseReason) -> None:
+        """Add a load before or after the samples, with which they are compared."""
+        self._groups.append(_Group([], np.zeros(0), np.zeros(0), level, reason))
 
     def finish(self, threshold: float, *, continues: bool) -> Iterator[UnrecordedPulse]:
         """Yield the remaining pulses.
@@ -108,24 +122,39 @@ class PulseWatch:
             True: further samples follow, which are not watched, so that a rise may not be over.
         """
         if self._groups:
-            last = self._groups[-1]
-            level = float(self._tail[-1]) if continues else math.inf
-            self._groups.append(_Group(last.end, last.end, level, -math.inf, last.reason))
+            if continues:
+                self._add_level(float(self._tail[-1]), self._groups[-1].reason)
             while self._next < len(self._groups):
                 yield from self._evaluate(threshold)
+            yield from self._end_pulse(threshold)
         self.begin()
 
     def _evaluate(self, threshold: float) -> Iterator[UnrecordedPulse]:
-        """Compare the next group with the groups around it."""
-        number, group, pulse = self._next, self._groups[self._next], self._pulse
+        """Compare the samples of the next group with the samples around them."""
+        number, group = self._next, self._groups[self._next]
         self._next += 1
         before = self._groups[max(0, number - REACH_QUANTA) : number]
         after = self._groups[number + 1 : number + 1 + REACH_QUANTA]
-        lows = [min((each.low for each in side), default=math.inf) for side in (before, after)]
-        peak = group.high - max((low for low in lows if math.isfinite(low)), default=group.high)
-        if peak > threshold:
-            first = pulse or UnrecordedPulse(group.start, group.end, peak, group.reason)
-            self._pulse = first._replace(end=group.end, peak=max(first.peak, peak))
-        elif pulse is not None:
-            self._pulse = None
+        base = np.full(group.upper.size, -math.inf if before or after else math.inf)
+        for side, step in ((before, 1), (after, -1)):
+            if side:
+                inside = np.minimum.accumulate(group.upper[::step])[::step]
+                base = np.maximum(base, np.minimum(inside, min(each.low for each in side)))
+        height = group.lower - base
+        ends = self._hysteresis * threshold
+        for first, length in runs(height > ends):
+            if first:
+                yield from self._end_pulse(threshold)
+            start = group.indices[first] - self._confirm + 1
+            last = group.indices[first + length - 1]
+            pulse = self._pulse or UnrecordedPulse(start, last, 0.0, group.reason)
+            peak = max(pulse.peak, float(height[first : first + length].max()))
+            self._pulse = pulse._replace(end=last + 1, peak=peak)
+        if not (height[-1:] > ends).any():
+            yield from self._end_pulse(threshold)
+
+    def _end_pulse(self, threshold: float) -> Iterator[UnrecordedPulse]:
+        """Yield the present pulse, if any, because the load has fallen again."""
+        pulse, self._pulse = self._pulse, None
+        if pulse is not None and pulse.peak > threshold:
             yield pulse

@@ -78,10 +78,11 @@ class Window:
             counts[missing] = 0
         return counts, missing
 
-    def shunted(self, first: int, last: int) -> NDArray[np.int32]:
-        """Return the samples with the shunt on from index `first` to before `last`."""
+    def shunted(self, first: int, last: int) -> tuple[list[int], NDArray[np.int32]]:
+        """Return indices and samples with the shunt on from index `first` to before `last`."""
         rows = slice(max(0, first - self.start), max(0, last - self.start))
-        return self._counts[rows][self._shunted[rows]]
+        positions = rows.start + np.flatnonzero(self._shunted[rows])
+        return (self.start + positions).tolist(), self._counts[positions]
 
 
 def runs(flags: NDArray[np.bool_]) -> tuple[tuple[int, int], ...]:

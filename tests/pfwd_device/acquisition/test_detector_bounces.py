@@ -208,8 +208,19 @@ def test_a_pulse_before_the_load_at_rest_is_known_is_reported():
     detections, _ = feed(stream_of(pulses_at((0.1, 8000.0)), 3.0))
     (report,) = detections
     assert report.reason is PulseReason.REST_UNKNOWN
-    assert report.trigger == 1000
+    assert report.trigger == pytest.approx(1002, abs=1)
     assert report.peak == pytest.approx(8000, abs=100)
+
+
+@pytest.mark.parametrize("apart", [0.018, 0.02, 0.028, 0.04])
+@pytest.mark.parametrize("peak", [450.0, 8000.0])
+def test_each_of_two_unrecorded_pulses_has_its_own_report(apart, peak):
+    for at in np.arange(0.05, 0.06, 0.0013):
+        detections, _ = feed(stream_of(pulses_at((at, 6000.0), (at + apart, peak)), 1.0))
+        starts = RATE * np.array([at, at + apart])
+        assert np.all(np.abs(triggers(detections, PulseReport) - starts - 25) <= 27)
+        peaks = [each.peak for each in detections]
+        assert peaks == pytest.approx([6000, peak], abs=30)
 
 
 def test_a_pulse_after_a_long_gap_is_reported():
@@ -318,6 +329,18 @@ def test_a_pulse_with_the_shunt_on_is_reported_and_its_bounce_is_no_drop(settlin
     assert {each.reason for each in bounces} <= {PulseReason.BOUNCE_OF_SHUNTED}
 
 
+@pytest.mark.parametrize("apart", [0.016, 0.02, 0.028])
+def test_each_of_two_bounces_that_are_not_recorded_has_its_own_report(apart):
+    counts = stream_of(pulses_at((1.0, 8000.0), (1.6, 500.0), (1.6 + apart, 500.0)), 3.0)
+    starts = pytest.approx([16_025, 16_025 + RATE * apart], abs=27)
+    detections = feed_shunted(counts, 10_000, 15_000)
+    assert triggers(detections, PulseReport)[1:] == starts
+    assert set(reasons(detections)[1:]) <= {
+        PulseReason.BOUNCE_OF_SHUNTED,
+        PulseReason.NOT_RELEASED,
+    }
+
+
 @pytest.mark.parametrize("settling", [1, 300, 500])
 def test_the_shunt_alone_is_no_pulse(settling):
     assert feed_shunted(stream_of([], 3.0), 10_000, 15_000, settling) == []
@@ -372,6 +395,13 @@ def test_a_bounce_that_is_cut_off_is_reported():
     (report,) = [each for each in detections if isinstance(each, PulseReport)]
     assert report.reason is PulseReason.CUT_OFF
     assert report.peak == pytest.approx(3000, abs=30)
+
+
+def test_each_of_two_bounces_that_are_cut_off_is_reported():
+    pulses = pulses_at((1.0, 8000.0), (1.6, 500.0), (1.616, 500.0))
+    detections, _ = feed(stream_of(pulses, 2.0)[:16_325])
+    assert reasons(detections) == [PulseReason.CUT_OFF] * 2
+    assert triggers(detections, PulseReport) == pytest.approx([16_025, 16_185], abs=27)
 
 
 def test_a_pulse_with_which_the_load_at_rest_is_known_is_a_drop():
