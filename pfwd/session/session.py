@@ -815,6 +815,11 @@ class Session:
 
     def _on_detected(self, detected: list[DetectedItem]) -> None:
         for item in detected:
+            assert self._identity is not None
+            if isinstance(item, RawRebound) and self._interrupted and self._recorded is None:
+                # The detection took a bounce after the interruption for the drop.
+                self._record_late(self._time_of(item.trigger), rebound_of(item, self._identity))
+                continue
             if self._armed is not None and not (isinstance(item, RawDrop) and item.by_operator):
                 self._on_streamed(item)
                 continue
@@ -822,7 +827,6 @@ class Session:
                 case RawDrop():
                     self._on_drop(item)
                 case RawRebound():
-                    assert self._identity is not None
                     rebound = rebound_of(item, self._identity)
                     self._pipeline.take_rebound(rebound, recorded=self._recorded is not None)
                 case ReboundsOver():
@@ -876,7 +880,8 @@ class Session:
         if source is None:
             number = self._pipeline.number_for(self._point)
             settings = self._detector.settings
-            metadata = metadata_of(raw, identity, settings, self._time_of(raw), self._state())
+            time_utc = self._time_of(raw.first + raw.trigger)
+            metadata = metadata_of(raw, identity, settings, time_utc, self._state())
         else:
             if self._redetected:
                 drop = f"drop {source.record.point}/{source.record.drop.number}"
@@ -928,7 +933,8 @@ class Session:
         bool
             True: it is a bounce, not a drop.
         """
-        now, before, interrupted = self._time_of(raw), self._fell, self._interrupted
+        now = self._time_of(raw.first + raw.trigger)
+        before, interrupted = self._fell, self._interrupted
         peak = float(np.nanmax(drop.load) - np.nanmedian(drop.load))
         self._interrupted = False
         if before is not None and interrupted and not raw.by_operator:
@@ -937,8 +943,7 @@ class Session:
             soon = delay < BOUNCES_END and point == self._point
             if soon and peak < BOUNCE_OVER_DROP * before[1]:
                 self._interrupted = True  # another bounce may follow
-                bounce = Rebound(max(delay, 0.0), peak, raw.first, raw.counts)
-                self._pipeline.take_late_rebound(point, number, bounce)
+                self._record_late(now, Rebound(delay, peak, raw.first, raw.counts))
                 text = (
                     f"the impact after the connection was restored is a bounce of drop "
                     f"{point}/{number} and is recorded with it"
@@ -948,12 +953,18 @@ class Session:
         self._fell = now, peak, (self._point, drop.number)
         return False
 
-    def _time_of(self, raw: RawDrop) -> datetime.datetime:
-        """Return the time of the trigger, from the arrival of the last samples."""
+    def _record_late(self, now: datetime.datetime, bounce: Rebound) -> None:
+        """Record a bounce with the drop that was detected before the connection was lost."""
+        assert self._fell is not None
+        delay = max((now - self._fell[0]).total_seconds(), 0.0)
+        self._pipeline.take_late_rebound(*self._fell[2], replace(bounce, delay=delay))
+
+    def _time_of(self, index: int) -> datetime.datetime:
+        """Return the time of a sample, from the arrival of the last samples."""
         last = self._last_samples
         if last is None or self._identity is None:
             return datetime.datetime.now(datetime.UTC)
-        later = last.first + len(last.counts) - (raw.first + raw.trigger)
+        later = last.first + len(last.counts) - index
         return last.time_utc - datetime.timedelta(seconds=later / self._identity.sampling_rate)
 
 
