@@ -231,10 +231,10 @@ class StreamedItem:
     rebounds: list[Rebound] = field(default_factory=list)
 
     def is_in(self, offer: DropOffer) -> bool:
-        """Return whether a record of the instrument contains the peak of the pulse."""
+        """Return whether a record of the instrument contains the pulse up to its peak."""
         peak = self.trigger + PULSE_RISE_S * offer.sampling_rate
-        same_run = self.stream == offer.stream
-        return same_run and 0 <= peak - offer.first_sample < offer.samples
+        end = offer.first_sample + offer.samples
+        return self.stream == offer.stream and offer.first_sample <= self.trigger and peak < end
 
 
 class StreamedDrops:

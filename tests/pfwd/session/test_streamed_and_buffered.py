@@ -165,6 +165,21 @@ def test_a_drop_at_the_end_of_the_instruments_record_is_recorded(log: Log, write
     assert by_instrument(log) == [True, False]
 
 
+@pytest.mark.parametrize("first", [10_060, 10_100])
+def test_a_drop_that_the_instruments_record_cuts_is_recorded_from_the_stream(
+    log: Log, writer: Any, first: int
+) -> None:
+    counts = stream(9.0, [(1.0, 8000.0), (1.028, 7000.0)])
+    items = [
+        *pieces(counts[:12_000]),
+        buffered(counts, first + 200),
+        pieces(counts[12_000:], 7, 12_000),
+    ]
+    run(ScriptedFeed(connected(), Armed(TRIGGER), began(), *items), log, writer)
+    starts = [each.metadata["detection"]["first_sample"] for each in recorded(writer)]
+    assert sorted(starts) == [pytest.approx(9800, abs=9), first]
+
+
 @pytest.mark.parametrize(
     ("answer", "text"),
     [
