@@ -82,12 +82,12 @@ def with_gaps(items: Sequence[FeedItem], gaps: Sequence[tuple[int, int]]) -> lis
                 continue
             if low > position:
                 part = item.counts[position - item.first : low - item.first]
-                result.append(Samples(item.stream, position, part, False, 0.0, NOW))
+                result.append(Samples(item.stream, position, part, False, 0.0, item.time_utc))
             result.append(Gap(item.stream, low, high - low))
             position = high
         if position < end:
             part = item.counts[position - item.first :]
-            result.append(Samples(item.stream, position, part, False, 0.0, NOW))
+            result.append(Samples(item.stream, position, part, False, 0.0, item.time_utc))
     return result
 
 

@@ -1,9 +1,12 @@
 """Whatever happens to load, samples and instrument: each pulse is recorded, or is reported.
 
-The number of cases is that of the environment's PFWD_PULSE_CASES, else 100.
+A pulse is recorded if a record contains the sample of its peak, and reported if a report names a
+sample of its rise. So no two pulses share a report. The number of cases is that of the
+environment's PFWD_PULSE_CASES, else 100.
 """
 
 import dataclasses
+import datetime
 import itertools
 import os
 from collections.abc import Callable, Iterator
@@ -18,8 +21,9 @@ from pfwd.session.buffered_drops import trigger_for
 from pfwd.session.events import Repeats
 from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
-from pfwd_device.acquisition.detection import DetectionSettings
+from pfwd_device.acquisition.detection import DetectionSettings, PulseReport
 from pfwd_device.acquisition.items import BufferedDrop, Samples, StreamBegan
+from pfwd_device.recording import Rebound
 from pfwd_device.wire.fields import unpack_int24
 from pfwd_device.wire.messages import Armed, SampleBlock
 from simulators.instrument.memory import DropBuffer, Ring
@@ -27,9 +31,10 @@ from tests.pfwd.scripted_feed import IDENTITY, NOW, RATE, Log, ScriptedFeed, con
 from tests.pfwd_device.acquisition.test_detector_bounces import PULSE, THRESHOLD, weights
 
 SHUNT_N = 5000
-CHUNK = 500
+MARGIN = 5
+"""Samples: confirmation of a pulse, and noise."""
+PART = 500
 SHAPE = np.sin(np.pi * np.arange(PULSE) / PULSE)
-counted = {"cases": 0, "pulses": 0, "recorded": 0, "reported": 0}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,7 +67,7 @@ def cases(draw: Any) -> Case:
     pulses = [(each.start / RATE, each.peak) for each in drops]
     for _ in range(draw(st.integers(0, 3))):
         at, peak = draw(st.sampled_from(pulses))
-        pulses.append((at + draw(st.floats(0.018, 0.13)), peak * draw(st.floats(0.1, 1.2))))
+        pulses.append((at + draw(st.floats(0.016, 0.13)), peak * draw(st.floats(0.1, 1.2))))
     when = st.floats(0.0, seconds)
     most = draw(st.sampled_from([0, 1, 2]))
     times = [st.floats(*bounds) for bounds in ((0.3, 3), (0.05, 0.5), (1e-4, 0.03), (0.05, 1))]
@@ -128,48 +133,63 @@ class Instrument:
         self.due = [each for each in self.due if each[0] >= 0]
 
 
-def indices_of(case: Case, counts: NDArray[np.int32], shunted: NDArray[np.bool_]) -> set[int]:
-    """Run a session; the indices that are recorded or, about a report, reported."""
-    covered: set[int] = set()
+def run_session(
+    case: Case, counts: NDArray[np.int32], shunted: NDArray[np.bool_]
+) -> tuple[set[int], set[int]]:
+    """Run a session; return the indices in records, and those of reports."""
+    recorded: set[int] = set()
+    reported: set[int] = set()
     streams: dict[int, int] = {}
     feed = ScriptedFeed(forever=True)
     session = Session(feed, Log(), SessionPlan(options=None))
     session._repeats = Repeats(iter(range(0, 10**9, 1000)).__next__)
 
-    def cover(first: int, length: int, stream: int | None = None, kind: str = "recorded") -> None:
-        for begin in [streams[stream]] if stream is not None else streams.values():
-            covered.update(range(begin + first, begin + first + length))
-        counted[kind] += 1
-
-    def on_drop(record: Any, *_: Any) -> None:
-        detection = record.metadata["detection"]
-        cover(detection["first_sample"], len(record.counts), detection["stream"])
-
-    def watch(owner: Any, name: str, note: Callable[..., None]) -> None:
+    def note(owner: Any, name: str, noted: Callable[..., None]) -> None:
         method = getattr(owner, name)
 
-        def noted(*values: Any, **more: Any) -> None:
-            note(*values)
+        def with_note(*values: Any, **more: Any) -> None:
+            noted(*values)
             method(*values, **more)
 
-        setattr(owner, name, noted)
+        setattr(owner, name, with_note)
 
-    def on_rebound(*values: Any) -> None:
-        cover(values[-1].first_sample, len(values[-1].counts))
+    def cover(stream: int | None, first: int, length: int) -> None:
+        assert stream is not None
+        recorded.update(range(streams[stream] + first, streams[stream] + first + length))
 
-    watch(session._pipeline, "take", on_drop)
-    watch(session._pipeline, "take_rebound", on_rebound)
-    watch(session._pipeline, "take_late_rebound", on_rebound)
-    # A bounce of a drop that the instrument sends; by the protocol it is not stored.
-    watch(session._streamed, "add_rebound", on_rebound)
-    # Unrecorded pulses within 40 ms may share a report.
-    watch(session, "_report_pulse", lambda p: cover(p.trigger - 200, 600, p.stream, "reported"))
+    def on_drop(record: Any, *_: Any) -> None:
+        nonlocal stream_of_drop
+        detection = record.metadata["detection"]
+        stream_of_drop = detection["stream"]
+        cover(stream_of_drop, detection["first_sample"], len(record.counts))
+
+    def on_rebound(rebound: Rebound) -> None:
+        if session._pipeline._last is not None:
+            cover(stream_of_drop, rebound.first_sample, len(rebound.counts))
+
+    def on_late_rebound(_point: str, _number: int, rebound: Rebound) -> None:
+        cover(session._stream, rebound.first_sample, len(rebound.counts))
+
+    def on_streamed_rebound(after: int, rebound: Rebound) -> None:
+        assert session._stream is not None
+        rebounds.append((session._stream, after, rebound.first_sample, len(rebound.counts)))
+
+    def on_report(report: PulseReport) -> None:
+        reported.add(streams[report.stream] + report.trigger)
+
+    stream_of_drop = 0
+    rebounds: list[tuple[int, int, int, int]] = []
+    note(session._pipeline, "take", on_drop)
+    note(session._pipeline, "take_rebound", on_rebound)
+    note(session._pipeline, "take_late_rebound", on_late_rebound)
+    note(session._streamed, "add_rebound", on_streamed_rebound)
+    note(session, "_report_pulse", on_report)
     instrument = Instrument(case)
     session._take(connected())
     if case.slots is not None:
         session._take(Armed(instrument.buffer.trigger))
     starts = sorted({0, *(round(at * RATE) for at in case.restarts)})
-    edges = {*starts, len(counts), *range(0, len(counts), CHUNK)}
+    edges = {*starts, len(counts), *range(0, len(counts), PART)}
     edges |= set(np.flatnonzero(np.diff(shunted)) + 1)
     gaps = [(round(at * RATE), round(length * RATE)) for at, length in case.gaps]
     ordered = sorted(edges)
@@ -180,7 +200,8 @@ def indices_of(case: Case, counts: NDArray[np.int32], shunted: NDArray[np.bool_]
             streams[number] = begin
             instrument.begin()
             session._take(StreamBegan(number))
-        part = Samples(number, low - begin, counts[low:high], bool(shunted[low]), 0.0, NOW)
+        now = NOW + datetime.timedelta(seconds=high / RATE)
+        part = Samples(number, low - begin, counts[low:high], bool(shunted[low]), 0.0, now)
         inside = [(start - begin, length) for start, length in gaps]
         for item in [part] if part.shunt else with_gaps([part], inside):
             session._take(item)
@@ -188,21 +209,30 @@ def indices_of(case: Case, counts: NDArray[np.int32], shunted: NDArray[np.bool_]
             for drop in instrument.take(part):
                 session._take(drop)
     session._save_the_rest(lambda: True)
-    return covered
+    # By the protocol the bounces of a drop that the instrument sends are not recorded.
+    for stream, after, first, length in rebounds:
+        if streams[stream] + after in recorded:
+            cover(stream, first, length)
+    return recorded, reported
 
 
 def is_visible(case: Case, at: float, peak: float, load: NDArray[np.float64]) -> bool:
-    """Whether a pulse rises above the threshold, and nothing hides its rise or fall."""
+    """Whether a pulse rises above the threshold, and no sample of it is hidden.
+
+    On a load that changes, the load after or before the pulse is nearer to its peak by the change
+    in half a pulse, 7.5 ms. Two pulses are apart if the load is at its base for 1 ms.
+    """
     near = np.gradient(load[max(0, round((at - 0.06) * RATE)) : round((at + 0.075) * RATE)])
     steepest = float(np.abs(near[np.abs(near) < SHUNT_N / 2]).max(initial=0.0)) * RATE
     edges = [edge for start, length, _ in case.shunts for edge in (start, start + length)]
-    hidden = [*case.restarts, *edges, *(each for gap in case.gaps for each in (gap[0], sum(gap)))]
+    hidden = [(each, each) for each in (*case.restarts, *edges)]
+    hidden += [(start, start + length) for start, length in case.gaps]
     others = [other for other, _ in case.pulses if other != at]
     return (
-        peak > THRESHOLD + 30 + 0.02 * steepest
-        and not any(at - 0.01 < each < at + 0.025 for each in hidden)
-        and not any(abs(other - at) < 0.018 for other in others)
-        and at + 0.02 < case.seconds
+        peak > THRESHOLD + 30 + 0.008 * steepest
+        and not any(end > at - 0.0005 and start < at + 0.0155 for start, end in hidden)
+        and not any(abs(other - at) < 0.016 for other in others)
+        and at + 0.0155 < case.seconds
     )
 
 
@@ -221,11 +251,9 @@ def test_each_pulse_is_recorded_or_reported(case: Case) -> None:
         part += (peak * SHAPE)[: part.size]
     counts = np.zeros((load.size, 2), np.int32)
     counts[:, 0] = np.rint(total)
-    covered = indices_of(case, counts, shunted)
-    counted["cases"] += 1
+    recorded, reported = run_session(case, counts, shunted)
     for at, peak in case.pulses:
         if is_visible(case, at, peak, load):
-            counted["pulses"] += 1
-            # Samples above 0.9 of its peak
-            top = round(at * RATE) + np.flatnonzero(SHAPE > 0.9)
-            assert covered & set(top.tolist()), (at, peak)
+            start = round(at * RATE)
+            rise = set(range(start - MARGIN, start + PULSE // 2 + MARGIN))
+            assert start + PULSE // 2 in recorded or reported & rise, (at, peak)
