@@ -371,16 +371,17 @@ class Detector:
         load = counts[~missing, self._load] - trigger.at_rest.load
         yield from self._end_watch()
         if load.size:
-            top = int(np.abs(load).argmax())
             # A load cell of the wrong polarity: a load that is taken off falls as well, but stays.
             high, middle, low = np.percentile(self._polarity * load, (100, 50, 0))
             middle = min(middle, 0.0)  # and one that is put on does not fall below that at rest
             is_reversed = middle - low > MIN_REVERSED_LOAD * (high - middle)
             self._sign = -self._polarity if is_reversed else self._polarity
-            # A pulse that begins within the record rises from the load before it.
-            since = max(top, load.size - REACH_QUANTA * self._quantum)
-            lowest = float((self._sign * load[since:]).min())
-            self._watch.begin(self._sign * trigger.at_rest.load + lowest)
+            # A pulse that begins within the record rises from the load after the pulse before it.
+            load = self._sign * load
+            fall = np.maximum.accumulate(load) - load
+            ended = int((fall > self.settings.hysteresis * trigger.threshold).argmax())
+            since = max(ended or int(load.argmax()), load.size - REACH_QUANTA * self._quantum)
+            self._watch.begin(self._sign * trigger.at_rest.load + float(load[since:].min()))
 
     def _classify_by_time(self, trigger: _Trigger | None) -> Iterator[DetectedItem]:
         """Decide from the time of a new pulse whether it may be a bounce of the last drop.

@@ -90,10 +90,10 @@ def pulses_at(*times_and_peaks):
 
 
 @st.composite
-def weights(draw):
+def weights(draw, drops=(2, 5)):
     """Pulses of drops from varying heights, with the flights that their bounces take."""
     pulses, start = [], draw(st.floats(0.5, 1.0))
-    for _ in range(draw(st.integers(2, 5))):
+    for _ in range(draw(st.integers(*drops))):
         interval = draw(st.floats(1.2, 2.5))
         peak = FULL_PEAK * draw(st.floats(0.5, 1.0))
         pulses.append(Pulse(round(start * RATE), peak, True))
@@ -289,6 +289,15 @@ def test_a_second_pulse_over_the_end_of_a_record_is_reported(after, peak):
     assert len(triggers(detections, RawDrop)) == 1
     assert set(reasons(detections)) <= {PulseReason.NOT_RELEASED, PulseReason.SAME_RECORD}
     assert reasons(detections) or triggers(detections, RawRebound)
+
+
+@pytest.mark.parametrize("after", [0.0282, 0.0285])
+@pytest.mark.parametrize("peak", [650.0, 6000.0])
+def test_a_second_pulse_over_the_end_of_the_record_of_a_bounce_is_reported(after, peak):
+    pulses = pulses_at((1.0, 20_000.0), (1.5, 450.0), (1.5 + after, peak))
+    detections, _ = feed(stream_of(pulses, 4.0))
+    assert triggers(detections, RawRebound) == pytest.approx([15_050], abs=10)
+    assert triggers(detections, PulseReport) == pytest.approx([15_351], abs=5)
 
 
 def test_a_missing_part_of_a_pulse_is_no_second_pulse():
