@@ -219,8 +219,7 @@ def test_each_of_two_unrecorded_pulses_has_its_own_report(apart, peak):
         detections, _ = feed(stream_of(pulses_at((at, 6000.0), (at + apart, peak)), 1.0))
         starts = RATE * np.array([at, at + apart])
         assert np.all(np.abs(triggers(detections, PulseReport) - starts - 25) <= 27)
-        peaks = [each.peak for each in detections]
-        assert peaks == pytest.approx([6000, peak], abs=30)
+        assert [each.peak for each in detections] == pytest.approx([6000, peak], abs=30)
 
 
 def test_a_pulse_after_a_long_gap_is_reported():
