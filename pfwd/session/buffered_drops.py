@@ -223,6 +223,8 @@ class StreamedItem:
     stream: int
     trigger: int
     """Index of its trigger in the stream."""
+    last: int
+    """Index of the last sample of the drop above the threshold; of a report, its trigger."""
     due: float
     """Time from which it no longer waits, samples."""
     content: DropRecord | PulseReport
@@ -231,10 +233,11 @@ class StreamedItem:
     rebounds: list[Rebound] = field(default_factory=list)
 
     def is_in(self, offer: DropOffer) -> bool:
-        """Return whether a record of the instrument contains the pulse up to its peak."""
-        peak = self.trigger + PULSE_RISE_S * offer.sampling_rate
-        end = offer.first_sample + offer.samples
-        return self.stream == offer.stream and offer.first_sample <= self.trigger and peak < end
+        """Return whether a record of the instrument contains the peaks of all its pulses."""
+        rise = PULSE_RISE_S * offer.sampling_rate
+        last = max(self.trigger + rise, self.last - rise) - offer.first_sample
+        is_in_time = offer.first_sample <= self.trigger and last < offer.samples
+        return self.stream == offer.stream and is_in_time
 
 
 class StreamedDrops:

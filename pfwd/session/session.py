@@ -80,7 +80,7 @@ from pfwd_device.acquisition.items import (
     StreamBegan,
     UnusableDrop,
 )
-from pfwd_device.calibration import calibrate, calibration_warnings, sensor_channels
+from pfwd_device.calibration import calibrate, calibration_warnings, load_channel, sensor_channels
 from pfwd_device.drop import Drop
 from pfwd_device.errors import RecordingError, SetupError
 from pfwd_device.identity import Identity
@@ -844,7 +844,7 @@ class Session:
             case RawRebound():
                 self._streamed.add_rebound(item.after, rebound_of(item, self._identity))
             case PulseReport():
-                self._streamed.add(StreamedItem(item.stream, item.trigger, due, item))
+                self._streamed.add(StreamedItem(item.stream, item.trigger, item.trigger, due, item))
 
     def _record_streamed(self, sampled: float) -> None:
         """Record the drops in the stream that the instrument has not sent; see `StreamedDrops`."""
@@ -902,7 +902,9 @@ class Session:
             return
         metadata["marks"].append(NOT_BUFFERED)
         trigger = raw.first + raw.trigger
-        self._streamed.add(StreamedItem(raw.stream, trigger, due, record, received))
+        away = np.abs(raw.counts[:, load_channel(identity)] - raw.at_rest.load) > raw.threshold
+        last = raw.first + int(np.flatnonzero(away & ~np.isnan(record.drop.load))[-1])
+        self._streamed.add(StreamedItem(raw.stream, trigger, last, due, record, received))
 
     def _state(self) -> dict[str, Any]:
         """Return the state of instrument, link and receiver to record with a drop."""

@@ -180,6 +180,16 @@ def test_a_drop_that_the_instruments_record_cuts_is_recorded_from_the_stream(
     assert sorted(starts) == [pytest.approx(9800, abs=9), first]
 
 
+def test_a_drop_with_a_pulse_after_the_instruments_record_is_recorded_from_the_stream(
+    log: Log, writer: Any
+) -> None:
+    counts = stream(9.0, [(0.154, 4000.0), (0.242, 3900.0), (0.3056, 1900.0)])
+    items = [*pieces(counts[:6000]), buffered(counts, 1543)]
+    run(ScriptedFeed(connected(), Armed(TRIGGER), began(), *items), log, writer)
+    starts = [each.metadata["detection"]["first_sample"] for each in recorded(writer)]
+    assert sorted(starts) == [1343, pytest.approx(2224, abs=5)]
+
+
 @pytest.mark.parametrize(
     ("answer", "text"),
     [
