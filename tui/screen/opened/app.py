@@ -179,7 +179,9 @@ class OpenApp(App[int]):
     def compose(self) -> ComposeResult:
         """Yield the head, the filter, the tabs, the message and the keys."""
         yield Label("", id="head", markup=False)
-        yield Input(placeholder="name, note, pass, fail, undecided, <40, >60", id="filter")
+        # Disabled until it is shown: else a key typed while the page begins goes into it.
+        hint = "name, note, pass, fail, undecided, <40, >60"
+        yield Input(placeholder=hint, id="filter", disabled=True)
         with TabbedContent(id="tabs"):
             with TabPane("Points", id="points"), Container(id="points-split"):
                 yield PlainTable(id="points-table", cursor_type="row", zebra_stripes=True)
@@ -397,6 +399,7 @@ class OpenApp(App[int]):
     def action_filter(self) -> None:
         """Show the field in which words filter the points while they are typed."""
         field = self.query_one("#filter", Input)
+        field.disabled = False
         field.add_class("shown")
         field.focus()
 
