@@ -105,8 +105,8 @@ class Identity:
     """Mass between load cell and ground, kg, >= 0."""
     centre_sensor: Literal["plate", "ground"] = "plate"
     """Base of the sensor at offset 0."""
-    protocol_version: int = 1
-    """Negotiated version of the protocol; the fields below are sent from version 2 on."""
+    protocol_version: int = 2
+    """Version of the protocol."""
     ring_samples: int = 0
     """Number of the latest samples that can be requested again; 0: no buffer."""
     drop_samples: int = 0

@@ -1,4 +1,4 @@
-/* The core of an instrument that speaks the PFWD protocol, versions 1 and 2 (docs/protocol.md).
+/* The core of an instrument that speaks the PFWD protocol, version 2 (docs/protocol.md).
  *
  * C99 without heap, operating system or floating-point arithmetic. A board gives the functions of
  * `pfwd_board` and memory for the samples, calls `pfwd_begin` once and `pfwd_poll` for ever, at
@@ -187,7 +187,7 @@ typedef struct {
     uint8_t *memory;
     uint32_t memory_size;
 
-    uint8_t version; /* agreed on; 0: nobody has said Hello yet */
+    bool greeted; /* false: nobody has said Hello yet */
     uint32_t rate;
     uint16_t counter;
 

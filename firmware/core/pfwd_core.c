@@ -1,8 +1,7 @@
 /* The conversation: what the host says, what is answered, and what is sent when. */
 #include "pfwd_internal.h"
 
-#define VERSION_OLDEST 1u
-#define VERSION_NEWEST 2u
+#define VERSION 2u
 #define STATUS_EVERY_US 400000u
 #define SHUNT_US 10000000u
 #define LONGEST_WAIT_US 50000u /* samples are not held back longer, however few they are */
@@ -140,15 +139,15 @@ static void take_hello(pfwd_instrument *self, const uint8_t *payload)
         return;
     }
     if (PFWD_PLANTED(13)) {
-        self->version = VERSION_NEWEST;
+        self->greeted = true;
         self->identity_due = true;
         return;
     }
-    if (newest < VERSION_OLDEST || oldest > VERSION_NEWEST || oldest > newest) {
-        refuse(self, PFWD_REFUSE_VERSION, "speaks 1 and 2");
+    if (newest < VERSION || oldest > VERSION) {
+        refuse(self, PFWD_REFUSE_VERSION, "speaks 2");
         return;
     }
-    self->version = newest < VERSION_NEWEST ? newest : VERSION_NEWEST;
+    self->greeted = true;
     self->identity_due = true;
     self->offer_due = true;
     self->offers = 0;
@@ -344,19 +343,17 @@ static void take_message(pfwd_instrument *self)
 {
     static const struct {
         uint8_t type;
-        uint8_t version;
         uint8_t size;
     } known[] = {
-        {PFWD_HELLO, 0, 6},  {PFWD_CONFIGURE, 1, 8}, {PFWD_START, 1, 0},
-        {PFWD_STOP, 1, 0},   {PFWD_SHUNT, 1, 1},     {PFWD_ARM, 2, 20},
-        {PFWD_FETCH, 2, 16}, {PFWD_ACKNOWLEDGE, 2, 12}, {PFWD_RESEND, 2, 16},
-        {PFWD_CALIBRATE, 2, 50},
+        {PFWD_HELLO, 6}, {PFWD_CONFIGURE, 8}, {PFWD_START, 0},        {PFWD_STOP, 0},
+        {PFWD_SHUNT, 1}, {PFWD_ARM, 20},      {PFWD_FETCH, 16},       {PFWD_ACKNOWLEDGE, 12},
+        {PFWD_RESEND, 16},                    {PFWD_CALIBRATE, 50},
     };
     const uint8_t type = self->in.kept[0];
     const uint8_t *payload = self->in.kept + 3;
     const uint32_t size = self->in.size - 7u;
     for (size_t i = 0; i < sizeof known / sizeof known[0]; i++) {
-        if (known[i].type == type && self->version >= known[i].version) {
+        if (known[i].type == type && (self->greeted || type == PFWD_HELLO)) {
             if (size < known[i].size) {
                 return; /* damaged: not answered at all */
             }
@@ -423,9 +420,8 @@ static void send_packet(pfwd_instrument *self, uint8_t type, uint32_t payload)
 static void send_identity(pfwd_instrument *self)
 {
     const pfwd_identity *what = self->identity;
-    const uint32_t kept = self->version >= 2 ? self->drop_samples : 0;
     uint8_t *at = self->packet + 3;
-    *at++ = self->version;
+    *at++ = VERSION;
     const uint8_t *serial = pfwd_calibration_serial(self);
     if (serial != NULL) {
         pfwd_copy_bytes(at, serial, 1u + serial[0]);
@@ -461,13 +457,11 @@ static void send_identity(pfwd_instrument *self)
         at = pfwd_put(at, channel->calibrated, 4);
         at = pfwd_put(at, channel->due, 4);
     }
-    if (self->version >= 2) {
-        at = pfwd_put(at, self->ring_samples, 4);
-        at = pfwd_put(at, kept, 4);
-        at = pfwd_put(at, self->slot_count, 2);
-        *at++ = (uint8_t)((self->lasting ? 1u : 0u) | (what->streams ? 2u : 0u) |
-                          (what->other_speed ? 4u : 0u));
-    }
+    at = pfwd_put(at, self->ring_samples, 4);
+    at = pfwd_put(at, self->drop_samples, 4);
+    at = pfwd_put(at, self->slot_count, 2);
+    *at++ = (uint8_t)((self->lasting ? 1u : 0u) | (what->streams ? 2u : 0u) |
+                      (what->other_speed ? 4u : 0u));
     send_packet(self, PFWD_IDENTITY, (uint32_t)(at - self->packet) - 3u);
 }
 
@@ -484,10 +478,8 @@ static void send_status(pfwd_instrument *self)
         at, health.temperature_known ? pfwd_milli_as_f32(health.temperature_mc) : unknown, 4);
     at = pfwd_put(at, self->overruns, 8);
     *at++ = self->sending ? 1 : 0;
-    if (self->version >= 2) {
-        at = pfwd_put(at, pfwd_drops_waiting(self), 2);
-        at = pfwd_put(at, self->drops_lost, 4);
-    }
+    at = pfwd_put(at, pfwd_drops_waiting(self), 2);
+    at = pfwd_put(at, self->drops_lost, 4);
     send_packet(self, PFWD_STATUS, (uint32_t)(at - self->packet) - 3u);
 }
 
@@ -652,7 +644,7 @@ static bool send_live(pfwd_instrument *self, uint64_t now)
 static bool say_next(pfwd_instrument *self, uint64_t now)
 {
     self->frame_size = self->frame_sent = 0;
-    if (self->version == 0) {
+    if (!self->greeted) {
         self->status_due = false;
         if (self->answers_count == 0) {
             return false;
@@ -679,7 +671,7 @@ static bool say_next(pfwd_instrument *self, uint64_t now)
         send_status(self);
         return true;
     }
-    if (self->offer_due && self->version >= 2) {
+    if (self->offer_due) {
         self->offer_due = false;
         const uint32_t slot = pfwd_drops_to_offer(self, self->offers);
         if (slot != PFWD_MOST_SLOTS && !self->fetching) {

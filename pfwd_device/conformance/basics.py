@@ -18,8 +18,9 @@ from pfwd_device.conformance.instrument_link import (
     require,
 )
 from pfwd_device.identity import Identity
-from pfwd_device.wire.binary import HELLO, HELLO_MAGIC, START, VERSION
+from pfwd_device.wire.binary import HELLO, HELLO_MAGIC, START
 from pfwd_device.wire.framing import encode_frame
+from pfwd_device.wire.identity_layout import VERSION
 from pfwd_device.wire.messages import (
     Acknowledge,
     Arm,
@@ -53,23 +54,18 @@ def greeting(link: InstrumentLink) -> str:
 
 
 def versions(link: InstrumentLink) -> str:
-    """Test that the newest common version of the protocol is chosen.
-
-    A host that supports only unknown versions must be refused.
-    """
-    agreed = link.request(Hello(1, 255), Identity).protocol_version
-    require(agreed >= 1, f"expected a version from 1 on, got {agreed}")
-    link.send(Hello(250, 255))
-    refusal = link.wait_for(Refusal, accept=lambda refusal: refusal.code == RefusalCode.VERSION)
-    if refusal is None:
-        raise Failed(
-            "expected Refusal (version) of Hello with versions 250 to 255, got "
-            f"{link.latest_kinds()}"
-        )
-    lowest = link.request(Hello(1, 1), Identity).protocol_version
-    require(lowest == 1, f"expected version 1 for a host that supports only 1, got {lowest}")
+    """Test that a host that supports only other versions of the protocol is refused."""
+    link.request(Hello(1, 255), Identity)
+    for oldest, newest in ((1, VERSION - 1), (250, 255)):
+        link.send(Hello(oldest, newest))
+        refusal = link.wait_for(Refusal, accept=lambda refusal: refusal.code == RefusalCode.VERSION)
+        if refusal is None:
+            raise Failed(
+                f"expected Refusal (version) of Hello with versions {oldest} to {newest}, got "
+                f"{link.latest_kinds()}"
+            )
     link.request(Hello(), Identity)
-    return f"up to version {agreed}"
+    return f"version {VERSION}"
 
 
 def same_identity(link: InstrumentLink) -> str:
@@ -156,7 +152,7 @@ def bytes_behind(link: InstrumentLink) -> str:
 
     Newer versions of the protocol append fields.
     """
-    link.send_frame(HELLO, HELLO_MAGIC + bytes([1, VERSION]) + b"said by a newer version")
+    link.send_frame(HELLO, HELLO_MAGIC + bytes([VERSION, VERSION]) + b"said by a newer version")
     if link.wait_for(Identity) is None:
         raise Failed(f"expected an Identity for a longer Hello, got {link.latest_kinds()}")
     return "ignored"

@@ -10,7 +10,7 @@ import math
 from dataclasses import replace
 
 from pfwd_device.conformance.instrument_link import Failed, InstrumentLink, NotSupported, require
-from pfwd_device.conformance.stored_drops import DISARMED, version_2
+from pfwd_device.conformance.stored_drops import DISARMED
 from pfwd_device.conformance.storing import calibration_of, send_calibration
 from pfwd_device.identity import Identity
 from pfwd_device.wire.messages import (
@@ -95,7 +95,7 @@ def not_while_busy(link: InstrumentLink) -> str:
 
 def _rest_and_calibration(link: InstrumentLink) -> tuple[Identity, Calibrate]:
     """Stop and disarm the instrument; return its identity and the calibration of channel 0."""
-    identity = version_2(link)
+    identity = link.request(Hello(), Identity)
     link.request(Stop(), Status, lambda status: not status.sampling)
     if identity.keeps_drops:
         link.request(Arm(DISARMED), Armed)

@@ -46,7 +46,7 @@ TITLES = {
     "P-22": "after commands in any order and state the instrument still answers",
     "P-23": "after the link is reopened the instrument answers, and its stream continues or a "
     "Status reports that it does not",
-    "P-24": "a Status of version 2 counts the stored drops",
+    "P-24": "a Status counts the stored drops",
     "P-25": "Arm is answered by Armed with the settings in force, and invalid settings are refused "
     "(argument)",
     "P-26": "while the instrument is armed, Start and Stop do not begin a new stream",
@@ -61,7 +61,6 @@ TITLES = {
     "P-34": "Resend returns the same samples with the same indices",
     "P-35": "a Resend of samples that are no longer, or not yet, in the ring is answered by Gone",
     "P-36": "the ring is as long as the Identity reports",
-    "P-37": "a host of version 1 receives only messages of version 1",
     "P-38": "stored drops survive a reset if the Identity reports so",
     "P-39": "a drop during a lost link, or with the shunt on, is stored",
     "P-40": "Calibrate is answered by an Identity with the calibration, and invalid values are "
@@ -181,7 +180,6 @@ def _checks(wait: float, announce: Callable[[str], None]) -> list[tuple[str, Che
         ("P-34", streaming.resends),
         ("P-35", streaming.reports_missing),
         ("P-36", streaming.ring_length),
-        ("P-37", stored_drops.host_of_version_1),
         ("P-40", calibrating.stores),
         ("P-41", calibrating.not_while_busy),
         ("P-1", frames_valid),

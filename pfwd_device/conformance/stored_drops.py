@@ -18,7 +18,6 @@ from pfwd_device.conformance.instrument_link import (
     Failed,
     InstrumentLink,
     NotSupported,
-    blocks,
     require,
 )
 from pfwd_device.errors import SetupError
@@ -47,19 +46,8 @@ PRE_TRIGGER_S, POST_TRIGGER_S, HOLD_OFF_S = 0.02, 0.1, 1.5
 DISARMED = Trigger(False, 0, 1, 1, 0, 1, 0)
 
 
-def version_2(link: InstrumentLink) -> Identity:
-    """Return the identity of an instrument with version 2 of the protocol.
-
-    Raise `NotSupported` for an instrument with version 1.
-    """
-    identity = link.request(Hello(), Identity)
-    if identity.protocol_version < 2:
-        raise NotSupported("the instrument has version 1 of the protocol")
-    return identity
-
-
 def _storing_identity(link: InstrumentLink) -> Identity:
-    identity = version_2(link)
+    identity = link.request(Hello(), Identity)
     if not identity.keeps_drops:
         raise NotSupported("the instrument stores no drops")
     return identity
@@ -90,13 +78,9 @@ def trigger_of(identity: Identity) -> Trigger:
 
 
 def waiting(link: InstrumentLink) -> str:
-    """Test that a `Status` of version 2 contains the number of stored drops."""
-    version_2(link)
+    """Test that a `Status` contains the number of stored drops."""
+    link.request(Hello(), Identity)
     status = link.request(Stop(), Status)
-    require(
-        status.drops_waiting is not None,
-        "expected a Status of version 2 with the number of stored drops, got one of version 1",
-    )
     return f"{status.drops_waiting} drops stored"
 
 
@@ -345,27 +329,3 @@ class BufferedDropCheck:
             )
             received_blocks[block.number] = block.data
         return received_blocks
-
-
-def host_of_version_1(link: InstrumentLink) -> str:
-    """Test that a host with version 1 of the protocol receives only messages of version 1."""
-    version_2(link)
-    old = link.request(Hello(1, 1), Identity, lambda identity: identity.protocol_version == 1)
-    since = len(link.received)
-    link.send(Arm(DISARMED))
-    refusal = link.wait_for(Refusal)
-    received = link.receive(1.0)
-    link.request(Hello(), Identity)
-    require(
-        refusal is not None and refusal.code == RefusalCode.UNKNOWN,
-        "expected Refusal (unknown) of Arm in version 1, got another response or none",
-    )
-    newer = [
-        type(each.message).__name__
-        for each in link.received[since : since + len(received)]
-        if isinstance(each.message, DropOffer | Armed)
-        or (isinstance(each.message, Status) and each.message.drops_waiting is not None)
-    ]
-    require(not newer, f"expected nothing of version 2, got {', '.join(dict.fromkeys(newer))}")
-    require(not blocks(received) or old.streams, "expected no samples, got some")
-    return "nothing of version 2"

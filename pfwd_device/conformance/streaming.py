@@ -238,7 +238,7 @@ def undisturbed(link: InstrumentLink) -> str:
 
 def _ring(link: InstrumentLink) -> Identity:
     identity = _streaming(link)
-    if identity.protocol_version < 2 or identity.ring_samples == 0:
+    if identity.ring_samples == 0:
         raise NotSupported("the instrument has no ring, from which samples can be requested again")
     return identity
 

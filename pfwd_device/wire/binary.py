@@ -1,4 +1,4 @@
-"""Encoding of the messages of the binary protocol, versions 1 and 2, as bytes of packets.
+"""Encoding of the messages of the binary protocol as bytes of packets.
 
 docs/protocol.md has the byte tables.
 """
@@ -51,7 +51,6 @@ from pfwd_device.wire.messages import (
     Trigger,
 )
 
-OLDEST_VERSION, VERSION = 1, 2
 HELLO_MAGIC = b"PFWD"
 NO_CLOCK = 2**64 - 1
 MAX_SAMPLE_INDEX = 2**63 - 1
@@ -70,9 +69,7 @@ ARMED, OFFER, BLOCK, RELEASED, GONE = 0x86, 0x87, 0x88, 0x89, 0x8A
 _HELLO = struct.Struct("<4sBB")
 _RATE = struct.Struct("<d")
 _SAMPLES = struct.Struct("<IQQBBH")
-_STATUS = struct.Struct("<QffQB")
-_DROPS = struct.Struct("<HI")
-"""Additional fields of `Status` in version 2: waiting drops, lost drops."""
+_STATUS = struct.Struct("<QffQBHI")
 _TRIGGER = struct.Struct("<BBIHIII")
 _FETCH = struct.Struct("<IQHH")
 _DROP_NAME = struct.Struct("<IQ")
@@ -123,10 +120,10 @@ def _pack(message: Message) -> tuple[int, bytes]:
                 encode_optional(message.temperature_c),
             )
             flags = _SAMPLING if message.sampling else 0
-            payload = _STATUS.pack(message.clock_us, battery, temperature, message.overruns, flags)
-            if message.drops_waiting is not None:
-                payload += _DROPS.pack(message.drops_waiting, message.drops_lost or 0)
-            return STATUS, payload
+            drops = message.drops_waiting or 0, message.drops_lost or 0
+            return STATUS, _STATUS.pack(
+                message.clock_us, battery, temperature, message.overruns, flags, *drops
+            )
         case Event():
             return EVENT, _EVENT.pack(message.kind, message.clock_us) + text(message.text)
         case Refusal():
@@ -143,24 +140,6 @@ def _pack(message: Message) -> tuple[int, bytes]:
             return STOP, b""
         case Shunt():
             return SHUNT, BYTE.pack(message.on)
-        case _:
-            return _pack_version_2(message)
-
-
-def _pack_version_2(
-    message: Arm
-    | Fetch
-    | Acknowledge
-    | Resend
-    | Calibrate
-    | Armed
-    | DropOffer
-    | DropBlock
-    | Released
-    | SamplesGone,
-) -> tuple[int, bytes]:
-    """Return type and payload of a message that exists from version 2 on."""
-    match message:
         case Arm():
             return ARM, _pack_trigger(message.trigger)
         case Armed():
@@ -255,11 +234,9 @@ def _read_samples(payload: bytes) -> SampleBlock:
 
 def _read_status(payload: bytes) -> Status:
     reader = Reader(payload)
-    clock, battery, temperature, overruns, flags = reader.fields(_STATUS)
+    clock, battery, temperature, overruns, flags, *drops = reader.fields(_STATUS)
     sampling = bool(flags & _SAMPLING)
     battery, temperature = decode_reading(battery), decode_reading(temperature)
-    rest = reader.rest()
-    drops = _DROPS.unpack_from(rest) if len(rest) >= _DROPS.size else (None, None)
     return Status(clock, battery, temperature, overruns, sampling, *drops)
 
 

@@ -18,13 +18,13 @@ from pfwd_device.wire.fields import (
     text,
 )
 
-BUFFERS_SINCE = 2
-"""First version of the protocol whose identity describes the buffers of the instrument."""
+VERSION = 2
+"""Version of the protocol."""
 
 _CONVERTER = struct.Struct("<dBdddBB")
 _CHANNEL = struct.Struct("<BddddddII")
 _BUFFERS = struct.Struct("<IIHB")
-"""Samples of the ring, samples of the longest drop, drop slots, flags; from version 2 on."""
+"""Samples of the ring, samples of the longest drop, drop slots, flags."""
 _LASTING, _STREAMS, _OTHER_SPEED = 1, 2, 4
 _ROLES = (Role.UNUSED, Role.LOAD, Role.GEOPHONE, Role.DISPLACEMENT)
 _SEATS = ("plate", "ground")
@@ -44,7 +44,7 @@ def pack_identity(identity: Identity) -> bytes:
     names = (identity.serial_number, identity.model, identity.firmware)
     channels = map(_pack_channel, identity.channels)
     version = BYTE.pack(identity.protocol_version)
-    buffers = _pack_buffers(identity) if identity.protocol_version >= BUFFERS_SINCE else b""
+    buffers = _pack_buffers(identity)
     return b"".join([version, *map(text, names), converter, *channels, buffers])
 
 
@@ -77,16 +77,16 @@ def read_identity(payload: bytes) -> Identity:
     struct.error
         If the payload is too short.
     SetupError
-        If a value is out of range.
+        If a value is out of range, or the version is another one.
     """
     reader = Reader(payload)
     (version,) = reader.fields(BYTE)
+    if version != VERSION:
+        raise SetupError(f"expected version {VERSION} of the protocol, got {version}")
     serial_number, model, firmware = (reader.text(LONGEST_NAME) for _ in range(3))
     rate, bits, volts, radius, mass, seat, count = reader.fields(_CONVERTER)
     channels = tuple(_read_channel(reader) for _ in range(count))
-    ring, longest, slots, flags = 0, 0, 0, _STREAMS
-    if version >= BUFFERS_SINCE:
-        ring, longest, slots, flags = reader.fields(_BUFFERS)
+    ring, longest, slots, flags = reader.fields(_BUFFERS)
     return Identity(
         serial_number=serial_number,
         model=model,

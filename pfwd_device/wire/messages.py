@@ -22,7 +22,7 @@ from pfwd_device.identity import Identity
 class Hello:
     """Request of the host for the identity of the instrument, with the versions it supports."""
 
-    oldest_version: int = 1
+    oldest_version: int = 2
     newest_version: int = 2
 
 
@@ -183,9 +183,9 @@ class Status:
     sampling: bool
     """True while samples are sent."""
     drops_waiting: int | None = None
-    """Number of stored drops that are not acknowledged; None in version 1."""
+    """Number of stored drops that are not acknowledged; None: not known."""
     drops_lost: int | None = None
-    """Number of drops for which there was no room since it was switched on; None in version 1."""
+    """Number of drops for which there was no room since it was switched on; None: not known."""
 
 
 class EventKind(IntEnum):

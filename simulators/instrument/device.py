@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from pfwd_device.errors import SetupError
 from pfwd_device.identity import FASTEST_SAMPLING, Identity
-from pfwd_device.wire.binary import MAX_SAMPLE_BYTES, OLDEST_VERSION, VERSION
-from pfwd_device.wire.identity_layout import BUFFERS_SINCE
+from pfwd_device.wire.binary import MAX_SAMPLE_BYTES
+from pfwd_device.wire.identity_layout import VERSION
 from pfwd_device.wire.messages import (
     Acknowledge,
     Arm,
@@ -126,7 +126,6 @@ class PortlessInstrument:
         self._stream: _Stream | None = None
         self._greeted = False
         self._sending = False
-        self._version = OLDEST_VERSION
         link = self.scenario.link
         longest = max(link.ring, 2 * link.kept_seconds if link.kept_drops else 0.0)
         self._has_ring = longest > 0
@@ -228,20 +227,17 @@ class PortlessInstrument:
                     self._send_end()
             case Shunt():
                 self._switch_shunt(message.on)
-            case Arm() | Fetch() | Acknowledge() | Resend() if self._version >= BUFFERS_SINCE:
+            case Arm() | Fetch() | Acknowledge() | Resend():
                 self._answer_buffer_request(message)
-            case Calibrate() if self._version >= BUFFERS_SINCE:
+            case Calibrate():
                 self._calibrate(message)
             case _:
                 self._refuse(RefusalCode.UNKNOWN, "unknown message")
 
     def _greet(self, hello: Hello) -> None:
-        newest = min(hello.newest_version, VERSION)
-        if newest < max(hello.oldest_version, OLDEST_VERSION):
-            reason = f"this instrument supports versions {OLDEST_VERSION} to {VERSION}"
-            self._refuse(RefusalCode.VERSION, reason)
+        if not hello.oldest_version <= VERSION <= hello.newest_version:
+            self._refuse(RefusalCode.VERSION, f"this instrument supports version {VERSION}")
             return
-        self._version = newest
         self._send(self._identity())
         self._drop_buffer.offer_oldest()
         self._offer()
@@ -249,12 +245,9 @@ class PortlessInstrument:
     def _identity(self) -> Identity:
         link, identity = self.scenario.link, self.scenario.device.identity(self._rate)
         calibrated = self._calibration.applied(identity)
-        real_time = self._overruns_on
-        identity = replace(calibrated, protocol_version=self._version, real_time=real_time)
-        if self._version < BUFFERS_SINCE:
-            return identity
         return replace(
-            identity,
+            calibrated,
+            real_time=self._overruns_on,
             ring_samples=round(link.ring * self._rate),
             drop_samples=round(link.kept_seconds * self._rate) if link.kept_drops else 0,
             drop_slots=link.kept_drops,
@@ -320,7 +313,7 @@ class PortlessInstrument:
 
     def _offer(self) -> None:
         """Send the announcement of a stored drop to the host, if there is one."""
-        if self._version >= BUFFERS_SINCE and (offer := self._drop_buffer.next_offer()) is not None:
+        if (offer := self._drop_buffer.next_offer()) is not None:
             self._send(offer)
 
     def _configure(self, requested_rate: float) -> None:
@@ -536,11 +529,9 @@ class PortlessInstrument:
         """Append a status message to `output`; call it at least every half second of real time."""
         device = self.scenario.device
         clock = self._clock_us(self.time)
-        status = Status(clock, device.battery, device.temperature, self._overruns, self._sending)
-        if self._version >= BUFFERS_SINCE:
-            buffer = self._drop_buffer
-            status = replace(status, drops_waiting=len(buffer.waiting), drops_lost=buffer.lost)
-        self._send(status)
+        drops = len(self._drop_buffer.waiting), self._drop_buffer.lost
+        health = device.battery, device.temperature
+        self._send(Status(clock, *health, self._overruns, self._sending, *drops))
         self._offer()
 
     def sent(self, count: int) -> None:

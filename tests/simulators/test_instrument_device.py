@@ -35,10 +35,10 @@ from tests.simulators.instrument_wire import (
 
 def test_hello_is_answered_by_the_identity() -> None:
     instrument = PortlessInstrument(load_scenario("default"))
-    (frame,) = frames(say(instrument, Hello(1, 1)))
+    (frame,) = frames(say(instrument, Hello()))
     assert frame.type == IDENTITY
-    assert len(frame.payload) == 193
-    assert frame.payload.startswith(b"\x01\x09PFWD-0042\x0eSimulated PFWD\x051.0.0")
+    assert len(frame.payload) == 204
+    assert frame.payload.startswith(b"\x02\x09PFWD-0042\x0eSimulated PFWD\x051.0.0")
     assert struct.unpack("<dBddd", frame.payload[32:65]) == (10e3, 18, 5.0, 0.15, 10.6)
 
 
@@ -48,17 +48,16 @@ def test_a_plate_that_is_not_declared_is_not_sent() -> None:
     assert np.all(np.isnan(struct.unpack("<dd", frame.payload[49:65])))
 
 
-def test_an_unknown_version_is_refused() -> None:
-    assert refusals(say(PortlessInstrument(load_scenario("default")), Hello(3, 9))) == [1]
+@pytest.mark.parametrize("versions", [(3, 9), (1, 1)])
+def test_another_version_is_refused(versions: tuple[int, int]) -> None:
+    assert refusals(say(PortlessInstrument(load_scenario("default")), Hello(*versions))) == [1]
 
 
-def test_the_newest_version_in_common_is_agreed_on() -> None:
-    for newest, agreed in ((1, 1), (2, 2), (9, 2)):
-        instrument = PortlessInstrument(load_scenario("buffered"))
-        (frame,) = frames(say(instrument, Hello(1, newest)))
-        assert frame.payload[0] == agreed
-        if agreed == 2:  # ring, longest drop, drops that may wait, lasting without a stream
-            assert struct.unpack("<IIHB", frame.payload[-11:]) == (20_000, 4000, 4, 1)
+def test_a_host_with_several_versions_gets_the_identity() -> None:
+    (frame,) = frames(say(PortlessInstrument(load_scenario("buffered")), Hello(1, 9)))
+    assert frame.payload[0] == 2
+    # ring, longest drop, drops that may wait, lasting without a stream
+    assert struct.unpack("<IIHB", frame.payload[-11:]) == (20_000, 4000, 4, 1)
 
 
 def test_an_unknown_message_is_refused() -> None:

@@ -182,7 +182,7 @@ def test_the_drops_that_wait_at_the_end_are_those_of_the_last_status(
     make: MakeDriver, remaining: int
 ) -> None:
     instrument = Instrument()
-    storing = {"protocol_version": 2, "drop_samples": 700, "drop_slots": 4}
+    storing = {"drop_samples": 700, "drop_slots": 4}
     instrument.identity = dataclasses.replace(instrument.identity, **storing)
     instrument.drops_waiting = 3
     driver = make(Socket(instrument))

@@ -303,9 +303,7 @@ def test_arm_is_said_until_it_is_answered() -> None:
 
 def assembler(ring: int = 4000) -> tuple[Assembler, Counters]:
     counters = Counters()
-    identity = dataclasses.replace(
-        scripted.identity(rate=2000.0), protocol_version=2, ring_samples=ring
-    )
+    identity = dataclasses.replace(scripted.identity(rate=2000.0), ring_samples=ring)
     return Assembler(identity, counters), counters
 
 

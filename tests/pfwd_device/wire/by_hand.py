@@ -96,7 +96,7 @@ CENTRE = (
     + u(0, 4)
 )
 IDENTITY = (
-    u(1, 1)
+    u(2, 1)
     + txt("PFWD-0001")
     + txt("Example")
     + txt("1.4.2")
@@ -107,6 +107,10 @@ IDENTITY = (
     + u(2, 1)
     + LOAD
     + CENTRE
+    + u(20_000, 4)
+    + u(4000, 4)
+    + u(4, 2)
+    + u(3, 1)
 )
 ROWS = [[0, -1], [1000, -70000], [8388607, -8388608]]
 NAME = u(0x1234ABCD, 4) + u(300, 8)
@@ -124,14 +128,18 @@ OFFER = (
     + f64(10_000.0)
 )
 EXAMPLES = {
-    "Hello": (0x01, 0, b"PFWD" + u(1, 1) + u(1, 1)),
+    "Hello": (0x01, 0, b"PFWD" + u(2, 1) + u(2, 1)),
     "Configure": (0x02, 1, f64(20_000.0)),
     "Start": (0x03, 2, b""),
     "Stop": (0x04, 3, b""),
     "Shunt": (0x05, 4, u(1, 1)),
     "Identity": (0x81, 0, IDENTITY),
     "Samples": (0x82, 1, samples(0x1234ABCD, 300, 1_030_000, ROWS)),
-    "Status": (0x83, 2, u(1_500_000, 8) + f32(12.5) + f32(-3.25) + u(7, 8) + u(1, 1)),
+    "Status": (
+        0x83,
+        2,
+        u(1_500_000, 8) + f32(12.5) + f32(-3.25) + u(7, 8) + u(1, 1) + u(2, 2) + u(1, 4),
+    ),
     "Event": (0x84, 3, u(2, 2) + u(1_600_000, 8) + txt("button")),
     "Refusal": (0x85, 4, u(3, 2) + txt("sampling rate up to 10000 Hz")),
     "Arm": (0x06, 5, TRIGGER),
@@ -146,16 +154,6 @@ EXAMPLES = {
         + u(20260131, 4)
         + u(0, 4)
         + txt("PFWD-0002"),
-    ),
-    "IdentityOfVersion2": (
-        0x81,
-        5,
-        u(2, 1) + IDENTITY[1:] + u(20_000, 4) + u(4000, 4) + u(4, 2) + u(3, 1),
-    ),
-    "StatusOfVersion2": (
-        0x83,
-        6,
-        u(1_500_000, 8) + f32(12.5) + f32(-3.25) + u(7, 8) + u(1, 1) + u(2, 2) + u(1, 4),
     ),
     "Armed": (0x86, 7, TRIGGER),
     "Offer": (0x87, 8, OFFER),

@@ -69,20 +69,25 @@ IDENTITY = Identity(
             calibrated=JANUARY,
         ),
     ),
+    ring_samples=20_000,
+    drop_samples=4000,
+    drop_slots=4,
+    lasting=True,
+    streams=True,
 )
 COUNTS = np.array([[0, -1], [1000, -70000], [8388607, -8388608]], np.int32)
 NAME = 0x1234ABCD, 300
 TRIGGER = Trigger(True, 0, 2622, 3, 200, 1000, 15_000)
 # What the document says in words about each of its examples.
 STATED: dict[str, Any] = {
-    "Hello": Hello(1, 1),
+    "Hello": Hello(2, 2),
     "Configure": Configure(20_000.0),
     "Start": Start(),
     "Stop": Stop(),
     "Shunt": Shunt(True),
     "Identity": IDENTITY,
     "Samples": SampleBlock(0x1234ABCD, 300, 1_030_000, COUNTS),
-    "Status": Status(1_500_000, 12.5, -3.25, 7, True),
+    "Status": Status(1_500_000, 12.5, -3.25, 7, True, 2, 1),
     "Event": Event(EventKind.TRIGGER, 1_600_000, "button"),
     "Refusal": Refusal(RefusalCode.ARGUMENT, "sampling rate up to 10000 Hz"),
     "Arm": Arm(TRIGGER),
@@ -90,16 +95,6 @@ STATED: dict[str, Any] = {
     "Acknowledge": Acknowledge(*NAME),
     "Resend": Resend(*NAME, 50),
     "Calibrate": Calibrate(1, -27.9, 0.001, 4.6, 0.58, None, 20_260_131, serial_number="PFWD-0002"),
-    "IdentityOfVersion2": dataclasses.replace(
-        IDENTITY,
-        protocol_version=2,
-        ring_samples=20_000,
-        drop_samples=4000,
-        drop_slots=4,
-        lasting=True,
-        streams=True,
-    ),
-    "StatusOfVersion2": Status(1_500_000, 12.5, -3.25, 7, True, 2, 1),
     "Armed": Armed(TRIGGER),
     "Offer": DropOffer(*NAME, 1_029_900, 1, 3, 2, 40, zlib.crc32(pack_int24(COUNTS)), 10_000.0),
     "Block": DropBlock(*NAME, 0, pack_int24(COUNTS)),
@@ -201,7 +196,7 @@ def test_limits_are_as_documented() -> None:
         firmware="",
         channels=(ChannelIdentity("", Role.LOAD),),
     )
-    assert len(by_hand.uncobs(encode_message(minimal, 0)[:-1])) == 97 + 7
+    assert len(by_hand.uncobs(encode_message(minimal, 0)[:-1])) == 108 + 7
 
 
 def test_no_line_of_prose_occurs_twice() -> None:
