@@ -12,11 +12,11 @@ import math
 import re
 import string
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import cache, lru_cache
+from functools import cache
 from types import MappingProxyType
 from typing import Any, Self
 
-from inversion.notice_texts import EARLIER, TEMPLATES, Invalidates, Template
+from inversion.notice_texts import TEMPLATES, Invalidates, Template
 
 Value = float | int | str | tuple[float, ...] | tuple[str, ...]
 
@@ -27,7 +27,6 @@ OTHER = "other"
 """Code of a sentence without a code of its own; the sentence is the value ``text``."""
 
 _templates: dict[str, str] = {OTHER: "{text}", **TEMPLATES}
-_earlier: list[tuple[str, str]] = [*EARLIER]
 _terms: dict[str, str] = {}
 
 
@@ -117,11 +116,7 @@ def text_notice(text: str) -> Notice:
     return Notice(OTHER, {"text": text})
 
 
-def register(
-    templates: Mapping[str, str],
-    terms: Mapping[str, str] | None = None,
-    earlier: Iterable[tuple[str, str]] = (),
-) -> None:
+def register(templates: Mapping[str, str], terms: Mapping[str, str] | None = None) -> None:
     """Add the templates of another package's warnings.
 
     Parameters
@@ -129,8 +124,6 @@ def register(
     templates : mapping of code to template
     terms : mapping of word to phrase, optional
         Phrases for the format ``terms``.
-    earlier : iterable of (code, template)
-        Templates of earlier versions, whose sentences stored results contain.
 
     Raises
     ------
@@ -142,9 +135,6 @@ def register(
         if twice:
             raise ValueError(f"expected new codes, got {', '.join(sorted(twice))} a second time")
         table.update(more)
-    _earlier.extend(earlier)
-    _patterns.cache_clear()
-    _parse.cache_clear()
 
 
 def templates() -> dict[str, str]:
@@ -157,36 +147,22 @@ def terms() -> dict[str, str]:
     return dict(_terms)
 
 
-def from_sentence(sentence: str) -> Notice:
-    """Return the warning whose English sentence, of this or an earlier version, is given.
-
-    Examples
-    --------
-    >>> from_sentence("the fit did not converge").code
-    'not-converged'
-    >>> from_sentence("it rained").code
-    'other'
-    """
-    notice = _parse(sentence)
-    return notice or text_notice(sentence)
-
-
 def from_json(sentences: Sequence[str], codes: object = None) -> tuple[Notice, ...]:
     """Return the stored warnings of a record.
+
+    A sentence whose entry is missing or cannot be read has the code `OTHER`.
 
     Parameters
     ----------
     sentences : sequence of str
         Value of the key ``warnings``.
     codes : list or None
-        Value of the key ``warning_codes``; None: an earlier version wrote the record, and codes are
-        found by the sentences.
+        Value of the key ``warning_codes``, with an entry for each sentence.
     """
-    entries = codes if isinstance(codes, list) and len(codes) == len(sentences) else []
+    entries = codes if isinstance(codes, list) and len(codes) == len(sentences) else ()
     notices = [_from_entry(entry) for entry in entries] or [None] * len(sentences)
     return tuple(
-        from_sentence(sentence) if notice is None or notice.code == OTHER else notice
-        for sentence, notice in zip(sentences, notices, strict=True)
+        notice or text_notice(text) for notice, text in zip(notices, sentences, strict=True)
     )
 
 
@@ -297,79 +273,3 @@ def _value_of(written: Any, form: str) -> Value:
 
 
 _TEXT_FORMS = ("", "words", "terms", "list")
-
-_NUMBER = r"[+-]?(?:\d+(?:\.\d+)?(?:e[+-]?\d+)?|inf|nan)"
-
-
-@lru_cache(maxsize=4096)
-def _parse(sentence: str) -> Notice | None:
-    for code, current, pattern, readers in _patterns():
-        match = pattern.fullmatch(sentence)
-        if match is not None:
-            texts = match.groupdict()
-            notice = Notice(code, {name: read(texts[name]) for name, read in readers.items()})
-            if not current or _unsigned_zeros(notice) == _unsigned_zeros(sentence):
-                return notice
-    return None
-
-
-def _unsigned_zeros(sentence: str) -> str:
-    """Return a sentence without the signs of its zeros, because earlier versions wrote -0.0."""
-    return re.sub(r"(?<![\w.])[+-](0(?:\.0+)?)(?![\w.])", r"\1", sentence)
-
-
-@cache
-def _patterns() -> list[tuple[str, bool, re.Pattern[str], dict[str, Callable[[str], Value]]]]:
-    """Return code, True for a template of this version, pattern and readers of the fields.
-
-    The longest template comes first, so that a more specific one is tried before a general one.
-    """
-    entries = [(code, True, text) for code, text in _templates.items() if code != OTHER]
-    entries += [(code, False, text) for code, text in _earlier]
-    entries.sort(key=lambda item: -len(item[2]))
-    return [(code, current, *_pattern_of(template)) for code, current, template in entries]
-
-
-def _pattern_of(template: str) -> tuple[re.Pattern[str], dict[str, Callable[[str], Value]]]:
-    pattern, readers = "", dict[str, Callable[[str], Value]]()
-    for literal, name, form, _ in _parts(template):
-        pattern += re.escape(literal)
-        if name in readers:
-            pattern += f"(?P={name})"
-        elif name is not None:
-            gap, readers[name] = _gap_of(form or "")
-            pattern += f"(?P<{name}>{gap})"
-    return re.compile(pattern, re.DOTALL), readers
-
-
-def _gap_of(form: str) -> tuple[str, Callable[[str], Value]]:
-    """Return the pattern of a field with this format, and the function that parses its text."""
-    if form == "":
-        return ".*?", str  # a unit may be empty
-    if form == "words":
-        return r"[^:;]+?", lambda text: text.replace(" ", "_")
-    if form == "terms":
-        longest = sorted(_terms, key=lambda term: -len(_terms[term]))
-        phrase = "|".join(re.escape(_terms[term]) for term in longest)
-        codes_of = {_terms[term]: term for term in longest}
-        return f"(?:{phrase})(?:, (?:{phrase}))*", lambda text: _single(
-            [codes_of[matched] for matched in re.findall(phrase, text)]
-        )
-    if form == "list":
-        return ".+?", lambda text: tuple(text.split(", "))
-    if form == "more":
-        return r"(?:; \d+ more of that kind)?", lambda text: int(text.split()[1]) if text else 0
-    return f"{_NUMBER}(?: to {_NUMBER})?", lambda text: _single(
-        [_number(part, form) for part in text.split(" to ")]
-    )
-
-
-def _single(values: list[Any]) -> Value:
-    return values[0] if len(values) == 1 else tuple(values)
-
-
-def _number(text: str, form: str) -> float | int:
-    number_form, scale = _scale(form)
-    if number_form == "d":
-        return int(text)
-    return float(f"{float(text) / (scale(1.0) if scale else 1.0):.12g}")

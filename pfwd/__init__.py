@@ -65,7 +65,7 @@ _HOMES = {
     "read": "pfwd.scripting.measured",
 }
 
-notices.register(notice_texts.TEMPLATES, notice_texts.TERMS, notice_texts.EARLIER)
+notices.register(notice_texts.TEMPLATES, notice_texts.TERMS)
 
 __getattr__ = lazy_getattr(globals(), _HOMES)
 

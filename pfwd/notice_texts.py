@@ -95,12 +95,6 @@ TEMPLATES: dict[str, str] = {
         "{effect}: expected {parameter:words} {shared:.3g}{unit} as by all points of the device, "
         "got {own:.3g}{unit} by this point alone: it contradicts them"
     ),
-    # of a diagnosis by earlier versions: stored results have it
-    "device-left-out": (
-        "the device of the other points leaves {with_device_over_peak:.2g*100} % of the peak here, "
-        "the base model alone {without_device_over_peak:.2g*100} %: the record contradicts them, "
-        "and is told by itself"
-    ),
     # of a calibration
     "no-centre-trace": "{drop}: no trace of a sensor in the centre, left out",
     "survey-damaged": "damaged survey: {damage}",
@@ -229,81 +223,3 @@ TERMS: dict[str, str] = {
     "no contact": "it stands still between two that move: no contact with the ground?",
 }
 """Phrases for the faults of a sensor, by their name in `inversion.measured.bad_sensors`."""
-
-EARLIER: tuple[tuple[str, str], ...] = (
-    (
-        "declaration-changed",
-        "{key} was {then:g} for this result, {now:g} is declared by now",
-    ),
-    (
-        "declarations-changed",
-        "declared values were changed since: inverted anew",
-    ),
-    (
-        "stored-traces",
-        "load and displacement as the maker's software processed and stored them",
-    ),
-    (
-        "plate-radius-assumed",
-        "{file}, line {line:d}: the plate is 0 there, {plate_radius_m:g} m in radius was assumed; "
-        "plate_radius_m in --header says another",
-    ),
-    (
-        "sensors-without-position",
-        "{file}, line {line:d}: positions of {positions:d} sensors, deflections of "
-        "{deflections:d}: the largest was taken for the centre, {left_out:d} without a position "
-        "were left out; sensor_offsets_m in --header says where all stand",
-    ),
-    (
-        "positions-not-declared",
-        "the first sensor was taken as the centre, the others were left out: sensor_offsets_m in "
-        "--header says where they stand (the file says Sensors: {sensors})",
-    ),
-    (
-        "raw-accelerations",
-        "the raw channels are accelerations, so the stored traces were taken",
-    ),
-    (
-        "rate-of-database",
-        "{file}: {samples:d} samples, in the database {database_samples:d} at {rate_hz:g} Hz; the "
-        "traces say no rate, and that one was taken: declare sampling_rate_hz if it is another",
-    ),
-    (
-        "rate-of-traces",
-        "{file}: {rate_hz:g} Hz and {samples:d} samples, in {database} {database_rate_hz:g} Hz; "
-        "the traces' own were taken",
-    ),
-    (
-        "rate-and-samples-of-traces",
-        "{file}: {rate_hz:g} Hz and {samples:d} samples, in {database} {database_rate_hz:g} Hz and"
-        " {database_samples:d} samples; the traces' own were taken",
-    ),
-    (
-        "text-not-utf-8",
-        "{file}, line {line:d}: it is not UTF-8, and was read as Windows-1252",
-    ),
-    (
-        "json-not-utf-8",
-        "{file}: it is not UTF-8, as JSON is, and was read as Windows-1252",
-    ),
-    (
-        "line-not-read",
-        "{file}, line {line:d}: no number at its beginning, it was not read{more:more}",
-    ),
-    (
-        "traces-without-point",
-        "{file}: the database has no point with these traces, so it has no name",
-    ),
-    (
-        "device-contradicted",
-        "{effect}: {parameter:words} {own:.3g}{unit} by this point alone, {shared:.3g}{unit} by "
-        "all points of the device: it contradicts them",
-    ),
-    (
-        "modulus-left-open",
-        "the records leave the modulus open, between {low_pa:.2p/1e6} and {high_pa:.2p/1e6} MPa: "
-        "none is told; another declared depth, more sensors or a longer record may fix it",
-    ),
-    ("modulus-left-open", TEMPLATES["modulus-left-open"]),  # numbers as 1.0
-)
-"""Codes and sentences of earlier versions, by which warnings in stored results are recognised."""

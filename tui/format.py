@@ -239,12 +239,12 @@ def fit_word(result: DropResult) -> str:
 
 def peak_load(result: DropResult) -> str:
     """Return the peak load as text in kN: the measured one, else that of the half-sine."""
-    return _short(_finite(result.peak_load_or_half_sine_n, 1e3))
+    return _short(_finite(result.peak_load_n, 1e3))
 
 
 def _peak_pressure(result: DropResult) -> str:
     """Return the mean pressure under the plate at the peak load as text in kPa."""
-    load, radius = result.peak_load_or_half_sine_n, result.plate_radius_m
+    load, radius = result.peak_load_n, result.plate_radius_m
     if load is None or not radius:
         return NO_VALUE
     return _short(_finite(load / (math.pi * radius**2), 1e3))

@@ -151,12 +151,12 @@ class FittedState(JsonRecord):
     )
     modulus_100kpa_pa: float | None = quantity("Secant modulus at 100 kPa", "Pa")
     viscosity_pa_s: float | None = quantity(
-        "Viscosity of the ground under the last drop; none: no ground, or an earlier version's",
+        "Viscosity of the ground under the last drop; none: no ground",
         "Pa s",
     )
     density_kg_m3: float | None = quantity("Density of the ground, likewise", "kg/m3")
     bedrock_depth_m: float | None = quantity(
-        "Depth of the rock; none: there is none in the model, or an earlier version's", "m"
+        "Depth of the rock; none: there is none in the model", "m"
     )
     residual_rms_m: float | None = quantity("Rms residual", "m")
     residual_over_noise: float | None = quantity("Rms residual over the noise")
@@ -165,7 +165,7 @@ class FittedState(JsonRecord):
     )
     contact_residual_rms_over_peak: float | None = quantity("The same to the end of the contact")
     discrepancy_over_peak: float | None = quantity(
-        "Standard deviation of what the model lacks, over the peak; none: an earlier version's"
+        "Standard deviation of what the model lacks, over the peak"
     )
     discrepancy_interval_over_peak: Interval | None = quantity("95 % interval of that")
 
@@ -188,8 +188,6 @@ class FittedState(JsonRecord):
 class HeldOutPart(JsonRecord):
     """Prediction errors of one held-out drop, sensor or point: root mean square over its peak."""
 
-    OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset({"fitted"})
-
     name: str | None = quantity("Name of the drop, sensor or point")
     fitted: tuple[str, ...] | None = quantity("Every number that was fitted to the held-out data")
     before: float | None = quantity("Error of the base model")
@@ -201,16 +199,10 @@ class HeldOutPart(JsonRecord):
     )
     contact_scaled_record: float | None = quantity("The same in the contact")
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the errors as values that JSON can hold, in the order of the keys."""
-        return without_newer_keys(self, super(HeldOutPart, self).to_json())
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOut(JsonRecord):
     """Prediction errors of held-out drops, sensors or points: root mean square over the peak."""
-
-    OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset({"mode", "fitted", "by"})
 
     mode: str | None = quantity("next, drop, sensor or point")
     fitted: tuple[str, ...] | None = quantity(
@@ -236,10 +228,6 @@ class HeldOut(JsonRecord):
         fitted = tuple(dict.fromkeys(name for part in parts for name in part.fitted or ()))
         return cls(mode=mode, fitted=fitted, by=tuple(parts), **errors)
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the errors as values that JSON can hold, in the order of the keys."""
-        return without_newer_keys(self, super(HeldOut, self).to_json())
-
     @property
     def is_prediction(self) -> bool:
         """True if the held-out data were not used to choose the effects."""
@@ -254,16 +242,7 @@ HELD_OUT_ERRORS = (
     "scaled_record",
     "contact_scaled_record",
 )
-"""Names of the errors of a held-out part; the first two existed before `HeldOut.fitted`."""
-
-
-def without_newer_keys(record: HeldOut | HeldOutPart, written: dict[str, Any]) -> dict[str, Any]:
-    """Return the JSON of a record, without newer keys if the record is of an older version.
-
-    A record without ``fitted`` is of an older version; its newer keys are empty.
-    """
-    newer = () if record.fitted is not None else HELD_OUT_ERRORS[2:]
-    return {key: value for key, value in written.items() if key not in newer or value is not None}
+"""Names of the errors of a held-out part."""
 
 
 def _root_mean_square(errors: Sequence[float | None]) -> float | None:

@@ -20,7 +20,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from scipy.linalg.lapack import dtbtrs
@@ -177,12 +177,6 @@ class Effect:
     min_gain: ClassVar[float] = 0.0
     """Log evidence by which a model with the effect has to exceed models without it. It is positive
     for effects that imitate other causes."""
-
-    def __init_subclass__(cls, **keywords: Any) -> None:
-        """Accept ``rows_alike``, the earlier name of `is_identical_for_all_sensors`."""
-        super().__init_subclass__(**keywords)
-        if "rows_alike" in cls.__dict__:
-            cls.is_identical_for_all_sensors = cls.__dict__["rows_alike"]
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
         """Return whether the effect is a candidate for these drops."""

@@ -210,16 +210,7 @@ def result_that_counts(drop: SurveyDrop) -> DropResult | None:
         If it is damaged.
     """
     last = drop.read_last_result()
-    if last is None:
-        return None
-    result = DropResult.from_json(last)
-    if not result.is_trial:
-        return result
-    for values in reversed(drop.read_results()):  # earlier versions stored trials as results
-        result = DropResult.from_json(values)
-        if not result.is_trial:
-            return result
-    return None
+    return None if last is None else DropResult.from_json(last)
 
 
 PLATES = frozenset({"rigid-rough", "rigid-smooth", "averaged", "published", "uniform"})

@@ -145,20 +145,8 @@ class DiagnosisResult(StoredRecord):
         """Discrepancy of the point over its peak: model error beyond the noise.
 
         The value is None if nothing was fitted.
-
-        For diagnoses of earlier versions, which do not store it, the residual beyond the noise is
-        returned.
         """
-        after = self.after
-        if after is not None and after.discrepancy_over_peak is not None:
-            return after.discrepancy_over_peak
-        if after is None or after.residual_rms_over_peak is None:
-            return None
-        ratio = after.residual_over_noise
-        if ratio is None or not math.isfinite(ratio):
-            return after.residual_rms_over_peak
-        beyond = math.sqrt(max(0.0, 1.0 - (1.0 / ratio) ** 2)) if ratio > 1.0 else 0.0
-        return after.residual_rms_over_peak * beyond
+        return None if self.after is None else self.after.discrepancy_over_peak
 
     @property
     def use(self) -> Use:
@@ -313,10 +301,7 @@ class MeasuredFacts(StoredRecord):
     """Natural frequency of the geophone response that was removed, Hz; None: none was."""
     geophone_damping: float | None = None
     rejected: str | None = None
-    """Reason why the drop is rejected, in which case the other facts are None; None: it is not.
-
-    Earlier versions of the program ignore facts with this key, and read the traces.
-    """
+    """Reason why the drop is rejected, in which case the other facts are None; None: it is not."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -348,7 +333,7 @@ class DropResult(InversionResult, StoredRecord):
     reason: str | None = None
     """Reason why the drop was rejected."""
     peak_load_n: float | None = None
-    """Peak of the measured load minus its offset, N; None in results of earlier versions."""
+    """Peak of the measured load minus its offset, N."""
     deflection_recorded_m: float | None = None
     """Peak deflection in the centre as recorded, m."""
     deflection_corrected_m: float | None = None
@@ -401,11 +386,6 @@ class DropResult(InversionResult, StoredRecord):
         if pressure is None or self.plate_radius_m is None:
             return None
         return pressure * math.pi * self.plate_radius_m**2
-
-    @property
-    def peak_load_or_half_sine_n(self) -> float | None:
-        """Peak of the measured load, N, or of the half-sine if it was not stored."""
-        return self.half_sine_load_n if self.peak_load_n is None else self.peak_load_n
 
 
 _GROUND_FIELDS = ("modulus_", "viscosity_", "density_", "bedrock_depth_", "layers", "effective_")

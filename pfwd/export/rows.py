@@ -10,7 +10,7 @@ from operator import attrgetter
 from typing import Any, Protocol
 
 from inversion import notices
-from inversion.notices import WARNING_CODES, WARNINGS, Notice, Value, from_sentence
+from inversion.notices import WARNING_CODES, WARNINGS, Notice, Value, text_notice
 from pfwd.analysis.drop_facts import corrected_deflection
 from pfwd.analysis.result_columns import N_LAYERS, Kind, nested_cells, result_columns
 from pfwd.analysis.results import DropResult
@@ -389,7 +389,7 @@ def _result(result: DropResult, point: SurveyPoint, drop: DropView) -> dict[str,
         name: value if value is None or name == N_LAYERS else number(value)
         for name, value in nested_cells(result).items()
     }
-    warnings = list(result.warnings or map(from_sentence, cells.get(WARNINGS) or ()))
+    warnings = list(result.warnings or map(text_notice, cells.get(WARNINGS) or ()))
     warnings += _stale(result, point, drop)
     missing = missing_parts(result)
     if cells.get("modulus_pa") is not None and missing:

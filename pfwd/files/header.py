@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from inversion.notices import Notice, from_sentence
+from inversion.notices import Notice, from_json, text_notice
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.toml import toml_line
 from pfwd.procedures.point import LARGEST_PLATE_RADIUS_M
@@ -47,6 +47,9 @@ traces and the peaks that the other program stored."""
 IMPORTED = "imported"
 """Key with further data from the file of another program; the texts under its ``remarks`` are shown
 as warnings."""
+
+REMARK_CODES = "remark_codes"
+"""Key under `IMPORTED`: codes and values of the remarks, as under ``warning_codes``."""
 
 MAX_REMARK_CHARACTERS = 300
 """Characters of a remark under `IMPORTED` that are shown."""
@@ -472,10 +475,21 @@ def setup_warnings(setup: PointSetup, drops: "Sequence[Drop]" = ()) -> tuple[Not
     warnings += [
         Notice("header-key-unknown", {"key": quote(key)}) for key in setup.extra if key != IMPORTED
     ]
-    warnings += [
-        from_sentence(clean(text, limit=MAX_REMARK_CHARACTERS)) for text in remarks_of(setup.extra)
-    ]
-    return tuple(warnings)
+    return (*warnings, *remark_notices(setup.extra))
+
+
+def remark_notices(values: Mapping[str, Any]) -> tuple[Notice, ...]:
+    """Return the remarks of `remarks_of` as warnings, with the codes that the file's reader gave.
+
+    A sentence that its code does not yield is a warning without a code.
+    """
+    sentences = [clean(text, limit=MAX_REMARK_CHARACTERS) for text in remarks_of(values)]
+    details = values.get(IMPORTED)
+    codes = details.get(REMARK_CODES) if isinstance(details, Mapping) else None
+    return tuple(
+        notice if clean(notice, limit=MAX_REMARK_CHARACTERS) == text else text_notice(text)
+        for text, notice in zip(sentences, from_json(sentences, codes), strict=True)
+    )
 
 
 def remarks_of(values: Mapping[str, Any]) -> tuple[str, ...]:

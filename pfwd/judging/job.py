@@ -18,9 +18,7 @@ from pfwd.procedures import (
     NO_PROCEDURE,
     Procedure,
     Quantity,
-    find_procedure,
     parse_procedure,
-    shipped_names,
 )
 from pfwd_device.recording.survey_content import SurveyContent
 from pfwd_device.schema import (
@@ -451,7 +449,7 @@ def job_of(survey: SurveyContent, procedure: Procedure | None = None) -> Job:
     if procedure is not None:
         events = [event for event in survey.events if event.get("event") != PROCEDURE_EVENT]
         return job_from_events(events, survey.path, procedure)
-    return job_from_events(survey.events, survey.path, _named_procedure(survey))
+    return job_from_events(survey.events, survey.path)
 
 
 def job_from_events(
@@ -485,10 +483,7 @@ def job_from_events(
         if name == PROCEDURE_EVENT:
             if not isinstance(details.get("text"), str):
                 continue
-            if procedure_details is None or _stored_details(procedure_details) != _stored_details(
-                details
-            ):  # earlier versions stored it at each start
-                changes.append(JobChange(time_utc=when, key="procedure", value=details.get("name")))
+            changes.append(JobChange(time_utc=when, key="procedure", value=details.get("name")))
             procedure_details = details
             continue
         for key, value in details.items():
@@ -510,10 +505,6 @@ def job_from_events(
     return Job(procedure=procedure, changes=tuple(changes), **values)
 
 
-def _stored_details(details: Mapping[str, Any]) -> tuple[Any, ...]:
-    return tuple(details.get(key) for key in ("name", "text", "enforce_unverified"))
-
-
 def _procedure(details: Mapping[str, Any], where: str) -> Procedure:
     source = f"procedure {quote(details.get('name'))} stored in {where}"
     unverified = details.get("enforce_unverified") is True
@@ -523,18 +514,6 @@ def _procedure(details: Mapping[str, Any], where: str) -> Procedure:
         raise SurveyError(f"{err}; choose another one with --procedure") from err
     file = details.get("file")
     return dataclasses.replace(procedure, file=file if isinstance(file, str) else None)
-
-
-def _named_procedure(survey: SurveyContent) -> Procedure | None:
-    """Return the shipped procedure that the drops of a survey of version 0.1 name.
-
-    The result is None if they name none, or several.
-
-    A name that is a path is ignored, so that a foreign survey cannot make the program open a file.
-    """
-    names = {point.declared.get("procedure") for point in survey.points}
-    shipped = {name for name in names if isinstance(name, str) and name in shipped_names()}
-    return find_procedure(shipped.pop()) if len(shipped) == 1 else None
 
 
 def _stations(value: Any) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import Any
 from inversion.records import is_number, stored_fields
 from inversion.result import InversionResult
 from pfwd.analysis.results import DropResult
-from pfwd.files.header import IMPORTED, declared_values
+from pfwd.files.header import IMPORTED, REMARK_CODES, declared_values
 from pfwd.judging import PointView
 from pfwd.procedures import Number, Procedure, Quantity
 from pfwd.procedures.profile import CHECKS
@@ -172,7 +172,8 @@ def _declarations_of(point: PointView) -> dict[str, Any]:
     declared = {key: v for key, v in declared_values(point.setup).items() if key != "point"}
     imported = declared.pop(IMPORTED, None)
     if isinstance(imported, Mapping):
-        declared |= {f"{IMPORTED}.{key}": v for key, v in imported.items() if key != "remarks"}
+        shown_elsewhere = ("remarks", REMARK_CODES)
+        declared |= {f"{IMPORTED}.{k}": v for k, v in imported.items() if k not in shown_elsewhere}
     elif imported is not None:
         declared[IMPORTED] = imported
     return declared

@@ -123,7 +123,7 @@ def session_job(plan: SessionPlan, survey: SurveyContent | None) -> SessionJob:
         if chosen is not None:
             setup = with_procedure(setup, chosen, f"procedure {chosen.name} of the survey")
         elif plan.default_procedure is not None:
-            # Surveys of earlier versions have no procedure; only its seating drops are added.
+            # The survey has drops and no procedure; only its seating drops are added.
             seating = {"seating_drops": plan.default_procedure.seating_drops or 0}
             setup = dataclasses.replace(setup, declared={**seating, **setup.declared})
     operator = setup.declared.get("operator")

@@ -269,10 +269,6 @@ class LinkSettings:
     streams: bool = declared(True, Flag(), "true: samples can be sent continuously")
 
 
-_EARLIER_DIALECTS = {"binary": "pfwd"}
-"""Present names of dialects by their names in scenarios of earlier versions."""
-
-
 _KEYS_BY_EFFECT: dict[str, tuple[str, ...]] = {
     "gain": ("factor",),
     "tilted": ("angle",),
@@ -433,7 +429,6 @@ def scenario_from(tables: Mapping[str, Any], name: str) -> Scenario:
         if base not in builtin_scenarios():
             raise ScenarioError(f"{name}: base: expected a built-in scenario, got {base!r}")
         tables = merged(_builtin_tables(base), tables)
-    tables = _with_present_names(tables)
     reader = TableReader(ScenarioError, name)
     scenario = Scenario(**reader.read(tables, keys_of(Scenario)), name=name)
     for key, keys_of_kind in (("effects", _KEYS_BY_EFFECT), ("faults", _KEYS_BY_FAULT)):
@@ -441,15 +436,6 @@ def scenario_from(tables: Mapping[str, Any], name: str) -> Scenario:
             _reject_extraneous_keys(table, keys_of_kind, f"{name}, {key}[{number}]")
     _check(scenario)
     return scenario
-
-
-def _with_present_names(tables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the content of a scenario with the present names of dialects for earlier names."""
-    link = tables.get("link")
-    if isinstance(link, Mapping) and isinstance(dialect := link.get("dialect"), str):
-        link = {**link, "dialect": _EARLIER_DIALECTS.get(dialect, dialect)}
-        return {**tables, "link": link}
-    return tables
 
 
 def merged(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:

@@ -144,12 +144,6 @@ def test_a_dialect_has_one_name_in_setups_and_scenarios() -> None:
     assert load_scenario("default").link.dialect == "pfwd"
 
 
-@pytest.mark.parametrize("base", ["default", "ascii"])
-def test_the_earlier_name_of_the_binary_dialect_is_understood(base: str) -> None:
-    scenario = load_scenario({"base": base, "link": {"dialect": "binary", "lost_rate": 0.5}})
-    assert (scenario.link.dialect, scenario.link.lost_rate) == ("pfwd", 0.5)
-
-
 def test_a_name_that_is_none_is_told_what_there_is(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match=r"expected an existing file or one of .*default"):
         load_scenario("defualt")

@@ -11,12 +11,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from inversion import notices
 from inversion.notices import Notice
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.header import (
     HEADER_KEYS,
     IMPORTED,
     MAX_REMARK_CHARACTERS,
+    REMARK_CODES,
     Declaration,
     Declarations,
     is_position,
@@ -237,9 +239,9 @@ def point_of(
     where = f"{file}, point {values['point']}" if values.get("point") else file
     details = {key: value for key, value in (noted or {}).items() if value not in (None, "")}
     if remarks:
-        details["remarks"] = [
-            clean(text, limit=MAX_REMARK_CHARACTERS) for text in dict.fromkeys(remarks)
-        ]
+        distinct = list(dict.fromkeys(remarks))
+        details["remarks"] = [clean(text, limit=MAX_REMARK_CHARACTERS) for text in distinct]
+        details[REMARK_CODES] = notices.codes(distinct)
     stated: dict[str, Any] = {key: value for key, value in values.items() if value is not None}
     if details:
         stated[IMPORTED] = details

@@ -67,15 +67,6 @@ def test_what_was_said_last_counts_and_every_change_is_kept(tmp_path: Path) -> N
     ]
 
 
-def test_a_survey_of_before_is_measured_by_the_procedure_that_its_drops_name(
-    tmp_path: Path,
-) -> None:
-    job = job_of(read_survey(survey_with(tmp_path / "s", procedure="mndot")))
-    assert job.procedure_in_force.name == "mndot"
-    nameless = job_of(read_survey(survey_with(tmp_path / "t", procedure="/etc/passwd")))
-    assert nameless.procedure_in_force is NO_PROCEDURE
-
-
 def test_an_event_of_another_program_is_left_alone(tmp_path: Path) -> None:
     folder = survey_with(tmp_path / "s", JobRequest(target=4e7, step_m=20.0))
     with SurveyWriter.open(folder, publish=False) as writer:

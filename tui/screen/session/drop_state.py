@@ -80,7 +80,7 @@ class DropState:
         candidates = (
             None if self.view is None else self.view.own.peak_load,
             None if peaks is None else peaks.load,
-            None if self.result is None else self.result.peak_load_or_half_sine_n,
+            None if self.result is None else self.result.peak_load_n,
         )
         return next((peak for peak in candidates if peak is not None), math.nan)
 
