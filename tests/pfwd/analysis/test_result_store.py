@@ -123,15 +123,6 @@ def test_a_trial_does_not_count(survey: Path) -> None:
         assert trial["refit"] == trial["settings"] == "elastic, least-squares"
 
 
-def test_a_trial_of_an_earlier_version_does_not_count(survey: Path) -> None:
-    with SurveyWriter.open(survey, publish=False) as writer:
-        writer.save_result(1, {"modulus_pa": 5e7})
-        writer.save_result(1, {"modulus_pa": 6e7, "refit": "elastic"})
-    counting = result_that_counts(read_survey(survey).drops[0])
-    assert counting is not None
-    assert counting.modulus_pa == 5e7
-
-
 def test_a_result_chosen_while_measuring_keeps_its_place(survey: Path) -> None:
     with SurveyWriter.open(survey, publish=False) as writer:
         writer.save_result(1, {"modulus_pa": 5e7, "settings": "elastic, least-squares"})

@@ -19,7 +19,7 @@ from matplotlib.text import Text
 import pfwd
 from inversion import PLATE_MODELS
 from inversion.effects.catalogue import OWN
-from inversion.notices import templates
+from inversion.notices import Notice, templates, to_json
 from pfwd.analysis.result_store import basis_of
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.files.editing import Edit, edit_survey
@@ -355,10 +355,12 @@ DIAGNOSIS = {
         }
         for number, effect in enumerate(OWN)
     ],
-    "warnings": [
-        "layer: thickness sits on a bound",
-        "sensor_lag cannot be distinguished from layer, bedrock",
-    ],
+    **to_json(
+        [
+            Notice("effect-on-bound", {"effect": "layer", "parameter": "thickness"}),
+            Notice("effect-ambiguous", {"effect": "sensor_lag", "others": ("layer", "bedrock")}),
+        ]
+    ),
     "drops": [2, 3, 4],
     "left_out": [1],
     "plate_radius_m": 0.15,
