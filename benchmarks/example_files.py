@@ -84,7 +84,7 @@ def run(arguments: list[str]) -> int:
         path = options.output / f"{name}.csv"
         make(path)
         report.record(file=path.name, bytes=path.stat().st_size)
-    path = options.output / "survey.h5"
+    path = options.output / "survey.pfwdz"
     make_survey(path)
     report.record(file=path.name, bytes=path.stat().st_size)
     return 0
@@ -158,7 +158,7 @@ def make_survey(path: Path) -> None:
             if imported.error is not None:
                 raise RuntimeError(imported.error)
         _store_results(folder / "survey")
-        export_survey(folder / "survey", "h5", path, force=True)
+        export_survey(folder / "survey", "survey", path, force=True)
 
 
 def simulate(

@@ -39,8 +39,7 @@ NAMES = b"time_s,load_N,velocity_m_s@0.0\n"
 
 def drop_file(folder: Path, change: Callable[[Any], None] | None = None) -> Path:
     path = folder / "drop.h5"
-    # Of format version 1: its digest is compared last, so that most of it is read before.
-    path.write_bytes((DATA / "recording-v1" / "drops" / "drop-000002.h5").read_bytes())
+    path.write_bytes((DATA / "recording" / "drops" / "drop-000002.h5").read_bytes())
     if change is not None:
         with h5py.File(path, "r+") as file:
             change(file)
@@ -142,45 +141,42 @@ def attributes_without_end(folder: Path) -> Path:
     return drop_file(folder, change)
 
 
-def exported(folder: Path, text: str, drops: int = 0) -> Path:
-    """An exported survey of version 1 that says `text`."""
-    import hashlib
-
-    path = folder / "survey.h5"
-    with h5py.File(path, "w") as file:
-        file.attrs["format"] = "pfwd-survey"
-        file.attrs["format_version"] = 1
-        file.attrs["survey_id"] = "0" * 32
-        file.attrs["drops_acknowledged"] = drops
-        file["survey"] = text
-        file["survey"].attrs["sha256"] = hashlib.sha256(text.encode()).hexdigest()
-        file.create_group("drops")
+def packed(folder: Path, manifest: str) -> Path:
+    """A survey in one file whose list of files is `manifest`."""
+    path = folder / "survey.pfwdz"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("pfwd-survey.json", manifest)
     return path
 
 
-def _survey(drops: int) -> str:
-    facts = {"discarded": False, "notes": [], "position": None, "target": None, "edits": []}
-    numbers = list(range(1, drops + 1))
-    point = {"name": "P", "title": "P", "order": 1, "declared": {}, "drops": numbers, **facts}
-    said = [{"number": n, "point": "P", "drop": n, "key": None, **facts} for n in numbers]
-    rest: dict[str, Any] = {"info": {}, "events": [], "checks": [], "damage": []}
-    return json.dumps({"points": [point], "drops": said, **rest})
-
-
-def a_million_drops(folder: Path) -> Path:
-    return exported(folder, _survey(1_000_000), 1_000_000)
-
-
-def drops_that_are_not_there(folder: Path) -> Path:
-    return exported(folder, _survey(50_000), 50_000)
-
-
 def empty_lists(folder: Path) -> Path:
-    return exported(folder, '{"drops":[' + "[]," * 10_000_000 + "[]]}")
+    return packed(folder, '{"files":[' + "[]," * 5_000_000 + "[]]}")
 
 
 def deep_lists(folder: Path) -> Path:
-    return exported(folder, '{"drops":' + "[" * 100_000)
+    return packed(folder, '{"files":' + "[" * 100_000)
+
+
+def directory_without_end(folder: Path) -> Path:
+    return _directory(folder, 2_000_000)
+
+
+def longest_directory(folder: Path) -> Path:
+    return _directory(folder, 330_000)
+
+
+def _directory(folder: Path, members: int) -> Path:
+    """A survey in one file whose directory names its first member many times."""
+    path = packed(folder, "{}")
+    data = path.read_bytes()
+    start, end = data.index(b"PK\x01\x02"), data.index(b"PK\x05\x06")
+    entry = (
+        data[start:end].replace(b"pfwd-survey.json", b"a").replace(b"\x10\0\0\0", b"\1\0\0\0", 1)
+    )
+    fields = list(struct.unpack("<4s4H2IH", data[end:]))
+    fields[5:7] = [len(entry) * members, start]
+    path.write_bytes(data[:start] + entry * members + struct.pack("<4s4H2IH", *fields))
+    return path
 
 
 def dotted_key(folder: Path) -> Path:
@@ -363,7 +359,7 @@ def zeros_in_a_record(folder: Path) -> Path:
     from pfwd_device.recording.framing import Kind, encode_frame, scan_bytes
 
     survey = folder / "survey"
-    shutil.copytree(DATA / "recording-v1", survey)
+    shutil.copytree(DATA / "recording", survey)
     journal = survey / "journal" / "0001.pfwdj"
     frames, _ = scan_bytes(journal.read_bytes())
     parts = []
@@ -401,10 +397,10 @@ ATTACKS = (
     Attack("a view of itself", a_view_of_itself, READING),
     Attack("groups without end", groups_without_end, READING, slow=True),
     Attack("attributes without end", attributes_without_end, READING, slow=True),
-    Attack("a million drops", a_million_drops, READING, slow=True),
-    Attack("drops that are not there", drops_that_are_not_there, READING, slow=True, several=True),
     Attack("empty lists", empty_lists, READING, slow=True),
     Attack("deep lists", deep_lists, READING),
+    Attack("a directory without end", directory_without_end, READING, slow=True),
+    Attack("the longest directory", longest_directory, READING, slow=True),
     Attack("a dotted key", dotted_key, ("import", "invert")),
     Attack("a dotted key behind a text", dotted_key_behind_a_text),
     Attack("a header without end", header_without_end),

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.errors import OptionError, SurveyError, refusal
-from pfwd.files.folders import is_survey
+from pfwd.files.folders import is_survey, is_survey_file
 from pfwd.files.output_path import refuse_inside_survey
 from pfwd.judging import Job, JobRequest, target_si
 from pfwd.judging.stations import read_stations
@@ -146,8 +146,9 @@ def survey_job(survey: str | os.PathLike[str], replacement: Procedure | None = N
 
     Parameters
     ----------
-    survey : path of a folder
+    survey : path of a folder, or of a survey in one file
     replacement : Procedure, optional
         Procedure to use in place of the stored one, which may then be unreadable.
     """
-    return job_of_folder(survey, replacement) if is_survey(survey) else Job()
+    known = is_survey(survey) or is_survey_file(survey)
+    return job_of_folder(survey, replacement) if known else Job()

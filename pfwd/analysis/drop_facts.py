@@ -28,7 +28,7 @@ FACTS_VERSION = 1
 other versions are ignored."""
 
 FACTS_KEY = "facts"
-"""Key of the facts in the metadata of a drop; surveys of earlier versions have none."""
+"""Key of the facts in the metadata of a drop; imported drops have none."""
 
 DURATION_EDGE = 0.03
 """The pulse lasts while the load is above this fraction of its peak."""

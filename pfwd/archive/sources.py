@@ -10,12 +10,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from pfwd.errors import OptionError, refusal
-from pfwd.files.folders import is_survey
+from pfwd.files.folders import SURVEY_FILE_SUFFIX, is_survey, is_survey_file, survey_content
 from pfwd.files.foreign.registry import foreign_suffixes
-from pfwd.files.reading import survey_content
-from pfwd.files.survey_file import is_survey_file
 
-PFWD_SUFFIXES = (".csv", ".h5", ".hdf5")
+PFWD_SUFFIXES = (".csv", ".h5", SURVEY_FILE_SUFFIX)
 """Suffixes, in small letters, of this program's own files with drops."""
 
 PIECE_DROPS = 500

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pfwd.analysis.options import AnalysisOptions
     from pfwd.analysis.results import DiagnosisResult, DropResult
     from pfwd.files.traces import TracePoint
-    from pfwd_device.recording.survey_content import SurveyContent
+    from pfwd_device.recording import Survey
 
 FailureKind = Literal["refused", "damage", "unforeseen", "worker", "changed"]
 
@@ -130,7 +130,7 @@ class Workers(Protocol):
 
 
 _library: SurrogateLibrary | None = None
-_last_survey: tuple[Source, SurveyContent] | None = None
+_last_survey: tuple[Source, Survey] | None = None
 
 
 def limit_threads() -> None:
@@ -218,10 +218,10 @@ class _Changed(Exception):
 
 
 def _points(source: Source, options: AnalysisOptions) -> Iterator[TracePoint | Failure]:
-    from pfwd.files.reading import is_hdf5, read_points
-    from pfwd.files.survey_file import is_survey_file
+    from pfwd.files.folders import is_survey_file
+    from pfwd.files.reading import read_points
 
-    if source.survey or (is_hdf5(source.path) and is_survey_file(source.path)):
+    if source.survey or is_survey_file(source.path):
         yield from _survey_points(source, options)
     else:
         yield from read_points(source.path, options.header, options.overrides())
@@ -248,9 +248,9 @@ def _survey_points(source: Source, options: AnalysisOptions) -> Iterator[TracePo
             yield Failure("refused", str(error), point.title)
 
 
-def _content(source: Source) -> SurveyContent:
+def _content(source: Source) -> Survey:
     """Return the content of a survey; cached because its pieces follow one another."""
-    from pfwd.files.reading import survey_content
+    from pfwd.files.folders import survey_content
 
     global _last_survey
     if _last_survey is not None:

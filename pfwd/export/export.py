@@ -8,9 +8,15 @@ from typing import Any
 import pfwd_plugins
 from pfwd.errors import OptionError, SurveyError, quote, refusal
 from pfwd.export.output import refuse_existing
-from pfwd.export.registry import BUILT_IN_FORMATS, ExportFormat, find_format, format_names
+from pfwd.export.registry import (
+    BUILT_IN_FORMATS,
+    NAME_BY_ENDING,
+    ExportFormat,
+    find_format,
+    format_names,
+)
 from pfwd.export.rows import Order, Results
-from pfwd.files.reading import survey_content
+from pfwd.files.folders import survey_content
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.index import no_collections
 
@@ -61,7 +67,7 @@ def export_survey(
 
     Parameters
     ----------
-    survey : path of a survey's folder, or of an exported one
+    survey : path of a survey's folder, or of a survey in one file
     form : str or None
         Name of a format in `pfwd.export.registry`; None: the format that the path's ending names.
     path : path of the file or folder, in an existing folder
@@ -114,7 +120,7 @@ def export_survey(
     damage = [f"damaged survey: {text}" for text in content.damage]
     return ExportSummary(
         os.fspath(survey),
-        form,
+        chosen.name,
         os.fspath(path),
         len(content.points),
         drops,
@@ -150,6 +156,7 @@ def _format_of_path(path: str | os.PathLike[str]) -> str:
     The ending ``.csv`` is refused, because several formats are CSV, one of them a folder.
     """
     name = os.path.splitext(path)[1].removeprefix(".").lower()
+    name = NAME_BY_ENDING.get(name, name)
     if name in BUILT_IN_FORMATS and name != "csv":
         return name
     names = ", ".join(format_names())

@@ -24,7 +24,7 @@ PointValues = Mapping[str, Any]
 
 def point_rows(order: Order) -> list[PointValues]:
     """Return the values of all points of a survey, in the survey's order."""
-    folder = Path(order.content.path)
+    folder = order.content.folder
     return [
         {**_row(point, rows), "photos": _photo_files(folder, point.name)}
         for point, rows in order.points

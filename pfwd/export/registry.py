@@ -55,7 +55,10 @@ BUILT_IN_FORMATS: Mapping[str, ExportFormat] = MappingProxyType(
     {
         form.name: form
         for form in (
-            ExportFormat("h5", "the whole survey", f"{_PACKAGE}.surveys:write_h5"),
+            ExportFormat(
+                "survey", "the survey in one file, .pfwdz", f"{_PACKAGE}.surveys:write_survey"
+            ),
+            ExportFormat("h5", "all data for other programs", f"{_PACKAGE}.hdf5:write_h5"),
             ExportFormat("csv", "a folder of trace files", f"{_PACKAGE}.surveys:write_csv"),
             ExportFormat(
                 "table", "results as CSV", f"{_PACKAGE}.tables:write_table", True, True, True
@@ -85,9 +88,13 @@ BUILT_IN_FORMATS: Mapping[str, ExportFormat] = MappingProxyType(
 )
 """Formats of this program, by name."""
 
+NAME_BY_ENDING = {"pfwdz": "survey"}
+"""Formats with another name than the ending of their files."""
+
 
 def find_format(name: str) -> ExportFormat | None:
-    """Return a format by its name; None: there is no such format."""
+    """Return a format by its name, or the ending of its files; None: there is no such format."""
+    name = NAME_BY_ENDING.get(name, name)
     return BUILT_IN_FORMATS.get(name) or pfwd_plugins.load(
         pfwd_plugins.EXPORT_FORMATS, name, ExportFormat
     )

@@ -28,8 +28,8 @@ from pfwd.procedures import Kind as DropKind
 from pfwd.procedures import unit_of
 from pfwd_device.drop import Peaks
 from pfwd_device.errors import RecordingError
+from pfwd_device.recording import Survey, SurveyPoint
 from pfwd_device.recording.index import no_collections
-from pfwd_device.recording.survey_content import SurveyContent, SurveyPoint
 from pfwd_device.text import clean
 
 NO_RESULT_STATUS = "no result"
@@ -126,7 +126,7 @@ class RowMaker(Protocol):
 class Order:
     """Export request: a survey, and options of the format."""
 
-    content: SurveyContent
+    content: Survey
     inverted: Results | None = None
     """Results of an inversion for this export; None: the stored ones are used."""
     force: bool = False

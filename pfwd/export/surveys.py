@@ -1,5 +1,5 @@
-"""Formats that ``pfwd import`` reads again: ``h5``, the whole survey, and ``csv``, a folder of
-traces.
+"""Formats that ``pfwd import`` reads again: ``survey``, the survey in one file, and ``csv``, a
+folder of traces.
 """
 
 import os
@@ -26,9 +26,9 @@ MAX_FILE_NAME_CHARACTERS = 60
 TRACE_SUFFIX = ".csv"
 
 
-def write_h5(order: Order, path: str | os.PathLike[str]) -> list[str]:
-    """Write the whole survey into one HDF5 file, which every command accepts in place of the
-    survey.
+def write_survey(order: Order, path: str | os.PathLike[str]) -> list[str]:
+    """Write the survey into one file (``.pfwdz``), which every command accepts in place of its
+    folder.
 
     Parameters
     ----------
@@ -38,11 +38,10 @@ def write_h5(order: Order, path: str | os.PathLike[str]) -> list[str]:
     Returns
     -------
     list of str
-        Empty, because nothing is omitted.
+        One sentence for each damaged or omitted file.
     """
     with new_file(path, force=order.force) as draft:
-        write_survey_file(draft, order.content, order.jobs)
-    return []
+        return write_survey_file(draft, order.content)
 
 
 def write_csv(order: Order, path: str | os.PathLike[str]) -> list[str]:

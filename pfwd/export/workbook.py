@@ -25,8 +25,8 @@ from pfwd.export.point_rows import PointValues, point_rows
 from pfwd.export.rows import MAX_CELL_CHARACTERS, Order
 from pfwd.export.tables import FORMULA_STARTS
 from pfwd.judging.job import JobChange, target_text
+from pfwd_device.recording import Survey
 from pfwd_device.recording.drop_file import software_version
-from pfwd_device.recording.survey_content import SurveyContent
 from pfwd_device.text import clean
 
 _DATE_FORMAT = "yyyy-mm-dd hh:mm:ss"
@@ -377,7 +377,7 @@ def _change_text(change: JobChange) -> str:
     return str(value)
 
 
-def _notes(content: SurveyContent) -> Iterator[tuple[Any, ...]]:
+def _notes(content: Survey) -> Iterator[tuple[Any, ...]]:
     """Yield the rows of the sheet ``notes``: all notes and edits with their dates."""
     for point in content.points:
         for edit in point.edits:

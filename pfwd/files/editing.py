@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pfwd.errors import OptionError, TraceError, quote, refusal
-from pfwd.files.folders import open_for_edits, refuse_no_survey, spare_folder
+from pfwd.files.folders import open_for_edits, refuse_no_survey, spare_folder, survey_content
 from pfwd.files.moving import move_with, point_called, restore_with
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Survey, SurveyDrop, SurveyPoint, SurveyWriter, read_survey
@@ -304,8 +304,7 @@ def survey_overview(folder: str | os.PathLike[str]) -> list[dict[str, Any]]:
     SurveyError, RecordingError
         If the folder is no survey.
     """
-    refuse_no_survey(folder)
-    survey = read_survey(folder)
+    survey = survey_content(folder)
     overview = overview_of(survey)
     survey.close()
     return overview

@@ -8,8 +8,24 @@ import os
 from pathlib import Path
 
 from pfwd.errors import SurveyError, refusal
-from pfwd_device.recording import SpareFolder, Survey, SurveyWriter
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording import (
+    SpareFolder,
+    Survey,
+    SurveyWriter,
+    read_drop_file,
+    read_survey,
+)
 from pfwd_device.recording.layout import Layout
+
+MANIFEST = "pfwd-survey.json"
+"""Name of the first member of a survey in one file."""
+
+SURVEY_FILE_SUFFIX = ".pfwdz"
+
+_ZIP_SIGNATURE, _ZIP_HEADER_BYTES = b"PK\x03\x04", 30
+
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 SPARE_VARIABLE = "PFWD_SPARE"
 """Environment variable with another spare folder for all commands; ``--spare`` overrides it."""
@@ -20,11 +36,36 @@ def is_survey(path: str | os.PathLike[str]) -> bool:
     return os.path.isdir(path) and Layout(Path(path)).exists()
 
 
+def is_survey_file(path: str | os.PathLike[str]) -> bool:
+    """Return whether a path is a survey in one file, by its content or its ending ``.pfwdz``."""
+    if not os.path.isfile(path):
+        return False  # a pipe may wait for ever
+    if os.fspath(path).lower().endswith(SURVEY_FILE_SUFFIX):
+        return True  # a damaged one as well, so that its reader reports the damage
+    try:
+        with open(path, "rb") as stream:
+            start = stream.read(_ZIP_HEADER_BYTES + len(MANIFEST))
+    except OSError:
+        return False
+    return start.startswith(_ZIP_SIGNATURE) and start.endswith(MANIFEST.encode())
+
+
+def is_hdf5(file: str | os.PathLike[str]) -> bool:
+    """Return whether a file begins with the signature of the HDF5 format."""
+    if not os.path.isfile(file):
+        return False  # a pipe may wait for ever
+    try:
+        with open(file, "rb") as stream:
+            return stream.read(len(HDF5_SIGNATURE)) == HDF5_SIGNATURE
+    except OSError:
+        return False  # the reader of the file reports the reason
+
+
 def has_ledger_of(path: str | os.PathLike[str], size: int) -> bool:
     """Return whether a survey's list of acknowledged drops has at least this size.
 
     The size in bytes grows with the number of drops, which is thereby estimated without reading the
-    survey. An exported survey has no such list: the answer is False.
+    survey. A survey in one file has no such list: the answer is False.
     """
     try:
         return Layout(Path(path)).ledger.stat().st_size >= size
@@ -34,10 +75,45 @@ def has_ledger_of(path: str | os.PathLike[str], size: int) -> bool:
 
 def refuse_no_survey(path: str | os.PathLike[str]) -> None:
     """Raise SurveyError if a path is not the folder of a survey."""
+    if is_survey_file(path):
+        actual, hint = (
+            "a survey in one file, which is not changed",
+            "pfwd import makes a folder of it",
+        )
+        raise SurveyError(refusal(os.fspath(path), "the folder of a survey", actual, hint))
+    if is_hdf5(path):
+        read_drop_file(path)  # refuses an export for other programs, and a damaged file
     if not is_survey(path):
         actual = "another folder" if os.path.isdir(path) else "no such folder"
         hint = "name a folder that pfwd log or pfwd import has made"
         raise SurveyError(refusal(os.fspath(path), "the folder of a survey", actual, hint))
+
+
+def survey_content(path: str | os.PathLike[str]) -> Survey:
+    """Read a survey, from its folder or from one file.
+
+    Raises
+    ------
+    SurveyError
+        If the path is no survey, or cannot be read.
+    """
+    file = os.fspath(path)
+    try:
+        if is_survey(file):
+            return read_survey(file)
+        if is_survey_file(file):
+            from pfwd.files.survey_file import read_survey_file
+
+            return read_survey_file(file)
+        if is_hdf5(file):
+            read_drop_file(file)  # refuses an export for other programs, and a damaged file
+    except RecordingError as err:
+        raise SurveyError(str(err)) from err
+    actual = "another folder" if os.path.isdir(file) else "another file"
+    if not os.path.exists(file):
+        actual = "no such file or folder"
+    hint = "pfwd import makes a survey of other files"
+    raise SurveyError(refusal(file, "a survey, its folder or one file (.pfwdz)", actual, hint))
 
 
 def spare_folder(named: str | os.PathLike[str] | None = None) -> SpareFolder:

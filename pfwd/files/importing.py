@@ -1,7 +1,7 @@
 """Import of drops from files into a survey.
 
-An exported survey is imported as a whole: raw counts of the converter, metadata, edits and
-results, too.
+A survey in one file is imported as a whole: raw counts of the converter, metadata, edits, results
+and photos, too.
 """
 
 import contextlib
@@ -10,42 +10,33 @@ import datetime
 import hashlib
 import json
 import os
-from collections import Counter
 from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from pfwd.errors import OptionError, SurveyError, quote, refusal
-from pfwd.files.folders import is_survey, spare_folder
+from pfwd.files.folders import is_survey, is_survey_file, spare_folder
 from pfwd.files.foreign.common import Channels
 from pfwd.files.header import declared_values, remarks_of
 from pfwd.files.output_path import refuse_inside_survey
-from pfwd.files.photos import moment_of, store_photo
+from pfwd.files.photos import is_sound_photo, moment_of, photos_of, store_photo
 from pfwd.files.reading import read_points
-from pfwd.files.survey_file import is_survey_file, photos_of_survey, read_survey_file
+from pfwd.files.survey_file import read_survey_file
 from pfwd.files.traces import TracePoint
 from pfwd_device import Drop
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import (
     DropRecord,
+    Survey,
     SurveyDrop,
     SurveyPoint,
     SurveyWriter,
     read_survey,
 )
 from pfwd_device.recording.drop_file import software_version
-from pfwd_device.recording.index import EDITS
-from pfwd_device.recording.payload import encode_json
 from pfwd_device.recording.record import copy_fault, point_name
-from pfwd_device.recording.survey_content import SurveyContent
 from pfwd_device.text import LONGEST_TEXT, clean
-
-MAX_EDIT_CHARACTERS = 65_536
-"""Characters of JSON that a survey accepts as one edit."""
-
-MAX_REMARK_KINDS = 3
-"""Kinds of omitted edits that a remark lists: a file may hold any number of kinds."""
 
 Kind = Literal["traces", "peaks", "stiffness"]
 
@@ -86,7 +77,7 @@ def import_files(
 
     A point gets the name that its file declares, else the name of the file. A drop that the survey
     has already is not imported again. If another drop of the point has its number, a drop gets the
-    next free one. An exported survey is imported with raw counts, metadata, edits and results,
+    next free one. A survey in one file is imported with raw counts, metadata, edits and results,
     unless a header is given.
 
     Parameters
@@ -115,7 +106,7 @@ def import_files(
         before: dict[int, int] = {}
         for file in files:
             points: Sequence[TracePoint] = ()
-            exported: SurveyContent | None = None
+            exported: Survey | None = None
             try:
                 if header is None and is_survey_file(file):
                     exported = read_survey_file(file)
@@ -215,21 +206,19 @@ def _fingerprint(drop: Drop, declared: dict[str, Any]) -> str:
 
 
 def import_survey(
-    writer: SurveyWriter, file: str, content: SurveyContent, before: MutableMapping[int, int]
+    writer: SurveyWriter, file: str, content: Survey, before: MutableMapping[int, int]
 ) -> Iterator[Imported]:
-    """Import all drops of an exported survey with their edits and results.
+    """Import all drops of a survey in one file with their edits and results.
 
-    Drops that the survey has already are not imported again. Edits that this version does not
-    support, perhaps because a newer version wrote them, are omitted; one remark at the end lists
-    them.
+    Drops that the survey has already are not imported again.
 
     Parameters
     ----------
     writer : SurveyWriter
         Survey to import into.
     file : str
-        Path of the exported survey, for messages.
-    content : SurveyContent
+        Path of the file, for messages.
+    content : Survey
         Content of that file.
     before : mapping of number within the survey to number within the point
         Drops that the survey has; imported ones are added.
@@ -244,28 +233,27 @@ def import_survey(
         If the survey cannot be written.
     """
     survey = read_survey(writer.folder)
-    omitted: Counter[str] = Counter()
     points = {point.name: point for point in survey.points}
     drops = {drop.number: drop for drop in survey.drops}
     for point in content.points:
         if point.name not in points:
             writer.add_point(point.name, _original_declarations(point))
     for drop in content.drops:
-        yield _import_stored_drop(writer, file, content, drop, before, drops, omitted)
+        yield _import_stored_drop(writer, file, content, drop, before, drops)
     own = {key for event in survey.events for key in _settings_of(event)}
     not_taken: set[str] = set()
     for point in content.points:
         present = points.get(point.name)
         edits = _missing(point.edits, present.edits if present else ())
-        for edit in _supported_edits(edits, omitted):
+        for edit in edits:
             if edit["what"] == "target" and present and present.target is not None:
                 not_taken.add(f"target of point {clean(point.name)}")
                 continue
             writer.edit(edit["what"], edit.get("value"), point=point.name)
-    for check in _well_formed(_missing(content.checks, survey.checks), "check", omitted):
-        writer.save_check(dict(check.get("details") or {}))
-    for event in _well_formed(_missing(content.events, survey.events), "event", omitted):
-        name, details = str(event.get("event")), dict(event.get("details") or {})
+    for check in _missing(content.checks, survey.checks):
+        writer.save_check(_details_of(check))
+    for event in _missing(content.events, survey.events):
+        name, details = str(event.get("event")), _details_of(event)
         taken = _settings_of(event).keys() & own
         not_taken |= taken
         if name == "recovery" or "procedure" in taken:  # recovered files are not in this folder
@@ -276,52 +264,46 @@ def import_survey(
     if not_taken:
         remark = f"{file}: not imported, as the survey has its own: {', '.join(sorted(not_taken))}"
         yield Imported(file, remark=remark)
-    if omitted:
-        yield Imported(file, remark=_omission_remark(file, omitted))
     yield from _import_photos(writer, file, content)
 
 
 def _settings_of(event: Mapping[str, Any]) -> dict[str, Any]:
     """Return the settings of a survey (its job) that an event declares."""
-    details = event.get("details") or {}
+    details = _details_of(event)
     if event.get("event") == "procedure":
         return {"procedure": details}
     return {key: value for key, value in details.items() if event.get("event") == "job"}
 
 
-def _import_photos(writer: SurveyWriter, file: str, content: SurveyContent) -> Iterator[Imported]:
-    """Store the photos of an exported survey; yield a remark for each that is refused."""
-    names = {point.name for point in content.points}
-    try:
-        for photo in photos_of_survey(content):
-            if photo.point not in names:
+def _import_photos(writer: SurveyWriter, file: str, content: Survey) -> Iterator[Imported]:
+    """Store the photos of a survey; yield a remark for each that is refused."""
+    for point in content.points:
+        for photo in photos_of(content.folder, point.name):
+            where = f"{file}: a photo of {clean(point.title)}"
+            if not is_sound_photo(photo):
+                yield Imported(file, remark=f"{where} is damaged and is not imported: {photo.name}")
                 continue
             try:
-                moment = moment_of(photo.name)
-                store_photo(
-                    writer.folder, photo.point, photo.data, keep_position=True, moment=moment
-                )
+                data, moment = photo.read_bytes(), moment_of(photo.name)
+                store_photo(writer.folder, point.name, data, keep_position=True, moment=moment)
             except (OptionError, SurveyError) as err:
-                yield Imported(file, remark=f"{file}: a photo of {clean(photo.point)}: {err}")
-    except RecordingError as err:
-        yield Imported(file, remark=str(err))
+                yield Imported(file, remark=f"{where}: {err}")
 
 
 def _import_stored_drop(
     writer: SurveyWriter,
     file: str,
-    content: SurveyContent,
+    content: Survey,
     drop: SurveyDrop,
     before: MutableMapping[int, int],
     drops: Mapping[int, SurveyDrop],
-    omitted: Counter[str],
 ) -> Imported:
     # A drop without a key of its own gets one, so that it is not imported twice.
     key = drop.key or f"export/{content.survey_id}/{drop.number}"
     stored = writer.find_key(key)
     if stored is not None:
         edits = drops[stored].edits if stored in drops else ()
-        for edit in _supported_edits(_missing(drop.edits, edits), omitted):
+        for edit in _missing(drop.edits, edits):
             writer.edit(edit["what"], edit.get("value"), number=stored)
         number = before.get(stored, drop.drop)
         return Imported(file, drop.point, number, stored, before=True)
@@ -341,7 +323,7 @@ def _import_stored_drop(
     writer.publish(saved)
     for result in results:
         writer.save_result(saved, result)
-    for edit in _supported_edits(drop.edits, omitted):
+    for edit in drop.edits:
         writer.edit(edit["what"], edit.get("value"), number=saved)
     before[saved] = number
     kind = kind_of(record.drop, record.declared)
@@ -367,44 +349,12 @@ def _original_declarations(point: SurveyPoint) -> dict[str, Any]:
     return {key: value for key, value in point.declared.items() if key not in edited}
 
 
-def _supported_edits(
-    edits: Sequence[Mapping[str, Any]], omitted: Counter[str]
-) -> Iterator[Mapping[str, Any]]:
-    """Yield the edits that this version supports; add the others to the counts in `omitted`."""
-    for edit in edits:
-        if edit["what"] not in EDITS:
-            omitted[f"edit {quote(edit['what'])}"] += 1
-        elif len(encode_json(edit.get("value"))) > MAX_EDIT_CHARACTERS:
-            omitted[f"edit {edit['what']} of more than {MAX_EDIT_CHARACTERS} characters"] += 1
-        else:
-            yield edit
-
-
-def _well_formed(
-    entries: Sequence[Any], kind: str, omitted: Counter[str]
-) -> Iterator[Mapping[str, Any]]:
-    """Yield the events or checks with the expected layout; add the others to the counts in
-    `omitted`.
-    """
-    for entry in entries:
-        if isinstance(entry, Mapping) and isinstance(entry.get("details") or {}, Mapping):
-            yield entry
-        else:
-            omitted[f"{kind} of unknown layout"] += 1
-
-
-def _omission_remark(file: str, omitted: Counter[str]) -> str:
-    count = sum(omitted.values())
-    listed = [f"{name} ({times})" for name, times in omitted.most_common(MAX_REMARK_KINDS)]
-    more = (
-        [f"{len(omitted) - MAX_REMARK_KINDS} other kinds"]
-        if len(omitted) > MAX_REMARK_KINDS
-        else []
-    )
-    return (
-        f"{file}: entries that were not imported: {count}, namely {', '.join([*listed, *more])}. "
-        "This version does not support them; import the file again with a newer one"
-    )
+def _details_of(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the details of an event or a check."""
+    details = entry.get("details") or {}
+    if not isinstance(details, dict):
+        raise RecordingError(f"event or check: expected details, got {details!r:.40}")
+    return details
 
 
 def _missing(

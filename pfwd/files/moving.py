@@ -10,8 +10,9 @@ from dataclasses import replace
 from typing import Any
 
 from pfwd.errors import OptionError, quote, refusal
+from pfwd.files.folders import survey_content
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import DropRecord, Survey, SurveyDrop, SurveyWriter, read_survey
+from pfwd_device.recording import DropRecord, Survey, SurveyDrop, SurveyWriter
 from pfwd_device.recording.record import point_name
 
 MOVED_TO = "moved_to"
@@ -145,7 +146,7 @@ def moved_drops(folder: str | os.PathLike[str]) -> dict[int, str]:
     dict of int to str
         By number within the survey, texts such as "moved to point P2, drop 3".
     """
-    survey = read_survey(folder)
+    survey = survey_content(folder)
     places = {
         drop.number: place
         for drop in survey.drops

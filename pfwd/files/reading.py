@@ -11,7 +11,7 @@ from typing import Any
 
 from inversion.notices import Notice
 from pfwd.errors import SurveyError, refusal
-from pfwd.files.folders import is_survey
+from pfwd.files.folders import is_hdf5, is_survey_file
 from pfwd.files.foreign.common import Channels, Request
 from pfwd.files.foreign.registry import DELIMITED_TEXT, find_format, read_foreign
 from pfwd.files.header import (
@@ -21,13 +21,15 @@ from pfwd.files.header import (
     setup_from,
     setup_warnings,
 )
-from pfwd.files.survey_file import is_survey_file, read_survey_file
 from pfwd.files.traces import TracePoint, is_trace_file, read_traces
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import DropRecord, SurveyPoint, read_drop_file, read_survey
-from pfwd_device.recording.survey_content import SurveyContent
-
-HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+from pfwd_device.recording import (
+    DropRecord,
+    Survey,
+    SurveyPoint,
+    read_drop_file,
+    read_survey,
+)
 
 
 def read_points(
@@ -46,7 +48,7 @@ def read_points(
 
     Parameters
     ----------
-    path : path of a survey folder, an exported survey or a drop file (.h5), a trace file, or a file
+    path : path of a survey folder, a survey in one file, a drop file (.h5), a trace file, or a file
         of another program
     header : path of a TOML file, optional
         Its keys override the declarations of the file.
@@ -71,7 +73,9 @@ def read_points(
     try:
         if os.path.isdir(file):
             return _survey_points(read_survey(file), _declarations(header, overrides))
-        if is_hdf5(file) and is_survey_file(file):
+        if is_survey_file(file):
+            from pfwd.files.survey_file import read_survey_file  # its modules are for archives
+
             return _survey_points(read_survey_file(file), _declarations(header, overrides))
         if is_hdf5(file):
             record = read_drop_file(file)
@@ -91,32 +95,7 @@ def read_points(
     return read_foreign(form, file, request)
 
 
-def survey_content(path: str | os.PathLike[str]) -> SurveyContent:
-    """Read a survey, from its folder or from an exported file.
-
-    Raises
-    ------
-    SurveyError
-        If the path is no survey, or cannot be read.
-    """
-    file = os.fspath(path)
-    try:
-        if is_survey(file):
-            return read_survey(file)
-        if is_hdf5(file) and is_survey_file(file):
-            return read_survey_file(file)
-        if is_hdf5(file):
-            read_drop_file(file)  # says why a damaged file cannot be read
-    except RecordingError as err:
-        raise SurveyError(str(err)) from err
-    actual = "another folder" if os.path.isdir(file) else "another file"
-    if not os.path.exists(file):
-        actual = "no such file or folder"
-    hint = "pfwd import makes a survey of other files"
-    raise SurveyError(refusal(file, "a survey, or one that was exported as h5", actual, hint))
-
-
-def _survey_points(survey: SurveyContent, declared: Declarations) -> list[TracePoint]:
+def _survey_points(survey: Survey, declared: Declarations) -> list[TracePoint]:
     file = survey.path
     points = [trace for point in survey.points for trace in points_of(file, point, declared)]
     if not points:
@@ -126,17 +105,6 @@ def _survey_points(survey: SurveyContent, declared: Declarations) -> list[TraceP
     lost = tuple(Notice("survey-damaged", {"damage": text}) for text in survey.damage)
     points[0] = replace(points[0], warnings=(*points[0].warnings, *lost))
     return points
-
-
-def is_hdf5(file: str | os.PathLike[str]) -> bool:
-    """Return whether a file begins with the signature of the HDF5 format."""
-    if not os.path.isfile(file):
-        return False  # a pipe may wait for ever
-    try:
-        with open(file, "rb") as stream:
-            return stream.read(len(HDF5_SIGNATURE)) == HDF5_SIGNATURE
-    except OSError:
-        return False  # the reader of trace files reports the reason
 
 
 def _declarations(

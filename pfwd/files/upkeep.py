@@ -4,12 +4,11 @@ import os
 from pathlib import Path
 from typing import Any
 
-from pfwd.files.folders import refuse_no_survey, spare_folder
-from pfwd.files.reading import is_hdf5
-from pfwd.files.survey_file import check_survey_file, is_survey_file
+from pfwd.files.folders import is_hdf5, is_survey_file, refuse_no_survey, spare_folder
+from pfwd.files.survey_file import survey_folder
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import CheckReport, RecoveryReport, check, recover
-from pfwd_device.recording.drop_file import stored_drop
+from pfwd_device.recording import CheckReport, RecoveryReport, check, read_drop_file, recover
+from pfwd_device.recording.drop_file import ExportedSurveyError
 from pfwd_device.recording.layout import Layout, refuse_links
 
 
@@ -57,13 +56,13 @@ def recover_survey(
 
 
 def check_survey(
-    folder: str | os.PathLike[str], spare: str | os.PathLike[str] | None = None
+    path: str | os.PathLike[str], spare: str | os.PathLike[str] | None = None
 ) -> tuple[dict[str, Any], list[str]]:
-    """Compare every byte of a survey, an exported survey or a drop file with its digests.
+    """Compare every byte of a survey or of a drop file with its digests.
 
     Parameters
     ----------
-    folder : path of a survey, an exported survey or a drop file
+    path : path of the folder of a survey, of a survey in one file, or of a drop file
     spare : path, optional
         Spare folder; None: as `spare_folder` chooses it.
 
@@ -77,23 +76,25 @@ def check_survey(
     Raises
     ------
     SurveyError, RecordingError
-        If the path is none of the three.
+        If the path is none of the three, or the survey in one file is damaged.
     """
-    if is_hdf5(folder):
-        return check_survey_file(folder) if is_survey_file(folder) else _check_drop_file(folder)
-    refuse_no_survey(folder)
-    report = check(folder, spare=spare_folder(spare))
-    return _record(folder, report), list(report.notes)
+    if is_hdf5(path):
+        return _check_drop_file(path), []
+    with survey_folder(path) as folder:
+        # A survey in one file has its drops in it, even if a spare folder has further ones.
+        report = check(folder, spare=None if is_survey_file(path) else spare_folder(spare))
+    return _record(path, report), list(report.notes)
 
 
-def _check_drop_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], list[str]]:
-    damaged, notes = [], []
+def _check_drop_file(path: str | os.PathLike[str]) -> dict[str, Any]:
+    damaged = []
     try:
-        if stored_drop(Path(path)).version == 1:
-            notes = [f"{path}: attributes are not covered by the digest of format version 1"]
+        read_drop_file(path)
+    except ExportedSurveyError:
+        raise
     except RecordingError as err:
         damaged = [str(err)]
-    record = {
+    return {
         "survey": os.fspath(path),
         "drops_acknowledged": 1,
         "drops_published": 1 - len(damaged),
@@ -101,7 +102,6 @@ def _check_drop_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], list
         "damaged": damaged,
         "ok": not damaged,
     }
-    return record, notes
 
 
 def _record(folder: str | os.PathLike[str], report: CheckReport | RecoveryReport) -> dict[str, Any]:

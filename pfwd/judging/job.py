@@ -20,7 +20,7 @@ from pfwd.procedures import (
     Quantity,
     parse_procedure,
 )
-from pfwd_device.recording.survey_content import SurveyContent
+from pfwd_device.recording import Survey
 from pfwd_device.schema import (
     Array,
     Choice,
@@ -432,12 +432,12 @@ def target_text(target: float) -> str:
     return f"{target / 1e6:g} MPa"
 
 
-def job_of(survey: SurveyContent, procedure: Procedure | None = None) -> Job:
+def job_of(survey: Survey, procedure: Procedure | None = None) -> Job:
     """Return the job of a survey from its events; unreadable events are ignored.
 
     Parameters
     ----------
-    survey : SurveyContent
+    survey : Survey
     procedure : Procedure, optional
         Replaces the procedure that the survey stores, which is then not read.
 

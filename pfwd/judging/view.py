@@ -21,7 +21,7 @@ from pfwd.analysis.result_store import (
 )
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.errors import SurveyError
-from pfwd.files.folders import is_survey, refuse_no_survey
+from pfwd.files.folders import is_survey, is_survey_file, survey_content
 from pfwd.files.header import Declaration, PointSetup, setup_from
 from pfwd.files.moving import moved_to
 from pfwd.judging.drops import RATE_DEVIATION, DropView, drop_from_traces
@@ -30,14 +30,9 @@ from pfwd.judging.places import place_in
 from pfwd.judging.verdicts import PointView, modulus_in_force
 from pfwd.procedures import Kind, PointDrop, PointModulus, Procedure
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import read_survey
+from pfwd_device.recording import Survey, SurveyDrop, SurveyPoint
 from pfwd_device.recording.drop_payload import DropFacts
 from pfwd_device.recording.record import COPY_OF
-from pfwd_device.recording.survey_content import (
-    SurveyContent,
-    SurveyDrop,
-    SurveyPoint,
-)
 
 DAMAGED = "damaged record"
 
@@ -83,16 +78,15 @@ def read_points(folder: str | os.PathLike[str]) -> tuple[PointView, ...]:
     SurveyError, RecordingError
         If the folder holds no survey.
     """
-    refuse_no_survey(folder)
-    return tuple(point_views(read_survey(folder), Job()))
+    return tuple(point_views(survey_content(folder), Job()))
 
 
-def point_views(survey: SurveyContent, job: Job | None = None) -> Iterator[PointView]:
+def point_views(survey: Survey, job: Job | None = None) -> Iterator[PointView]:
     """Yield the points of a stored survey in their order, each when its drops have been read.
 
     Parameters
     ----------
-    survey : SurveyContent
+    survey : Survey
     job : Job, optional
         Job to judge by; None: that of the survey.
 
@@ -143,8 +137,7 @@ def job_of_folder(folder: str | os.PathLike[str], instead: Procedure | None = No
     SurveyError, RecordingError
         If the folder holds no survey, or its procedure cannot be read.
     """
-    refuse_no_survey(folder)
-    survey = read_survey(folder)
+    survey = survey_content(folder)
     try:
         return job_of(survey)
     except SurveyError:
@@ -160,10 +153,11 @@ def moduli_in_force(diagnoses: Sequence[DiagnosisResult]) -> list[PointModulus |
     """
     points: dict[tuple[str, str], PointView] = {}
     for file in dict.fromkeys(str(diagnosis.file) for diagnosis in diagnoses):
-        if is_survey(file):
+        if is_survey(file) or is_survey_file(file):
             # A survey that was damaged since the diagnosis counts as a file without fits.
             with contextlib.suppress(RecordingError, SurveyError):
-                points |= {(file, view.shown_name): view for view in point_views(read_survey(file))}
+                views = point_views(survey_content(file))
+                points |= {(file, view.shown_name): view for view in views}
     return [
         modulus_in_force(diagnosis, points.get((str(diagnosis.file), str(diagnosis.point))))
         for diagnosis in diagnoses

@@ -11,7 +11,7 @@ from pfwd.errors import OptionError, quote, refusal
 from pfwd.export.json_text import without_nan
 from pfwd.export.point_rows import point_rows
 from pfwd.export.rows import Order, Row
-from pfwd.files.reading import survey_content
+from pfwd.files.folders import survey_content
 from pfwd.procedures import unit_of
 from pfwd.scripting.display import ScriptObject, axes_or_new, count, data_frame, html_table, text_of
 from pfwd.scripting.measured import Drop, Points, read
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
 
-    from pfwd_device.recording.survey_content import SurveyContent
+    from pfwd_device import recording
 
 Traces = Literal["half-space", "layer", "three-sensors", "unexplained"]
 SURVEY: Literal["survey"] = "survey"
@@ -31,12 +31,12 @@ DATA_FOLDER = Path(__file__).resolve().parent / "data"
 class Survey(ScriptObject):
     """Survey as it was when `open` read it."""
 
-    def __init__(self, content: SurveyContent) -> None:
+    def __init__(self, content: recording.Survey) -> None:
         self._content = content
 
     @property
     def path(self) -> str:
-        """Path of the survey's folder, or of the exported file."""
+        """Path of the survey's folder, or of the file with the survey."""
         return self._content.path
 
     @property
@@ -205,7 +205,7 @@ class Survey(ScriptObject):
 
 
 def open(path: str | os.PathLike[str]) -> Survey:
-    """Read a survey from its folder or from an exported file (format h5).
+    """Read a survey from its folder or from one file (``.pfwdz``).
 
     Another program may be writing to it.
 
@@ -217,7 +217,7 @@ def open(path: str | os.PathLike[str]) -> Survey:
     Examples
     --------
     >>> pfwd.open(pfwd.example("survey").path)
-    Survey(survey.h5: 4 points, 8 drops, 8 with results)
+    Survey(survey.pfwdz: 4 points, 8 drops, 8 with results)
     """
     if not isinstance(path, str | os.PathLike):
         raise OptionError(refusal("path", "the path of a survey", type(path).__name__))
@@ -252,7 +252,7 @@ def example(name: str) -> Points | Survey:
     Points(three-sensors.csv: 1 point, 1 drop)
     """
     if name == SURVEY:
-        return open(DATA_FOLDER / f"{name}.h5")
+        return open(DATA_FOLDER / f"{name}.pfwdz")
     names = get_args(Traces)
     if name not in names:
         expected = f"one of {', '.join([*names, SURVEY])}"

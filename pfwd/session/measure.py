@@ -21,7 +21,7 @@ from typing import Any
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.errors import SurveyError, refusal
-from pfwd.files.folders import is_survey, spare_folder
+from pfwd.files.folders import is_survey, is_survey_file, spare_folder, survey_content
 from pfwd.files.output_path import refuse_inside_survey
 from pfwd.judging import Job, job_of
 from pfwd.procedures import NO_PROCEDURE
@@ -189,10 +189,10 @@ def replay(
     """
     path, targets = Path(recording), dict[str, Any]()
     plan = SessionPlan(options=options, drops=drops)
-    if is_survey(path):
+    if is_survey(path) or is_survey_file(path):
         if setup is not None:
             raise SurveyError(refusal("--setup", "a capture to use it with", "a survey"))
-        survey = read_survey(path)
+        survey = survey_content(path)
         for text in survey.damage:
             listener(Notice(text, serious=True))
         feed, reader = survey_feed(survey, speed), None

@@ -18,8 +18,8 @@ from pfwd.session.position import PositionSource
 from pfwd.session.setup_file import MeasuringSetup, with_procedure
 from pfwd_device.errors import RecordingError
 from pfwd_device.identity import Identity
+from pfwd_device.recording import Survey
 from pfwd_device.recording.record import point_name
-from pfwd_device.recording.survey_content import SurveyContent
 
 
 class Ending(StrEnum):
@@ -99,14 +99,14 @@ class SessionJob:
         return self.recorded.with_request(self.request)
 
 
-def session_job(plan: SessionPlan, survey: SurveyContent | None) -> SessionJob:
+def session_job(plan: SessionPlan, survey: Survey | None) -> SessionJob:
     """Return the job of a session: the plan overrides the survey, and the survey overrides
     defaults.
 
     Parameters
     ----------
     plan : SessionPlan
-    survey : SurveyContent or None
+    survey : Survey or None
         Survey to record into; None: nothing is recorded.
 
     Raises
@@ -138,7 +138,7 @@ def session_job(plan: SessionPlan, survey: SurveyContent | None) -> SessionJob:
     return SessionJob(recorded, request.news(recorded), setup, differences)
 
 
-def _recorded_job(survey: SurveyContent, *, replaceable: bool) -> Job:
+def _recorded_job(survey: Survey, *, replaceable: bool) -> Job:
     try:
         return job_of(survey)
     except SurveyError:

@@ -4,49 +4,42 @@ The file is built in memory and written by :class:`~pfwd_device.recording.storag
 full disk HDF5 itself may report success or end the program. h5py is imported by the functions that
 need it; recording works without it.
 
-In a file of format version 2 the attribute ``visible_sha256`` is a digest of everything visible
-(:func:`~pfwd_device.recording.hdf5_tree.digest`). In a file of version 1 ``content_sha256`` is a
-digest of the recorded drop without the attributes that repeat parts of it for other programs. A
-file with the digest of the other version is refused, so that no change of the version remains
-undetected. Version 3 is version 2 for a drop without traces, of which only peaks were recorded.
+The attribute ``visible_sha256`` is a digest of everything else that is visible in the file
+(:func:`~pfwd_device.recording.hdf5_tree.digest`). A drop of which only peaks were recorded has the
+group ``peaks`` in place of traces.
 """
 
+import os
 from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pfwd_device.drop import Channel, Drop, Peaks
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording.drop_payload import MAX_REBOUNDS, MAX_SENSORS, drop_parts
+from pfwd_device.recording.drop_payload import MAX_REBOUNDS, MAX_SENSORS
 from pfwd_device.recording.hdf5_tree import (
     Attribute,
     Dataset,
     Group,
-    Place,
     digest,
     opened,
     read_attribute,
     read_group,
     write_group,
 )
-from pfwd_device.recording.payload import Array, content_digest, decode_json, encode_json
+from pfwd_device.recording.payload import Array, decode_json, encode_json
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.text import clean
 
-FILE_VERSION = 2
-"""Format version of drop files; version 1 had no digest of the attributes."""
+SURVEY_FORMAT = "pfwd-survey"
+"""Attribute ``format`` of a plain export of a survey, which this program does not read."""
 
-PEAKS_FILE_VERSION = 3
-"""Format version of files of drops without traces, which earlier programs refuse."""
+FILE_VERSION = 3
+"""Format version of drop files."""
 
 DIGEST = "visible_sha256"
 """Name of the attribute with the digest of everything else in the file."""
-
-OLD_DIGEST = "content_sha256"
-"""Name of the attribute with the digest of format version 1."""
 
 MAX_DROP_FILE_BYTES = 192 * 2**20
 """Largest drop file, bytes: the largest arrays and the longest texts. A usual drop takes 100 kB."""
@@ -74,32 +67,22 @@ _ATTRIBUTES = (
 )
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class StoredDrop:
-    """Drop that was read from an HDF5 file, with facts of the file."""
-
-    record: DropRecord
-    number: int
-    """Number of the drop within its survey."""
-    survey: bytes
-    """Identity of the survey, 16 bytes."""
-    version: int
-    """Format version; in version 1 no digest covers the attributes."""
-    digest: str
-    """SHA-256 of everything visible, or in version 1 of the recorded drop."""
+class ExportedSurveyError(RecordingError):
+    """The file is no drop file, but a plain export of a survey."""
 
 
-def drop_digest(record: DropRecord, number: int) -> str:
-    """Return the SHA-256 of the content of a drop, as hexadecimal digits.
+def drop_digest(record: DropRecord, number: int, survey: bytes = b"") -> str:
+    """Return the SHA-256 that the file of a drop has, as hexadecimal digits.
 
     Parameters
     ----------
     record : DropRecord
     number : int
         Number of the drop within its survey.
+    survey : bytes
+        Identity of the survey, 16 bytes.
     """
-    data, arrays = drop_parts(record)
-    return content_digest(data | {"number": number}, arrays)
+    return digest(_tree(record, number, survey))
 
 
 def drop_file_bytes(record: DropRecord, number: int, survey: bytes) -> bytes:
@@ -122,7 +105,7 @@ def drop_file_bytes(record: DropRecord, number: int, survey: bytes) -> bytes:
         return bytes(file.id.get_file_image())
 
 
-def read_drop_file(path: str | Path) -> DropRecord:
+def read_drop_file(path: str | os.PathLike[str]) -> DropRecord:
     """Return the drop in the HDF5 file of a survey, bit by bit as it was saved.
 
     Parameters
@@ -135,30 +118,25 @@ def read_drop_file(path: str | Path) -> DropRecord:
     RecordingError
         If the file is damaged, has another format, or its content was changed.
     """
-    return read_drop_file_parts(Path(path))[0]
+    return read_drop_file_parts(path)[0]
 
 
-def read_drop_file_parts(path: Path) -> tuple[DropRecord, int, bytes]:
+def read_drop_file_parts(path: str | os.PathLike[str]) -> tuple[DropRecord, int, bytes]:
     """Return the drop in an HDF5 file, its number within the survey, and the survey's identity.
 
     The errors are those of `read_drop_file`.
     """
-    stored = stored_drop(path)
-    return stored.record, stored.number, stored.survey
-
-
-def stored_drop(path: Path) -> StoredDrop:
-    """Return the drop in an HDF5 file with facts of the file; errors as in `read_drop_file`."""
     try:
-        if path.stat().st_size > MAX_DROP_FILE_BYTES:
+        if os.stat(path).st_size > MAX_DROP_FILE_BYTES:
             limit = f"{MAX_DROP_FILE_BYTES // 2**20} MiB"
             raise RecordingError(
-                f"{path}: expected a drop file of at most {limit} or an intact exported survey, "
-                "got a larger file"
+                f"{path}: expected a drop file of at most {limit}, got a larger file, such as an "
+                "export (pfwd export --format h5), which is not read; use the folder of the "
+                "survey, or export it as one file (.pfwdz)"
             )
     except OSError as err:
         raise RecordingError(f"{path}: expected a readable drop file, got {err}") from err
-    return _stored(path, str(path))
+    return _opened_drop(path, str(path))
 
 
 def drop_from_file_bytes(data: bytes, where: str) -> tuple[DropRecord, int, bytes]:
@@ -171,24 +149,24 @@ def drop_from_file_bytes(data: bytes, where: str) -> tuple[DropRecord, int, byte
     where : str
         Origin of the bytes, for messages.
     """
-    stored = _stored(data, where)
-    return stored.record, stored.number, stored.survey
+    return _opened_drop(data, where)
 
 
-def _stored(source: Path | bytes, where: str) -> StoredDrop:
+def _opened_drop(
+    source: str | os.PathLike[str] | bytes, where: str
+) -> tuple[DropRecord, int, bytes]:
     try:
         with opened(source) as file:
-            return read_drop(file, where)
+            return _read_drop(file, where)
     except RecordingError as err:
         if str(err).startswith(where):
             raise
         raise RecordingError(f"{where}: {err}") from err
     except Exception as err:  # h5py raises undocumented errors on damage: OSError to SystemError
-        expected = "expected an intact drop file or exported survey"
-        raise RecordingError(f"{where}: {expected}, got damage: {err}") from err
+        raise RecordingError(f"{where}: expected an intact drop file, got damage: {err}") from err
 
 
-def write_drop(group: Any, record: DropRecord, number: int, survey: bytes) -> str:
+def write_drop(group: Any, record: DropRecord, number: int, survey: bytes) -> None:
     """Write a drop into an HDF5 file or one of its groups.
 
     Parameters
@@ -200,78 +178,35 @@ def write_drop(group: Any, record: DropRecord, number: int, survey: bytes) -> st
         Number of the drop within its survey.
     survey : bytes
         Identity of the survey, 16 bytes.
-
-    Returns
-    -------
-    str
-        SHA-256 of the written content, as hexadecimal digits.
     """
     tree = _tree(record, number, survey)
-    tree_digest = digest(tree)
-    write_group(group, Group(tree.members, {**tree.attributes, DIGEST: tree_digest}))
-    return tree_digest
+    write_group(group, Group(tree.members, {**tree.attributes, DIGEST: digest(tree)}))
 
 
-def read_drop(group: Place, where: str) -> StoredDrop:
-    """Read a drop of any format version from an HDF5 file and compare it with its digest.
-
-    Parameters
-    ----------
-    group : Place
-        Open file or one of its groups.
-    where : str
-        Name of the file and group, for messages.
-
-    Raises
-    ------
-    RecordingError
-        If there is no drop, or its content was changed.
-    """
-    try:
-        version = read_attribute(group, "format_version", where)
-        if isinstance(version, int) and version > PEAKS_FILE_VERSION:
-            raise RecordingError(
-                f"{where}: expected format version {FILE_VERSION} or {PEAKS_FILE_VERSION}, got "
-                f"{version}; a newer version of this program reads it"
-            )
-        if version not in (1, FILE_VERSION, PEAKS_FILE_VERSION):
-            raise RecordingError(f"{where}: expected a format version, got {version!r:.40}")
-        tree = read_group(group, where)
-        written = _verified_digest(tree, int(version), where)
-        record, number = _record(tree, where)
-        survey = bytes.fromhex(str(tree.attributes["survey_id"]))
-    except RecordingError as err:
-        if str(err).startswith(where):
-            raise
-        raise RecordingError(f"{where}: {err}") from err
-    except Exception as err:  # any error of h5py, see above
-        raise RecordingError(f"{where}: expected a drop, got damage: {err}") from err
-    if version == 1 and drop_digest(record, number) != written:
-        raise RecordingError(f"{where}: expected the content that was written, got changed content")
-    return StoredDrop(record, number, survey, int(version), written)
-
-
-def _verified_digest(tree: Group, version: int, where: str) -> str:
-    """Return the stored digest; from version 2 on compare it with the content first."""
-    name, foreign_name = (OLD_DIGEST, DIGEST) if version == 1 else (DIGEST, OLD_DIGEST)
-    attributes = dict(tree.attributes)
-    written = attributes.pop(name, None)
-    if not isinstance(written, str) or foreign_name in attributes:
-        raise RecordingError(
-            f"{where}: expected only the digest {name}, got no digest or {foreign_name}"
+def _read_drop(file: Any, where: str) -> tuple[DropRecord, int, bytes]:
+    """Read the drop of an open HDF5 file and compare it with its digest."""
+    if read_attribute(file, "format", where) == SURVEY_FORMAT:
+        raise ExportedSurveyError(
+            f"{where}: this is an export for other programs (pfwd export --format h5), which is "
+            "not read; use the folder of the survey, or export it as one file (.pfwdz)"
         )
-    if version > 1 and digest(Group(tree.members, attributes)) != written:
+    version = read_attribute(file, "format_version", where)
+    if version != FILE_VERSION:
+        raise RecordingError(
+            f"{where}: expected format version {FILE_VERSION} of a drop file, got {version!r:.40}"
+        )
+    tree = read_group(file, where)
+    attributes = dict(tree.attributes)
+    if attributes.pop(DIGEST, None) != digest(Group(tree.members, attributes)):
         raise RecordingError(f"{where}: expected the content that was written, got changed content")
-    return written
+    record, number = _record(tree, where)
+    return record, number, bytes.fromhex(str(attributes["survey_id"]))
 
 
 def _tree(record: DropRecord, number: int, survey: bytes) -> Group:
     """Return the content of the file of a drop, without its digest."""
     drop = record.drop
-    if drop.only_peaks is None:
-        members, version = _traces(drop), FILE_VERSION
-    else:
-        members, version = _peaks(drop.only_peaks), PEAKS_FILE_VERSION
+    members = _traces(drop) if drop.only_peaks is None else _peaks(drop.only_peaks)
     if record.counts is not None:
         calibration = _calibration(record.metadata)
         members["counts"] = Dataset(record.counts, {"units": "counts", **calibration})
@@ -289,7 +224,7 @@ def _tree(record: DropRecord, number: int, survey: bytes) -> Group:
     for name, mapping in (("declared", record.declared), ("metadata", record.metadata)):
         members[name] = Dataset(encode_json(mapping), {"units": "JSON"})
     attributes: dict[str, Attribute] = {
-        "format_version": version,
+        "format_version": FILE_VERSION,
         "pfwd_version": software_version(),
         "survey_id": survey.hex(),
         "point": record.point,
@@ -354,7 +289,7 @@ def _record(tree: Group, where: str) -> tuple[DropRecord, int]:
         for rebound in rebounds
     ]
     number = int(tree.attributes["drop"])
-    if tree.attributes["format_version"] == PEAKS_FILE_VERSION:
+    if "peaks" in tree.members:
         drop = Drop.of_peaks(number, _read_peaks(tree))
     else:
         drop = Drop(number, _array(tree, "time"), _array(tree, "load"), tuple(channels))

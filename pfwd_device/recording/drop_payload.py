@@ -12,7 +12,6 @@ import numpy as np
 
 from pfwd_device.drop import Channel, Drop, Peaks
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording.layout import PEAKS_FORMAT_VERSION
 from pfwd_device.recording.payload import Array, decode_payload, encode_payload
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.signals import trace_peaks
@@ -219,24 +218,6 @@ def _only_peaks(recorded: Any, sensors: list[Any]) -> Peaks:
     offsets = [_number(offset) for offset, _ in sensors]
     displacements = [_number(peak) for peak in recorded["displacements"]]
     return Peaks(_number(recorded["load"]), tuple(zip(offsets, displacements, strict=True)))
-
-
-def raised_version(info: Mapping[str, Any], data: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Return the record of the survey with the format version that a drop needs.
-
-    A drop without traces needs a higher version, so that earlier programs refuse the survey. None
-    if the present version suffices.
-
-    Parameters
-    ----------
-    info : mapping
-        Data of the present record of the survey.
-    data : mapping
-        Data of the record of the drop.
-    """
-    if "only_peaks" not in data or info.get("format_version") == PEAKS_FORMAT_VERSION:
-        return None
-    return {**info, "format_version": PEAKS_FORMAT_VERSION}
 
 
 def rebound_payload(number: int, rebound: Rebound) -> bytes:

@@ -3,9 +3,10 @@
 A file from a stranger may refer to other files (links, external storage), announce more data than
 there is memory, or have bytes whose change the library does not detect. Here a file is opened
 through a stream that refuses long reads, and every object is inspected before it is read. Only
-content that this program writes is accepted: hard links, numbers of 8, 32 and 64 bits, texts, and
-gzip, shuffle and checksum filters. h5py is imported by the functions that need it, because
-recording works without it.
+content that this program writes is accepted: hard links, numbers of 8, 32 and 64 bits, texts of
+fixed length, and gzip, shuffle and checksum filters. A text of variable length would be stored as
+its length and its place in the file: one changed bit may then make HDF5 fill the memory, or read
+without end. h5py is imported by the functions that need it, because recording works without it.
 """
 
 import contextlib
@@ -24,13 +25,12 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording.hdf5_texts import StoredTexts
 from pfwd_device.recording.payload import MAX_ARRAY_BYTES, MAX_JSON_BYTES, Array
 from pfwd_device.text import clean
 
 MAX_READ_BYTES = MAX_JSON_BYTES + 2**20
-"""Largest single read from the file, bytes. A text is read in one piece together with its heap, so
-this allows for the longest text; arrays are read in smaller chunks."""
+"""Largest single read from the file, bytes. A text is read in one piece; arrays are read in smaller
+chunks."""
 
 MAX_READS_OF_A_FILE = 16
 """Largest number of bytes that may be read, relative to the size of the file. A file whose parts
@@ -79,19 +79,9 @@ class Group:
     attributes: Mapping[str, Attribute] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
-    """File, group or dataset that was opened in HDF5 and not read or verified yet."""
-
-    item: Any
-    """Object of h5py."""
-    texts: StoredTexts
-    """Reader of the texts of the file."""
-
-
 @contextlib.contextmanager
-def opened(source: str | os.PathLike[str] | bytes) -> Iterator[Place]:
-    """Open an HDF5 file for reading, as a context manager, with limits on the amount that is read.
+def opened(source: str | os.PathLike[str] | bytes) -> Iterator[Any]:
+    """Open an HDF5 file with h5py for reading, with limits on the amount that is read.
 
     Parameters
     ----------
@@ -114,8 +104,7 @@ def opened(source: str | os.PathLike[str] | bytes) -> Iterator[Place]:
             if not stat.S_ISREG(os.stat(source).st_mode):
                 raise RecordingError("expected a file, got a folder, device or pipe")
             stream = stack.enter_context(open(source, "rb"))
-        file = stack.enter_context(h5py.File(_BoundedStream(stream), "r"))
-        yield Place(file, StoredTexts(stream, MAX_READ_BYTES))
+        yield stack.enter_context(h5py.File(_BoundedStream(stream), "r"))
 
 
 class _BoundedStream(io.RawIOBase):
@@ -149,109 +138,31 @@ class _BoundedStream(io.RawIOBase):
         return self._stream.readinto(buffer)  # type: ignore[attr-defined, no-any-return]
 
 
-@dataclass(slots=True)
-class Allowance:
-    """Amounts that may still be read from a file."""
-
-    arrays: int = MAX_ARRAY_BYTES
-    """Remaining bytes of arrays."""
-    texts: int = MAX_JSON_BYTES
-    """Remaining bytes of texts, including those of attributes."""
-    addresses: set[int] = field(default_factory=set)
-    """Addresses of the objects read so far; an object with a second name is refused."""
-
-
-def read_group(group: Place, where: str, allowance: Allowance | None = None) -> Group:
+def read_group(group: Any, where: str) -> Group:
     """Read the content of an HDF5 file or of one of its groups.
 
     Parameters
     ----------
-    group : Place
+    group : h5py.Group
         Open file or group.
     where : str
         Name of the file or group, for messages.
-    allowance : Allowance, optional
-        Limits, which are reduced by the amounts that are read.
 
     Raises
     ------
     RecordingError
         If the content has other kinds of objects than this program writes, or exceeds a limit.
     """
-    reader = _Reader(group.texts, allowance or Allowance())
-    return reader.group(group.item.id, where, MAX_DEPTH)
+    return _Reader().group(group.id, where, MAX_DEPTH)
 
 
-def read_dataset(group: Place, name: str, where: str) -> Dataset:
-    """Read one dataset of an HDF5 file.
-
-    Parameters
-    ----------
-    group : Place
-        Open file or group.
-    name : str
-        Path of the dataset within the group.
-    where : str
-        Name of the file or group, for messages.
-
-    Raises
-    ------
-    RecordingError
-        If there is no such dataset, or for the reasons of `read_group`.
-    """
-    folder, _, last = name.rpartition("/")
-    parent = find(group, folder, where) if folder else group
-    if parent is None:
-        raise RecordingError(f"{where}, {name}: expected a dataset in the file, got none")
-    reader = _Reader(group.texts, Allowance())
-    dataset = reader.member(parent.item.id, last.encode(), f"{where}, {name}", 0)
-    if not isinstance(dataset, Dataset):
-        raise RecordingError(f"{where}, {name}: expected a dataset, got a group")
-    return dataset
-
-
-def read_attributes(place: Place, where: str) -> dict[str, Attribute]:
-    """Read all attributes of an open HDF5 file, group or dataset, by name.
-
-    Raise RecordingError for values that this program does not write.
-    """
-    return _Reader(place.texts, Allowance()).attributes(place.item.id, where)
-
-
-def read_attribute(place: Place, name: str, where: str) -> Attribute | None:
-    """Read one attribute of an open HDF5 file, group or dataset; None if it does not exist."""
+def read_attribute(group: Any, name: str, where: str) -> Attribute | None:
+    """Read one attribute of an open HDF5 file or group of h5py; None if it does not exist."""
     from h5py import h5a
 
-    if not h5a.exists(place.item.id, name.encode()):
+    if not h5a.exists(group.id, name.encode()):
         return None
-    reader = _Reader(place.texts, Allowance())
-    stored = reader.stored(place.item.id)
-    return reader.attribute(place.item.id, name.encode(), stored, where)
-
-
-def find(group: Place, path: str, where: str) -> Place | None:
-    """Open the object at a path within an HDF5 group, without reading it; None if there is none.
-
-    Raises
-    ------
-    RecordingError
-        If the path contains a link that may lead to another file.
-    """
-    item = group.item
-    for part in path.split("/"):
-        if not item.id.links.exists(part.encode()):
-            return None
-        _require_hard_link(item.id, part.encode(), f"{where}, {clean(part)}")
-        item = item[part]
-    return Place(item, group.texts)
-
-
-def member_names(group: Place, where: str, limit: int = MAX_MEMBERS) -> list[str]:
-    """Return the sorted names of the objects in an HDF5 group.
-
-    Raise RecordingError if there are more than `limit`.
-    """
-    return [_name(name, where) for name in _links(group.item.id, where, limit)]
+    return _Reader().attribute(group.id, name.encode(), where)
 
 
 def digest(group: Group) -> str:
@@ -310,13 +221,27 @@ def write_dataset(target: Any, name: str, dataset: Dataset) -> None:
             "shuffle": True,
             "fletcher32": True,
         }
-    write_attributes(target.create_dataset(name, data=values, **options), dataset.attributes)
+    data = _stored_text(values) if isinstance(values, str) else values
+    write_attributes(target.create_dataset(name, data=data, **options), dataset.attributes)
 
 
 def write_attributes(target: Any, attributes: Mapping[str, Attribute]) -> None:
     """Write attributes to an open file, group or dataset of h5py."""
     for name, value in attributes.items():
-        target.attrs[name] = np.int64(value) if isinstance(value, int) else value
+        if isinstance(value, str):
+            target.attrs[name] = _stored_text(value)
+        else:
+            target.attrs[name] = np.int64(value) if isinstance(value, int) else value
+
+
+def _stored_text(text: str) -> Any:
+    """Return a text as a value of fixed length for h5py; an empty text is one NUL."""
+    import h5py
+
+    data = text.encode()
+    if b"\0" in data:
+        raise RecordingError(f"expected a text without the character NUL, got {text!r:.40}")
+    return np.array(data, h5py.string_dtype("utf-8", max(1, len(data))))
 
 
 def _walk(path: str, item: Group | Dataset) -> Iterator[tuple[bytes, Group | Dataset]]:
@@ -334,12 +259,16 @@ def _attribute_parts(value: Attribute) -> tuple[bytes, bytes]:
     return b"<f8", struct.pack("<d", value)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _Reader:
     """Reader of the objects of an HDF5 file, with limits on the amount that is read."""
 
-    texts: StoredTexts
-    allowance: Allowance
+    arrays: int = MAX_ARRAY_BYTES
+    """Remaining bytes of arrays."""
+    texts: int = MAX_JSON_BYTES
+    """Remaining bytes of texts, including those of attributes."""
+    addresses: set[int] = field(default_factory=set)
+    """Addresses of the objects read so far; an object with a second name is refused."""
 
     def group(self, identity: Any, where: str, depth: int) -> Group:
         attributes = self.attributes(identity, where)
@@ -359,11 +288,11 @@ class _Reader:
         _require_hard_link(parent, link, where)
         identity = h5o.open(parent, link)
         about = h5o.get_info(identity)
-        if about.rc != 1 or about.addr in self.allowance.addresses:
+        if about.rc != 1 or about.addr in self.addresses:
             raise RecordingError(
                 f"{where}: expected an object with one name, got one with several names"
             )
-        self.allowance.addresses.add(about.addr)
+        self.addresses.add(about.addr)
         if isinstance(identity, h5d.DatasetID):
             return Dataset(self.value(identity, where), self.attributes(identity, where))
         if not isinstance(identity, h5g.GroupID) or depth <= 1:
@@ -382,32 +311,23 @@ class _Reader:
             return {}
         names: list[bytes] = []
         h5a.iterate(identity, names.append)
-        stored = self.stored(identity)
-        attributes = {
-            _name(name, where): self.attribute(identity, name, stored, where) for name in names
-        }
-        if len(attributes) != len(names) or len(stored) != len(names):
+        attributes = {_name(name, where): self.attribute(identity, name, where) for name in names}
+        if not len(attributes) == len(names) == count:
             raise RecordingError(
                 f"{where}: expected every attribute once, got one twice; the file is damaged"
             )
         return attributes
 
-    def stored(self, identity: Any) -> dict[bytes, bytes]:
-        """Return the stored values of all attributes of an object, by name, without HDF5."""
-        from h5py import h5o
-
-        return self.texts.of_attributes(h5o.get_info(identity).addr)
-
-    def attribute(
-        self, identity: Any, name: bytes, stored: Mapping[bytes, bytes], where: str
-    ) -> Attribute:
+    def attribute(self, identity: Any, name: bytes, where: str) -> Attribute:
         from h5py import h5a, h5s, h5t
 
         attribute = h5a.open(identity, name)
         kind = attribute.get_type()
         if not kind.committed() and attribute.get_space().get_simple_extent_type() == h5s.SCALAR:
             if _is_text(kind):
-                return self.text(self.texts.text(stored.get(name, b"")), where)
+                text = self.empty_text(kind, attribute.get_storage_size(), where)
+                attribute.read(text, kind)
+                return _text(text, where)
             if kind.equal(h5t.IEEE_F64LE):
                 number = np.empty((), np.float64)
                 attribute.read(number)
@@ -425,15 +345,16 @@ class _Reader:
         from h5py import h5s
 
         # Refuse storage in other files first: even the size of such a dataset is read from them.
-        refuse_storage(identity, where)
+        _refuse_storage(identity, where)
         kind, space = identity.get_type(), identity.get_space()
         if kind.committed():
             raise RecordingError(f"{where}: expected a type of its own, got a shared one")
         if _is_text(kind):
-            offset = identity.get_offset()
-            if space.get_simple_extent_type() != h5s.SCALAR or offset is None:
+            if space.get_simple_extent_type() != h5s.SCALAR:
                 raise RecordingError(f"{where}: expected one text, got several")
-            return self.text(self.texts.at(offset), where)
+            text = self.empty_text(kind, identity.get_storage_size(), where)
+            identity.read(h5s.ALL, h5s.ALL, text, kind)
+            return _text(text, where)
         shape = space.get_simple_extent_dims()
         fixed = space.get_simple_extent_dims(True) == shape
         if space.get_simple_extent_type() != h5s.SIMPLE or not fixed:
@@ -442,28 +363,41 @@ class _Reader:
         if dtype is None or len(shape) > 2:
             raise RecordingError(f"{where}: expected an array of numbers, got another type")
         size = math.prod(shape) * np.dtype(dtype).itemsize
-        if size > self.allowance.arrays:
+        if size > self.arrays:
             raise RecordingError(
                 f"{where}: expected at most {MAX_ARRAY_BYTES} bytes of arrays in the file, got "
                 f"an array of {size} bytes beyond that"
             )
-        self.allowance.arrays -= size
-        refuse_chunks(identity, where)
+        self.arrays -= size
+        _refuse_chunks(identity, where)
         values = np.empty(shape, dtype)
         if values.size:
             identity.read(h5s.ALL, h5s.ALL, values)
         return values
 
-    def text(self, data: bytes, where: str) -> str:
-        self.allowance.texts -= len(data)
-        if self.allowance.texts < 0:
+    def empty_text(self, kind: Any, stored: int, where: str) -> Any:
+        """Return memory for a text, of a type and with a number of stored bytes."""
+        size = kind.get_size()
+        self.texts -= size
+        if self.texts < 0:
             raise RecordingError(
                 f"{where}: expected at most {MAX_JSON_BYTES} bytes of texts, got more"
             )
-        try:
-            return data.decode()
-        except UnicodeDecodeError as err:
-            raise RecordingError(f"{where}: expected text in UTF-8, got other bytes") from err
+        if size != stored:
+            raise RecordingError(f"{where}: expected a text of {size} bytes, got {stored}")
+        return np.empty((), f"V{size}")
+
+
+def _text(stored: Any, where: str) -> str:
+    data = stored.tobytes()
+    if data == b"\0":  # HDF5 has no texts of no bytes
+        return ""
+    if b"\0" in data:
+        raise RecordingError(f"{where}: expected a text without the character NUL, got one with it")
+    try:
+        return str(data, "utf-8")
+    except UnicodeDecodeError as err:
+        raise RecordingError(f"{where}: expected text in UTF-8, got other bytes") from err
 
 
 def _links(identity: Any, where: str, limit: int) -> list[bytes]:
@@ -490,7 +424,7 @@ def _require_hard_link(parent: Any, link: bytes, where: str) -> None:
         )
 
 
-def refuse_storage(identity: Any, where: str) -> None:
+def _refuse_storage(identity: Any, where: str) -> None:
     """Raise RecordingError for a dataset with values in other files or with unknown filters.
 
     HDF5 opens other files when it reads such values, and for a view of several datasets even when
@@ -515,7 +449,7 @@ def refuse_storage(identity: Any, where: str) -> None:
         raise RecordingError(f"{where}: expected gzip or no filter, got filters {filters[:8]}")
 
 
-def refuse_chunks(identity: Any, where: str) -> None:
+def _refuse_chunks(identity: Any, where: str) -> None:
     """Raise RecordingError for chunks that are too large, or larger than announced when unpacked.
 
     The HDF5 library unpacks without a limit, so a few bytes could fill the memory.
@@ -563,10 +497,15 @@ def refuse_chunks(identity: Any, where: str) -> None:
 
 
 def _is_text(kind: Any) -> bool:
+    """Return whether a type is that of the texts that this program writes."""
     from h5py import h5t
 
-    # HDF5 reports types of different character sets as equal.
-    return bool(kind.equal(_types()["text"]) and kind.get_cset() == h5t.CSET_UTF8)
+    return (
+        isinstance(kind, h5t.TypeStringID)
+        and not kind.is_variable_str()
+        and kind.get_strpad() == h5t.STR_NULLPAD
+        and kind.get_cset() == h5t.CSET_UTF8
+    )
 
 
 def _name(name: bytes, where: str) -> str:
@@ -578,13 +517,11 @@ def _name(name: bytes, where: str) -> str:
 
 @functools.cache
 def _types() -> Mapping[str, Any]:
-    """Return the HDF5 types of the arrays and texts that this program writes, by name."""
-    import h5py
+    """Return the HDF5 types of the arrays that this program writes, by name."""
     from h5py import h5t
 
     return {
         "<f8": h5t.IEEE_F64LE,
         "<i4": h5t.STD_I32LE,
         "|u1": h5t.STD_U8LE,
-        "text": h5t.py_create(h5py.string_dtype(), logical=True),
     }

@@ -26,7 +26,7 @@ from pfwd_device.recording.agreement import (
 )
 from pfwd_device.recording.framing import Kind
 from pfwd_device.recording.journal import Located, Stretch, read_record, scan_journal
-from pfwd_device.recording.layout import FORMAT_VERSION, PEAKS_FORMAT_VERSION, Layout
+from pfwd_device.recording.layout import FORMAT_VERSION, Layout
 from pfwd_device.recording.ledger import (
     Entry,
     LedgerText,
@@ -346,7 +346,7 @@ def build_index(layout: Layout) -> Index:
     Raises
     ------
     RecordingError
-        If a file cannot be read at all, or a newer version of the program wrote the survey.
+        If a file cannot be read at all, or the survey has another format version.
     """
     ledger = read_ledger(layout.ledger)
     index = Index(ledger=ledger)
@@ -424,7 +424,7 @@ def read_index(layout: Layout) -> Index:
     Raises
     ------
     RecordingError
-        If a file cannot be read at all, or a newer version of the program wrote the survey.
+        If a file cannot be read at all, or the survey has another format version.
     """
     try:
         with no_collections():
@@ -529,11 +529,10 @@ def _add_unlisted(layout: Layout, index: Index, item: Located) -> None:
 
 def _check_version(layout: Layout, data: Mapping[str, Any]) -> None:
     version = data.get("format_version")
-    if version not in (FORMAT_VERSION, PEAKS_FORMAT_VERSION):
+    if version != FORMAT_VERSION:
         raise RecordingError(
-            f"{layout.folder}: expected a survey of format version {FORMAT_VERSION} or "
-            f"{PEAKS_FORMAT_VERSION}, got {str(version)[:20]}; a newer version of this program "
-            "reads it"
+            f"{layout.folder}: expected a survey of format version {FORMAT_VERSION}, got "
+            f"{str(version)[:20]}"
         )
 
 

@@ -13,11 +13,8 @@ ResultKind = Literal["drop", "trial", "diagnosis"]
 """Kind of a stored result, with which the name of its file begins: the result that counts for a
 drop, a trial of its analysis with other settings, or a diagnosis of its point."""
 
-FORMAT_VERSION = 1
-
-PEAKS_FORMAT_VERSION = 2
-"""Format version of a survey with drops without traces, which programs of version 1 refuse. Any
-other survey has version 1."""
+FORMAT_VERSION = 2
+"""Format version of a survey."""
 
 _JUNCTION: int | None = getattr(stat, "IO_REPARSE_TAG_MOUNT_POINT", None)  # exists on Windows
 

@@ -7,7 +7,6 @@ written NaN, Infinity and -Infinity, as Python's json does.
 """
 
 import contextlib
-import hashlib
 import json
 import math
 import struct
@@ -26,13 +25,12 @@ MAX_ARRAY_BYTES = 128 * 2**20
 channels and 10 s at 50 kHz with its counts, 58 MB. A few compressed bytes can announce any size."""
 
 MAX_JSON_BYTES = 32 * 2**20
-"""Largest JSON text, bytes. The longest describes the drops of an exported survey, some 300 bytes
-each: 3 MB for 10,000 drops."""
+"""Largest JSON text, bytes. The longest lists the files of a survey, some 130 bytes each: 13 MB for
+100,000 files."""
 
 MAX_JSON_VALUES = 2_500_000
 """Largest number of commas, colons and brackets in a JSON text. Each may be a value of up to 100
-bytes of memory, thirty times its length in the text; 10,000 drops of an exported survey have
-300,000."""
+bytes of memory, thirty times its length in the text; a list of 100,000 files has 700,000."""
 
 MAX_ARRAYS = 4096
 DTYPES = ("<f8", "<i4", "|u1")
@@ -135,21 +133,10 @@ def encode_payload(
     RecordingError
         If data or arrays cannot be encoded or are too large.
     """
-    head, parts = _described_parts(data, arrays or {}, pack=pack)
-    if not (pack and parts):
-        return b"".join([head, *parts])
-    packer = zlib.compressobj(1)
-    return b"".join([head, *map(packer.compress, parts), packer.flush()])
-
-
-def _described_parts(
-    data: Mapping[str, Any], arrays: Mapping[str, Array], *, pack: bool
-) -> tuple[bytes, list[memoryview]]:
-    """Return the encoded JSON with its length, and the bytes of the arrays that are not empty."""
     described = []
     parts = []
     total = 0
-    for name, array in arrays.items():
+    for name, array in (arrays or {}).items():
         dtype = array.dtype.newbyteorder("<").str
         if dtype not in DTYPES:
             raise RecordingError(f"array {name}: expected one of {DTYPES}, got {dtype}")
@@ -163,7 +150,11 @@ def _described_parts(
     text = encode_json({"data": data, "arrays": described, "packed": pack}).encode("ascii")
     if (problem := json_excess(text)) is not None:  # a larger text could not be read
         raise RecordingError(problem)
-    return _JSON_LENGTH.pack(len(text)) + text, parts
+    head = _JSON_LENGTH.pack(len(text)) + text
+    if not pack:
+        return b"".join([head, *parts])
+    packer = zlib.compressobj(1)
+    return b"".join([head, *map(packer.compress, parts), packer.flush()])
 
 
 def decode_payload(
@@ -241,18 +232,6 @@ def _arrays(
 def payload_data(payload: Payload) -> dict[str, Any]:
     """Return the data of the payload of a record, without its arrays."""
     return _object(_head(payload)[0].get("data"))
-
-
-def content_digest(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
-    """Return the SHA-256 of the data and arrays of a record as hexadecimal digits.
-
-    It does not depend on the compression of the arrays.
-    """
-    head, parts = _described_parts(data, arrays, pack=False)
-    digest = hashlib.sha256(head)
-    for part in parts:
-        digest.update(part)
-    return digest.hexdigest()
 
 
 def _head(payload: Payload) -> tuple[dict[str, Any], int]:

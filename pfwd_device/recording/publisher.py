@@ -148,9 +148,8 @@ def publish(
     draft = draft_of(target)
     storage.write_draft(draft, data)
     written = draft.read_bytes()
-    if written != data or drop_digest(drop_from_file_bytes(written, str(draft))[0], number) != (
-        drop_digest(record, number)
-    ):
+    read_again = drop_from_file_bytes(written, str(draft))
+    if written != data or drop_digest(*read_again) != drop_digest(record, number, survey):
         raise RecordingError(f"{draft}: expected the content that was written, got other content")
     if parent is not None and os.name != "nt" and os.getppid() != parent:
         raise RecordingError("the program that recorded this drop has ended; recovery publishes it")

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording.drop_payload import raised_version
 from pfwd_device.recording.files import now
 from pfwd_device.recording.framing import Frame, Kind
 from pfwd_device.recording.index import Index, about_of, build_index, complete_keys
@@ -237,20 +236,5 @@ def append_point(log: RecordLog, index: Index, name: str, declared: object) -> N
 def append_drop(
     log: RecordLog, index: Index, data: dict[str, Any], arrays: dict[str, Array]
 ) -> None:
-    """Append the record of a drop to a survey.
-
-    If the drop needs a higher format version, a record of the survey with it is appended first.
-
-    Parameters
-    ----------
-    log : RecordLog
-        Writer of the records of the survey.
-    index : Index
-        Content of the survey, which is updated.
-    data, arrays : mapping
-        Data and arrays of the record.
-    """
-    if (info := raised_version(index.info, data)) is not None:
-        info = {**info, "survey_id": log.survey.hex()}
-        index.add(log.append(Kind.SURVEY, info), info)
+    """Append the record of a drop to a survey, with its data and arrays."""
     index.add(log.append(Kind.DROP, data, arrays, about_of(Kind.DROP, data)), data)

@@ -1,8 +1,8 @@
-"""Content of a survey, whether it is stored in its folder or in one exported file.
+"""Points and drops of a survey.
 
-Both have the same points and drops. A drop reads its traces and results only on request, through
-the survey to which it belongs. A drop has a survey-wide number and a number within its test point.
-A key is the text that identifies a drop on its instrument.
+A drop reads its traces and results only on request, through the survey to which it belongs. A drop
+has a survey-wide number and a number within its test point. A key is the text that identifies a
+drop on its instrument.
 """
 
 import hashlib
@@ -113,8 +113,7 @@ class SurveyDrop:
     edits: tuple[dict[str, Any], ...]
     """All edits, in order."""
     source: str
-    """Source of the record: "journal", "file" if the journal is damaged there, or "export" for an
-    exported survey."""
+    """Source of the record: "journal", or "file" if the journal is damaged there."""
     _origin: DropOrigin = field(repr=False)
 
     @property
@@ -124,10 +123,7 @@ class SurveyDrop:
 
     @property
     def results(self) -> tuple[Path, ...]:
-        """Files with stored results: trials first, the valid result last.
-
-        Empty for an exported survey, which contains the results itself.
-        """
+        """Files with stored results: trials first, the valid result last."""
         return tuple(Path(file.path) for file in self.result_files)
 
     @property
@@ -147,7 +143,7 @@ class SurveyDrop:
 
     @property
     def file(self) -> Path | None:
-        """HDF5 file of the drop; None if it has not been made, or in an exported survey."""
+        """HDF5 file of the drop; None if it has not been made."""
         return self._origin.file_of(self.number)
 
     def read(self) -> DropRecord:
@@ -236,46 +232,6 @@ class SurveyPoint:
     """All edits, in order."""
     drops: tuple[SurveyDrop, ...]
     """Drops in the order of recording, including discarded ones."""
-
-
-class SurveyContent(Protocol):
-    """Interface of a survey, whether it is stored in its folder or in one exported file."""
-
-    @property
-    def path(self) -> str:
-        """Path of the folder or file."""
-
-    @property
-    def survey_id(self) -> str:
-        """Identity of the survey, 32 hexadecimal digits; empty if it is lost."""
-
-    @property
-    def info(self) -> Mapping[str, Any]:
-        """Time and program of the creation of the survey: ``created_utc``, ``software``."""
-
-    @property
-    def points(self) -> tuple[SurveyPoint, ...]:
-        """Test points in their order."""
-
-    @property
-    def drops(self) -> tuple[SurveyDrop, ...]:
-        """All drops in the order of their survey-wide numbers."""
-
-    @property
-    def events(self) -> tuple[Mapping[str, Any], ...]:
-        """Recorded events, such as gaps and reconnections, in order."""
-
-    @property
-    def checks(self) -> tuple[Mapping[str, Any], ...]:
-        """Recorded checks of the zero and the span of channels, in order."""
-
-    @property
-    def captures(self) -> tuple[Path, ...]:
-        """Files with raw captures, the bytes of a link; empty for an exported survey."""
-
-    @property
-    def damage(self) -> tuple[str, ...]:
-        """Descriptions of lost records."""
 
 
 def parse_result(data: bytes | str, where: str) -> Result:

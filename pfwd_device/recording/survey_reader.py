@@ -24,6 +24,7 @@ from pfwd_device.recording.files import file_facts
 from pfwd_device.recording.framing import Frame
 from pfwd_device.recording.index import (
     DropEntry,
+    FileEntry,
     FileStates,
     Index,
     file_states,
@@ -57,6 +58,8 @@ class Survey:
 
     def __init__(self, layout: Layout, index: Index, states: FileStates | None = None) -> None:
         self.folder = layout.folder
+        self.path = os.fspath(layout.folder)
+        """Path to name in messages: of the folder, or of the file from which it was unpacked."""
         self.info: dict[str, Any] = dict(index.info)
         """Record of the survey: ``created_utc``, ``software``, ``format_version``."""
         self.survey_id = index.survey.hex() if index.survey else ""
@@ -82,11 +85,6 @@ class Survey:
         """All drops in the order of their survey-wide numbers."""
         self.points: tuple[SurveyPoint, ...] = self._points(drops)
         """Test points in their order."""
-
-    @property
-    def path(self) -> str:
-        """Path of the folder of the survey."""
-        return os.fspath(self.folder)
 
     def index_if_unchanged(self) -> Index | None:
         """Return the index for a writer; None if a file was changed since the survey was read.
@@ -124,6 +122,11 @@ class Survey:
     def checks(self) -> tuple[dict[str, Any], ...]:
         """Recorded checks of the zero and the span of channels, in order."""
         return tuple(self._data(self._index.checks))
+
+    @property
+    def listed_files(self) -> tuple[FileEntry, ...]:
+        """Files of drops, results and captures, as the journal lists them."""
+        return tuple(self._index.files.values())
 
     @property
     def captures(self) -> tuple[Path, ...]:
@@ -274,13 +277,13 @@ class Survey:
 
     def _result_file(self, path: str) -> ResultFile:
         listed = self._index.files[path]
-        return ResultFile(f"{self.path}/{path}", listed.size, listed.sha256)
+        return ResultFile(f"{self.folder}/{path}", listed.size, listed.sha256)
 
     def _read_result(self, path: str) -> Result:
         try:
             return self._result_file(path).read()
         except RecordingError as err:
-            self.damaged_results[path] = str(err).removeprefix(f"{self.path}/")
+            self.damaged_results[path] = str(err).removeprefix(f"{self.folder}/")
             raise
 
     def _read_drops(self) -> dict[int, SurveyDrop]:

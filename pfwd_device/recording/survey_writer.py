@@ -21,7 +21,6 @@ from pfwd_device.recording.capture import CaptureWriter
 from pfwd_device.recording.drop_payload import (
     drop_parts,
     peaks_data,
-    raised_version,
     rebound_payload,
 )
 from pfwd_device.recording.file_repair import FileRepair
@@ -357,8 +356,6 @@ class SurveyWriter:
             data |= {"number": number, "key": key, "restored_from": None}
             if (peaks := peaks_data(record.drop)) is not None:
                 data["peaks"] = peaks
-            if (info := raised_version(self._index.info, data)) is not None:
-                self._write(Kind.SURVEY, {**info, "survey_id": self.survey_id})
             entry = self._records.append(Kind.DROP, data, arrays, about_of(Kind.DROP, data))
             self._index.add(entry, data)
             # The file is about as large as the record.

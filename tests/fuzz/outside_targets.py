@@ -70,7 +70,7 @@ def ledger_bytes(data: bytes) -> None:
 def survey_folder(data: bytes) -> None:
     """A folder with any journal and any ledger is read, checked and recovered, twice alike."""
     half = len(data) // 2
-    journal = encode_frame(Kind.SURVEY, SURVEY_ID, 1, encode_payload({"format_version": 1}))
+    journal = encode_frame(Kind.SURVEY, SURVEY_ID, 1, encode_payload({"format_version": 2}))
     with tempfile.TemporaryDirectory(dir=memory_folder()) as name:
         folder = Path(name) / "survey"
         (folder / "journal").mkdir(parents=True)

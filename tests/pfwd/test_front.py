@@ -172,7 +172,7 @@ def test_a_displacement_has_no_velocity_in_the_dataset() -> None:
 
 
 def test_a_survey_draws_the_judged_values_in_the_unit_of_the_axis() -> None:
-    survey = pfwd.open(DATA_FOLDER / "survey.h5")
+    survey = pfwd.open(DATA_FOLDER / "survey.pfwdz")
     ax = survey.plot(axes())
     assert ax.get_ylabel() == "modulus with its 95 % interval, MPa"
     drawn = [float(bars.lines[0].get_ydata()[0]) for bars in ax.containers]
@@ -182,7 +182,7 @@ def test_a_survey_draws_the_judged_values_in_the_unit_of_the_axis() -> None:
 
 
 def survey_with_job(folder: Path, procedure: Procedure, target: float) -> pfwd.Survey:
-    (outcome, *_) = import_files([str(DATA_FOLDER / "survey.h5")], folder)
+    (outcome, *_) = import_files([str(DATA_FOLDER / "survey.pfwdz")], folder)
     assert outcome.error is None
     with SurveyWriter.open(folder) as writer:
         for kind, values in JobRequest(procedure=procedure, target=target).events():
@@ -208,8 +208,8 @@ def test_a_survey_without_values_draws_peaks(tmp_path: Path) -> None:
 
 
 def test_a_survey_has_its_points_drops_and_results() -> None:
-    survey = pfwd.open(DATA_FOLDER / "survey.h5")
-    assert repr(survey) == "Survey(survey.h5: 4 points, 8 drops, 8 with results)"
+    survey = pfwd.open(DATA_FOLDER / "survey.pfwdz")
+    assert repr(survey) == "Survey(survey.pfwdz: 4 points, 8 drops, 8 with results)"
     assert [point.name for point in survey.points][:2] == ["km 0+000", "km 0+025"]
     assert len(survey.drops) == 8
     assert [one.status for one in survey.results][:2] == ["seating", "measured"]
@@ -226,7 +226,7 @@ def test_a_survey_has_its_points_drops_and_results() -> None:
 
 
 def test_a_stored_result_draws_its_modulus_with_the_interval() -> None:
-    result = pfwd.open(DATA_FOLDER / "survey.h5").results.measured[0]
+    result = pfwd.open(DATA_FOLDER / "survey.pfwdz").results.measured[0]
     assert result.history is None
     axes = result.plot(Figure().subplots())
     assert axes.get_ylabel() == "modulus E with its 95 % interval, MPa"
@@ -293,7 +293,7 @@ def test_an_unknown_example_is_refused() -> None:
 def test_the_examples_are_small_and_say_nothing_of_their_truth() -> None:
     files = {path.stem for path in DATA_FOLDER.iterdir()} - {"README"}
     assert files == {*get_args(Traces), "survey"}
-    assert sum(path.stat().st_size for path in DATA_FOLDER.iterdir()) < 250_000
+    assert sum(path.stat().st_size for path in DATA_FOLDER.iterdir()) < 300_000
     for name in get_args(Traces):
         header = [
             line.split("=")[0].strip("# ")

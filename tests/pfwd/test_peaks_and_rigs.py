@@ -113,9 +113,9 @@ def test_peaks_leave_as_peaks(peaks: Path, tmp_path: Path) -> None:
             assert drop.only_peaks is not None
             assert one.only_peaks is not None
             assert one.only_peaks.load == pytest.approx(drop.only_peaks.load, abs=5.1)
-    export_survey(peaks, "h5", tmp_path / "a.h5")
-    assert len(read_points(tmp_path / "a.h5")) == 2
-    again = list(import_files([str(tmp_path / "a.h5")], tmp_path / "s"))
+    export_survey(peaks, "survey", tmp_path / "a.pfwdz")
+    assert len(read_points(tmp_path / "a.pfwdz")) == 2
+    again = list(import_files([str(tmp_path / "a.pfwdz")], tmp_path / "s"))
     assert [(one.kind, one.error) for one in again] == [("peaks", None)] * 6
 
 

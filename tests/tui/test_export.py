@@ -99,9 +99,9 @@ def test_export_says_what_it_did_on_one_line(survey: Path, tmp_path: Path) -> No
     assert forced.stdout == f"{path}: format geojson, 1 point, 3 drops\n"
 
 
-def test_an_exported_survey_works_like_the_survey(survey: Path, tmp_path: Path) -> None:
-    path = tmp_path / "s.h5"
-    assert pfwd("export", survey, "--format", "h5", "-o", path).returncode == 0
+def test_a_survey_in_one_file_works_like_the_survey(survey: Path, tmp_path: Path) -> None:
+    path = tmp_path / "s.pfwdz"
+    assert pfwd("export", survey, "-o", path).returncode == 0
     checked = pfwd("check", path, "--json")
     assert checked.returncode == 0
     assert records(checked.stdout)[0]["drops_published"] == 3

@@ -10,11 +10,13 @@ from tui.output import clean, counted, say
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``pfwd check`` and ``pfwd recover`` and a description to the parser."""
     parser.description = (
-        "Reads every record of a survey, its drop files or an exported survey, and compares "
+        "Reads every record of a survey, or a drop file, and compares "
         "checksums and recorded peaks with the traces. Changes nothing without --repair. Exit "
         "status 1 when something is damaged or missing."
     )
-    parser.add_argument("survey", metavar="SURVEY", help="folder, or an exported survey (.h5)")
+    parser.add_argument(
+        "survey", metavar="SURVEY", help="folder, survey in one file (.pfwdz), or drop file (.h5)"
+    )
     parser.add_argument(
         "--repair",
         action="store_true",

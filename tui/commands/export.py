@@ -8,7 +8,7 @@ from tui.arguments import add_expert_group, add_json, add_seed
 from tui.output import clean, counted, say
 
 MAX_PROCESSES = 2
-"""Number of processes that make rows or check an exported file; the disk limits more."""
+"""Number of processes that make rows; the disk limits more."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "behind. It holds the last stored result of each drop, always with uncertainty, model, "
         "plate radius, Poisson's ratio and warnings."
     )
-    parser.add_argument("survey", metavar="SURVEY", help="folder, or an exported survey (.h5)")
+    parser.add_argument("survey", metavar="SURVEY", help="folder, or a survey in one file")
     parser.add_argument(
         "--format",
         # No choices here: a plug-in may have the format, and plug-ins are searched later.

@@ -19,11 +19,11 @@ _KINDS = {"peaks": "peaks only", "stiffness": "stiffness test"}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``pfwd import`` and its description to the parser."""
     parser.description = (
-        "Reads trace files (.csv) and exported surveys (.h5); time histories of Rincent Minidyn, "
-        "Maxidyn and Heavydyn (.dynz, .prjz, .mpvz) and JILS (.thy); peaks of JILS (.dat), "
-        "Dynatest (.f25, .fwd), Sweco (.fwd) and PDDX (.pdx, .pddx); and any delimited text whose "
-        "columns a TOML file describes (--map; pfwd map writes a first one). Nothing is imported "
-        "twice, and a file that is refused does not stop the others."
+        "Reads trace files (.csv) and surveys in one file (.pfwdz); time histories of Rincent "
+        "Minidyn, Maxidyn and Heavydyn (.dynz, .prjz, .mpvz) and JILS (.thy); peaks of JILS "
+        "(.dat), Dynatest (.f25, .fwd), Sweco (.fwd) and PDDX (.pdx, .pddx); and any delimited "
+        "text whose columns a TOML file describes (--map; pfwd map writes a first one). Nothing "
+        "is imported twice, and a file that is refused does not stop the others."
     )
     parser.add_argument("files", nargs="+", metavar="TRACES", help="file of any of these kinds")
     parser.add_argument(

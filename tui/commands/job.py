@@ -14,7 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "every change, or changes them. All points are judged by the last settings. live and log "
         "take the same options and store the same settings."
     )
-    parser.add_argument("survey", metavar="SURVEY", help="folder")
+    parser.add_argument("survey", metavar="SURVEY", help="folder, or a survey in one file")
     parser.add_argument(
         "--procedure", metavar="NAME", help="a name listed by pfwd procedures, or a TOML file"
     )
@@ -31,14 +31,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Store the settings of the options, then print all settings."""
     from pfwd.files.editing import add_events
-    from pfwd.files.folders import refuse_no_survey
+    from pfwd.files.folders import is_survey_file, refuse_no_survey
     from pfwd.judging import JobRequest
     from pfwd.judging.job import time_zone_of
     from pfwd.procedures import find_procedure
     from tui.job_lines import job_lines
     from tui.measuring_options import job_request, survey_job
 
-    refuse_no_survey(args.survey)
+    if not is_survey_file(args.survey):
+        refuse_no_survey(args.survey)
     chosen = None if args.procedure is None else find_procedure(args.procedure)
     request = job_request(args, args.survey, chosen)
     if chosen is not None:

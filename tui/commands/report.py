@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "with traces, fits and residuals, device, procedure, and all that is needed to compute it "
         "again. It uses stored results; missing ones are computed."
     )
-    parser.add_argument("survey", metavar="SURVEY", help="folder")
+    parser.add_argument("survey", metavar="SURVEY", help="folder, or a survey in one file")
     parser.add_argument(
         "-o",
         "--output",
@@ -144,10 +144,14 @@ def _first_page_settings() -> dict[str, str]:
 
 def run(args: argparse.Namespace) -> int:
     """Write the report, then print the verdict of each point."""
+    from pfwd.files.survey_file import survey_folder
     from pfwd.report.pictures_as_svg import second_drawer
 
     # The second process starts here, so that it is ready when the survey is read.
-    with second_drawer(args.survey, args.output) as second:
+    with (
+        survey_folder(args.survey) as args.survey,
+        second_drawer(args.survey, args.output) as second,
+    ):
         return _run(args, second)
 
 

@@ -180,14 +180,14 @@ def test_a_failure_leaves_nothing_behind(
 
 
 def test_wrong_use_is_said(survey: Path, tmp_path: Path) -> None:
-    with pytest.raises(OptionError, match="--format: expected one of h5"):
+    with pytest.raises(OptionError, match="--format: expected one of survey"):
         export_survey(survey, "shp", tmp_path / "out")
     with pytest.raises(OptionError, match="--invert: expected a format with results"):
         export_survey(survey, "h5", tmp_path / "out", invert=True)
     with pytest.raises(OptionError, match=r"the folder .*, got none; make it first"):
         export_survey(survey, "table", tmp_path / "none" / "out")
     for wrong in (tmp_path, tmp_path / "none", survey / "drops" / "drop-000001.h5"):
-        with pytest.raises(SurveyError, match="a survey, or one that was exported as h5"):
+        with pytest.raises(SurveyError, match="a survey, its folder or one file"):
             export_survey(wrong, "table", tmp_path / "out")
 
 

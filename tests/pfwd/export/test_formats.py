@@ -15,10 +15,18 @@ from pfwd.errors import OptionError, SurveyError
 from pfwd.export.columns import DROP_COLUMNS
 from pfwd.export.export import export_survey
 from pfwd.export.tables import cell
+from pfwd.files.folders import survey_content
 from pfwd.files.importing import import_files
 from pfwd.files.reading import read_points
 from pfwd.files.upkeep import check_survey
-from pfwd_device.recording import Rebound, SurveyWriter, drop_place, read_survey, survey_reader
+from pfwd_device.recording import (
+    Rebound,
+    Survey,
+    SurveyWriter,
+    drop_place,
+    read_survey,
+    survey_reader,
+)
 from pfwd_device.recording.framing import Frame, Kind
 from pfwd_device.recording.layout import Layout
 from tests.pfwd.export.conftest import BELONGS, FORMULA, rows_of
@@ -46,19 +54,29 @@ def everything(survey: Path) -> Any:
     return found
 
 
-def test_h5_holds_the_whole_survey(survey: Path, tmp_path: Path) -> None:
-    path = tmp_path / "s.h5"
-    done = export_survey(survey, "h5", path)
-    assert (done.points, done.drops, done.notes) == (2, 4, ())
+def test_one_file_holds_the_whole_survey(survey: Path, tmp_path: Path) -> None:
+    path = tmp_path / "s.pfwdz"
+    done = export_survey(survey, None, path)
+    assert (done.format, done.points, done.drops, done.notes) == ("survey", 2, 4, ())
     list(import_files([str(path)], tmp_path / "again"))
     assert everything(tmp_path / "again") == everything(survey)
     assert check_survey(tmp_path / "again")[0]["ok"]
     # Once more adds nothing.
     assert all(one.before for one in import_files([str(path)], tmp_path / "again"))
     assert everything(tmp_path / "again") == everything(survey)
+    # What was exported can be exported on.
+    for form in ("table", "points"):
+        export_survey(path, form, tmp_path / "t.csv", force=True)
+        export_survey(survey, form, tmp_path / "u.csv", force=True)
+        assert (tmp_path / "t.csv").read_bytes() == (tmp_path / "u.csv").read_bytes()
 
 
-def test_h5_is_read_without_this_program(survey: Path, tmp_path: Path) -> None:
+def test_h5_is_read_by_other_programs_only(
+    survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with SurveyWriter.open(survey, publish=False) as writer:  # after its file was written
+        counts = np.arange(8, dtype=np.int32).reshape(4, 2)
+        writer.save_rebound(2, Rebound(0.9, 500.0, 9000, counts))
     path = tmp_path / "s.h5"
     export_survey(survey, "h5", path)
     drop = read_survey(survey).drops[0].read()
@@ -66,63 +84,24 @@ def test_h5_is_read_without_this_program(survey: Path, tmp_path: Path) -> None:
         assert sorted(file["drops"]) == ["000001", "000002", "000003", "000004"]
         group = file["drops/000001"]
         np.testing.assert_array_equal(group["load"][()], drop.drop.load)
-        assert group["load"].attrs["units"] == "N"
+        assert group["load"].attrs["units"] == b"N"
         np.testing.assert_array_equal(group["counts"][()], drop.counts)
+        assert len(file["drops/000002/rebounds"]) == 2
         said = json.loads(file["survey"][()])
         assert said["points"][0]["title"] == "north, end"
         assert len(file["results/000001"]) == 2
         assert file["captures/link-1.pfwdc"].shape[0] > 5
-
-
-def test_h5_is_read_like_the_survey(survey: Path, tmp_path: Path) -> None:
-    path = tmp_path / "s.h5"
-    export_survey(survey, "h5", path)
-    wanted, found = read_points(survey), read_points(path)
-    assert [one.setup for one in found] == [one.setup for one in wanted]
-    for one, other in zip(found, wanted, strict=True):
-        assert [d.load.tobytes() for d in one.drops] == [d.load.tobytes() for d in other.drops]
-    record, _ = check_survey(path)
-    assert record == {
-        "survey": str(path),
-        "drops_acknowledged": 4,
-        "drops_published": 4,
-        "recovered": 0,
-        "damaged": [],
-        "ok": True,
-    }
-    # What was exported can be exported on.
-    export_survey(path, "table", tmp_path / "t.csv")
-    export_survey(survey, "table", tmp_path / "u.csv")
-    assert (tmp_path / "t.csv").read_bytes() == (tmp_path / "u.csv").read_bytes()
-
-
-def test_damage_in_an_exported_survey_is_found(survey: Path, tmp_path: Path) -> None:
-    path = tmp_path / "s.h5"
-    export_survey(survey, "h5", path)
-    with h5py.File(path, "r+") as file:
-        file["drops/000002/load"][5] = 1.0
-        del file["drops/000003"]
-        text = file["results/000001/1"]
-        text[()] = text[()].replace(b"least", b"LEAST")
-    record, _ = check_survey(path)
-    assert not record["ok"]
-    assert record["drops_published"] == 2
-    said = "; ".join(record["damaged"])
-    for place in ("drop 2", "drop 3", "results/000001/1"):
-        assert place in said
-    with pytest.raises(SurveyError, match="drop 2"):
-        read_points(path)
-    found = list(import_files([str(path)], tmp_path / "again"))
-    assert [one.error is None for one in found] == [False, False, False, True]
-
-
-def test_a_cut_off_export_is_a_clear_line(survey: Path, tmp_path: Path) -> None:
-    path = tmp_path / "s.h5"
-    export_survey(survey, "h5", path)
-    path.write_bytes(path.read_bytes()[:-5000])
-    with pytest.raises(SurveyError) as caught:
-        read_points(path)
-    assert "\n" not in str(caught.value)
+        copied = sorted(group), dict(group.attrs)
+    with monkeypatch.context() as patch:
+        patch.setattr(Survey, "file_bytes_of", lambda *_: None)
+        export_survey(survey, "h5", tmp_path / "t.h5")
+    with h5py.File(tmp_path / "t.h5") as file:
+        assert (sorted(file["drops/000001"]), dict(file["drops/000001"].attrs)) == copied
+    for size_limit in (100, 10**9):  # 100: as for an export that is larger than any drop file
+        monkeypatch.setattr("pfwd_device.recording.drop_file.MAX_DROP_FILE_BYTES", size_limit)
+        for read in (read_points, survey_content):
+            with pytest.raises(SurveyError, match=r"h5\), which is not read; use"):
+                read(path)
 
 
 def test_csv_is_a_folder_that_comes_back(survey: Path, tmp_path: Path) -> None:

@@ -54,8 +54,8 @@ def round_trip(file: Path, folder: Path, header: Path | None = None) -> None:
     for done in import_files([str(file)], survey, None if header is None else str(header)):
         assert done.error is None
     export_survey(survey, "csv", folder / "csv")
-    export_survey(survey, "h5", folder / "s.h5")
-    for written in (read_points(survey), read_points(folder / "s.h5")):
+    export_survey(survey, "survey", folder / "s.pfwdz")
+    for written in (read_points(survey), read_points(folder / "s.pfwdz")):
         for one, other in zip(points, written, strict=True):
             same(one, other)
     files = sorted((folder / "csv").iterdir())

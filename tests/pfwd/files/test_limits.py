@@ -13,7 +13,7 @@ from pfwd.files.foreign.common import distinct_names
 from pfwd.files.header import parse_header
 from pfwd.files.traces import read_traces
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import drop_file, hdf5_texts, hdf5_tree, payload
+from pfwd_device.recording import drop_file, hdf5_tree, payload
 
 Write = Callable[..., Path]
 
@@ -29,14 +29,12 @@ def test_limits_are_beyond_what_is_real() -> None:
     assert payload.MAX_JSON_VALUES * 100 + 3 * payload.MAX_JSON_BYTES < 400e6
     assert hdf5_tree.MAX_READ_BYTES >= payload.MAX_JSON_BYTES + 4096
     assert drop_file.MAX_DROP_FILE_BYTES >= payload.MAX_ARRAY_BYTES + payload.MAX_JSON_BYTES
-    # The largest array in the chunks that are written, and the longest capture.
+    # The largest array in the chunks that are written.
     assert payload.MAX_ARRAY_BYTES / (65_536 * 4) <= hdf5_tree.MAX_CHUNKS
-    assert survey_file.MAX_CAPTURE_BYTES / hdf5_tree.MAX_CHUNK_BYTES <= hdf5_tree.MAX_CHUNKS
     assert hdf5_tree.MAX_CHUNK_BYTES >= 65_536 * 8
     assert drop_file.MAX_CALIBRATION_ATTRIBUTES + 10 < hdf5_tree.MAX_ATTRIBUTES
     assert hdf5_tree.MAX_MEMBERS > 1024
-    assert hdf5_texts.MAX_OBJECT_HEADER_BYTES > hdf5_tree.MAX_ATTRIBUTES * 200
-    assert 100 * survey <= survey_file.MAX_SURVEY_DROPS
+    assert 10 * survey * 160 <= survey_file.MAX_LIST_BYTES
     assert traces.MAX_FILE_NUMBERS >= 3 * 10 * 50_000 * 10
     assert traces.MAX_FILE_NUMBERS * 8 * 2 < 400e6
     assert traces.MAX_FILE_DROPS >= 100 * 10

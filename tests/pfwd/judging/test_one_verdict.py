@@ -19,7 +19,7 @@ from pfwd.export.export import export_survey
 from pfwd.export.maps import GPX_NAMESPACE
 from pfwd.export.registry import BUILT_IN_FORMATS
 from pfwd.export.tables import jsonl_texts
-from pfwd.files.reading import survey_content
+from pfwd.files.folders import survey_content
 from pfwd.judging import JobRequest, PointView, job_of, point_views
 from pfwd.judging.job import target_text
 from pfwd.report import formatting, gathering
@@ -315,13 +315,13 @@ def _check_pddx(path: Path, known: Mapping[str, PointView]) -> None:
         assert said.get("PointTarget") == (None if target is None else f"{target * scale:.2f}")
 
 
-def _check_h5(path: Path, known: Mapping[str, PointView]) -> None:
+def _check_survey(path: Path, known: Mapping[str, PointView]) -> None:
     for point, expected in zip(point_views(survey_content(path)), known.values(), strict=True):
-        assert point.progress == expected.progress, "exported whole"
+        assert point.progress == expected.progress, "in one file"
 
 
 EXPORTS = {
-    "h5": _check_h5,
+    "survey": _check_survey,
     "table": _check_table,
     "points": _check_points,
     "jsonl": _check_jsonl,

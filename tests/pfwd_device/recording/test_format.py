@@ -1,4 +1,4 @@
-"""The documented example runs, and recordings of every version open."""
+"""The documented example runs, and a recording on the disk opens."""
 
 import re
 import shutil
@@ -18,14 +18,14 @@ from pfwd_device.recording import (
 from pfwd_device.recording.publishing import InlinePublisher
 
 TOP = Path(__file__).resolve().parents[3]
-VERSION_1 = TOP / "tests" / "data" / "recording-v1"
+RECORDING = TOP / "tests" / "data" / "recording"
 
 
 def test_the_example_of_the_documentation_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     text = (TOP / "docs" / "recording.md").read_text(encoding="utf-8")
     found = re.search(r"<!-- example -->\n```python\n(.*?)```", text, re.S)
     assert found is not None
-    monkeypatch.chdir(VERSION_1)
+    monkeypatch.chdir(RECORDING)
     names: dict[str, np.ndarray] = {}
     exec(compile(found[1], "recording.md", "exec"), names)
     np.testing.assert_array_equal(names["load"], 1000.0 + np.arange(24))
@@ -33,8 +33,8 @@ def test_the_example_of_the_documentation_runs(monkeypatch: pytest.MonkeyPatch) 
     assert np.isnan(names["velocity"][5])
 
 
-def test_version_1_opens() -> None:
-    survey = read_survey(VERSION_1)
+def test_the_recording_opens() -> None:
+    survey = read_survey(RECORDING)
     (point,) = survey.points
     assert (point.name, point.declared) == ("Köln 1", {"plate_radius_m": 0.15})
     one, two = point.drops
@@ -60,9 +60,9 @@ def test_version_1_opens() -> None:
     assert [item.data for item in CaptureReader(capture)] == [b"\x00\x01"]
 
 
-def test_version_1_is_whole_and_needs_no_recovery(tmp_path: Path) -> None:
+def test_the_recording_is_whole_and_needs_no_recovery(tmp_path: Path) -> None:
     copy = tmp_path / "copy"
-    shutil.copytree(VERSION_1, copy)
+    shutil.copytree(RECORDING, copy)
     report = check(copy)
     assert (report.ok, report.notes, report.closed) == (True, (), True)
     recovered = recover(copy, publisher=InlinePublisher(Storage()))

@@ -25,7 +25,6 @@ from pfwd_device.recording.drop_payload import (
     with_rebounds,
 )
 from pfwd_device.recording.payload import (
-    content_digest,
     decode_json,
     decode_payload,
     encode_payload,
@@ -82,8 +81,8 @@ def records(draw: st.DrawFn) -> DropRecord:
     )
 
 
-def bits(record: DropRecord) -> str:
-    return content_digest(*drop_parts(record))
+def bits(record: DropRecord) -> bytes:
+    return encode_payload(*drop_parts(record), pack=False)
 
 
 @given(records())

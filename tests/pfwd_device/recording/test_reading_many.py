@@ -288,14 +288,14 @@ def test_a_survey_of_a_newer_version_is_refused(tmp_path: Path) -> None:
     path = folder / "journal" / "0001.pfwdj"
     frames, _ = scan_bytes(path.read_bytes())
     newer = [
-        frame.payload.replace(b'"format_version":1', b'"format_version":3') for frame in frames
+        frame.payload.replace(b'"format_version":2', b'"format_version":3') for frame in frames
     ]
     data = [
         encode_frame(frame.kind, frame.identity, frame.sequence, payload)
         for frame, payload in zip(frames, newer, strict=True)
     ]
     path.write_bytes(b"".join(data))
-    with pytest.raises(RecordingError, match="format version 1 or 2, got 3"):
+    with pytest.raises(RecordingError, match="format version 2, got 3"):
         read_survey(folder)
 
 

@@ -3,7 +3,6 @@
 import contextlib
 import shlex
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, ClassVar
 
 from textual import events, on
@@ -768,9 +767,9 @@ def point_lines(row: PointRow, width: int) -> list[Line]:
     return [*lines, ()]
 
 
-def show_survey(folder: str | Path, settings: ScreenSettings) -> int:
+def show_survey(survey: OpenedSurvey, settings: ScreenSettings) -> int:
     """Show a recorded survey until the reader leaves; return the exit status of the program."""
-    app = OpenApp(OpenedSurvey(folder), settings)
+    app = OpenApp(survey, settings)
     app.run()
     for text in app.opened.remarks:
         say(text)

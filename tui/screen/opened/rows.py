@@ -90,6 +90,8 @@ class OpenedSurvey:
     Parameters
     ----------
     folder : path of a survey
+    cache : Path, optional
+        File that stores the rows; None: the one of this survey in the cache of the platform.
 
     Raises
     ------
@@ -97,9 +99,10 @@ class OpenedSurvey:
         If the folder is no survey.
     """
 
-    def __init__(self, folder: str | os.PathLike[str]) -> None:
+    def __init__(self, folder: str | os.PathLike[str], cache: Path | None = None) -> None:
         refuse_no_survey(folder)
         self.folder = Path(folder)
+        self._cache_file = cache
         self.survey: Any = None
         """Content of the survey, once it is read."""
         self.job: Any = None
@@ -115,7 +118,7 @@ class OpenedSurvey:
         ------
         SurveyError, RecordingError
         """
-        from pfwd.files.reading import survey_content
+        from pfwd.files.folders import survey_content
         from pfwd.judging import job_of
 
         self.survey = survey_content(self.folder)
@@ -186,6 +189,8 @@ class OpenedSurvey:
     def _cache(self) -> Path:
         from platformdirs import user_cache_path
 
+        if self._cache_file is not None:
+            return self._cache_file
         override = os.environ.get("PFWD_CACHE")
         base = Path(override) if override else user_cache_path("pfwd", appauthor=False)
         name = re.sub(r"\W+", "-", os.fspath(self.folder.resolve()))[-80:]

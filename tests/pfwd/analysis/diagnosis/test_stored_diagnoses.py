@@ -18,8 +18,9 @@ from pfwd.analysis.worker.worker import end_process, request, start_process
 from pfwd.export.export import export_survey
 from pfwd.export.json_text import json_text
 from pfwd.files.editing import Edit, edit_survey
+from pfwd.files.folders import survey_content
 from pfwd.files.importing import import_files
-from pfwd.files.reading import points_of, survey_content
+from pfwd.files.reading import points_of
 from pfwd.judging import point_views
 from pfwd_device.recording import read_survey
 
@@ -149,9 +150,9 @@ def test_a_diagnosis_holds_while_its_point_is_as_it_was(survey: Path) -> None:
 
 
 def test_diagnoses_go_into_an_exported_survey(survey: Path, tmp_path: Path) -> None:
-    export_survey(survey, "h5", tmp_path / "s.h5")
+    export_survey(survey, "survey", tmp_path / "s.pfwdz")
     for here, there in zip(
-        read_survey(survey).points, survey_content(tmp_path / "s.h5").points, strict=True
+        read_survey(survey).points, survey_content(tmp_path / "s.pfwdz").points, strict=True
     ):
         kept = last_diagnosis(here)
         assert kept is not None

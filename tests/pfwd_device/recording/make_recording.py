@@ -1,6 +1,6 @@
-"""Wrote tests/data/recording-v1, once, with the first version of the format; not run again.
+"""Writes tests/data/recording, a survey in the present version of each format.
 
-python -m tests.pfwd_device.recording.make_recording_v1 FOLDER
+python -m tests.pfwd_device.recording.make_recording FOLDER
 """
 
 import sys
