@@ -10,8 +10,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from pfwd.errors import OptionError, refusal
-from pfwd.files.folders import SURVEY_FILE_SUFFIX, is_survey, is_survey_file, survey_content
+from pfwd.files.folders import SURVEY_FILE_SUFFIX, is_survey, is_survey_file
 from pfwd.files.foreign.registry import foreign_suffixes
+from pfwd.files.opening import survey_content
 
 PFWD_SUFFIXES = (".csv", ".h5", SURVEY_FILE_SUFFIX)
 """Suffixes, in small letters, of this program's own files with drops."""

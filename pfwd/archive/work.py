@@ -250,7 +250,7 @@ def _survey_points(source: Source, options: AnalysisOptions) -> Iterator[TracePo
 
 def _content(source: Source) -> Survey:
     """Return the content of a survey; cached because its pieces follow one another."""
-    from pfwd.files.folders import survey_content
+    from pfwd.files.opening import survey_content
 
     global _last_survey
     if _last_survey is not None:

@@ -16,7 +16,7 @@ from pfwd.export.registry import (
     format_names,
 )
 from pfwd.export.rows import Order, Results
-from pfwd.files.folders import survey_content
+from pfwd.files.opening import survey_content
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.index import no_collections
 

@@ -21,7 +21,7 @@ from pfwd_device.recording.drop_file import SURVEY_FORMAT, software_version, wri
 from pfwd_device.recording.hdf5_tree import Dataset, write_attributes, write_dataset
 from pfwd_device.recording.payload import encode_json
 
-FORMAT_VERSION = 3
+EXPORT_VERSION = 3
 
 _CHUNK_BYTES = 1 << 20
 
@@ -95,7 +95,7 @@ def _write(file: Any, content: Survey) -> None:
         file,
         {
             "format": SURVEY_FORMAT,
-            "format_version": FORMAT_VERSION,
+            "format_version": EXPORT_VERSION,
             "pfwd_version": software_version(),
             "survey_id": content.survey_id,
             "exported_utc": datetime.now(UTC).isoformat(timespec="seconds"),

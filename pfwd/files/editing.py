@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from pfwd.errors import OptionError, TraceError, quote, refusal
-from pfwd.files.folders import open_for_edits, refuse_no_survey, spare_folder, survey_content
+from pfwd.files.folders import open_for_edits, refuse_no_survey, spare_folder
 from pfwd.files.moving import move_with, point_called, restore_with
+from pfwd.files.opening import survey_content
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Survey, SurveyDrop, SurveyPoint, SurveyWriter, read_survey
 from pfwd_device.recording.index import no_collections

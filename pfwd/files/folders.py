@@ -8,13 +8,11 @@ import os
 from pathlib import Path
 
 from pfwd.errors import SurveyError, refusal
-from pfwd_device.errors import RecordingError
 from pfwd_device.recording import (
     SpareFolder,
     Survey,
     SurveyWriter,
     read_drop_file,
-    read_survey,
 )
 from pfwd_device.recording.layout import Layout
 
@@ -87,33 +85,6 @@ def refuse_no_survey(path: str | os.PathLike[str]) -> None:
         actual = "another folder" if os.path.isdir(path) else "no such folder"
         hint = "name a folder that pfwd log or pfwd import has made"
         raise SurveyError(refusal(os.fspath(path), "the folder of a survey", actual, hint))
-
-
-def survey_content(path: str | os.PathLike[str]) -> Survey:
-    """Read a survey, from its folder or from one file.
-
-    Raises
-    ------
-    SurveyError
-        If the path is no survey, or cannot be read.
-    """
-    file = os.fspath(path)
-    try:
-        if is_survey(file):
-            return read_survey(file)
-        if is_survey_file(file):
-            from pfwd.files.survey_file import read_survey_file
-
-            return read_survey_file(file)
-        if is_hdf5(file):
-            read_drop_file(file)  # refuses an export for other programs, and a damaged file
-    except RecordingError as err:
-        raise SurveyError(str(err)) from err
-    actual = "another folder" if os.path.isdir(file) else "another file"
-    if not os.path.exists(file):
-        actual = "no such file or folder"
-    hint = "pfwd import makes a survey of other files"
-    raise SurveyError(refusal(file, "a survey, its folder or one file (.pfwdz)", actual, hint))
 
 
 def spare_folder(named: str | os.PathLike[str] | None = None) -> SpareFolder:

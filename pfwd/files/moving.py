@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from pfwd.errors import OptionError, quote, refusal
-from pfwd.files.folders import survey_content
+from pfwd.files.opening import survey_content
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import DropRecord, Survey, SurveyDrop, SurveyWriter
 from pfwd_device.recording.record import point_name

@@ -31,7 +31,7 @@ from pfwd_device.recording.layout import Layout, refuse_links
 from pfwd_device.recording.payload import decode_json
 from pfwd_device.text import clean
 
-FORMAT_VERSION = 1
+SURVEY_FILE_VERSION = 1
 
 MAX_LIST_BYTES = 16 * 2**20
 """Largest list of files, and largest directory of an archive, bytes: about 100,000 files, ten for
@@ -70,7 +70,7 @@ def write_survey_file(path: str | os.PathLike[str], survey: Survey) -> list[str]
         files = [file_facts(layout, layout.folder / name) for name in names]
         manifest = {
             "format": "pfwd-survey",
-            "format_version": FORMAT_VERSION,
+            "format_version": SURVEY_FILE_VERSION,
             "pfwd_version": software_version(),
             "survey_id": survey.survey_id,
             "exported_utc": now(),
@@ -224,8 +224,8 @@ def _members(archive: zipfile.ZipFile, file: str, size: int) -> list[tuple[zipfi
     if not members or members[0].filename != MANIFEST:
         raise ValueError(f"no list of files, {MANIFEST}, at its begin")
     manifest = decode_json(archive.read(members[0]))
-    if (version := manifest["format_version"]) != FORMAT_VERSION:
-        expected = f"format version {FORMAT_VERSION} of a survey in one file"
+    if (version := manifest["format_version"]) != SURVEY_FILE_VERSION:
+        expected = f"format version {SURVEY_FILE_VERSION} of a survey in one file"
         raise SurveyError(refusal(file, expected, quote(str(version))))
     checksums = {}
     for member, listed in zip(members[1:], manifest["files"], strict=True):

@@ -11,7 +11,7 @@ from pfwd.errors import OptionError, quote, refusal
 from pfwd.export.json_text import without_nan
 from pfwd.export.point_rows import point_rows
 from pfwd.export.rows import Order, Row
-from pfwd.files.folders import survey_content
+from pfwd.files.opening import survey_content
 from pfwd.procedures import unit_of
 from pfwd.scripting.display import ScriptObject, axes_or_new, count, data_frame, html_table, text_of
 from pfwd.scripting.measured import Drop, Points, read

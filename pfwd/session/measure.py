@@ -21,7 +21,8 @@ from typing import Any
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.errors import SurveyError, refusal
-from pfwd.files.folders import is_survey, is_survey_file, spare_folder, survey_content
+from pfwd.files.folders import is_survey, is_survey_file, spare_folder
+from pfwd.files.opening import survey_content
 from pfwd.files.output_path import refuse_inside_survey
 from pfwd.judging import Job, job_of
 from pfwd.procedures import NO_PROCEDURE

@@ -22,7 +22,7 @@ from pfwd_device.recording.framing import Damage, Kind, encode_frame, scan
 from pfwd_device.recording.payload import encode_payload, payload_data
 from pfwd_device.recording.storage import Storage
 
-FORMAT_VERSION = 1
+CAPTURE_VERSION = 1
 
 FLUSH_INTERVAL_S = 1.0
 """Time between two writes to the file, s."""
@@ -80,7 +80,7 @@ class CaptureWriter:
         self._end = 0
         self._timer: threading.Timer | None = None
         self._lock = threading.Lock()
-        header_data = {"format_version": FORMAT_VERSION, **header}
+        header_data = {"format_version": CAPTURE_VERSION, **header}
         self._frame(Kind.CAPTURE, encode_payload(header_data))
         self._descriptor: int | None = None
         try:
@@ -177,7 +177,7 @@ class CaptureReader:
     Raises
     ------
     RecordingError
-        If the file cannot be read.
+        If the file cannot be read, or has another format version.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -191,6 +191,11 @@ class CaptureReader:
         items.close()
         if isinstance(first, dict):
             self.header = first
+            if (version := first.get("format_version")) != CAPTURE_VERSION:
+                raise RecordingError(
+                    f"{self.path}: expected format version {CAPTURE_VERSION} of a capture, got "
+                    f"{version!r:.40}"
+                )
         self.damage.clear()
 
     def __iter__(self) -> Iterator[CapturedBytes]:

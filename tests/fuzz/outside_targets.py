@@ -93,7 +93,9 @@ def capture_file(data: bytes) -> None:
     """A capture is read as far as it is one."""
     with tempfile.TemporaryDirectory(dir=memory_folder()) as name:
         path = Path(name) / "link.pfwdc"
-        head = encode_frame(Kind.CAPTURE, SURVEY_ID, 1, encode_payload({"url": "x"}))
+        head = encode_frame(
+            Kind.CAPTURE, SURVEY_ID, 1, encode_payload({"format_version": 1, "url": "x"})
+        )
         path.write_bytes(head + data)
         reader = CaptureReader(path)
         list(reader)

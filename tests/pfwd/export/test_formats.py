@@ -15,8 +15,8 @@ from pfwd.errors import OptionError, SurveyError
 from pfwd.export.columns import DROP_COLUMNS
 from pfwd.export.export import export_survey
 from pfwd.export.tables import cell
-from pfwd.files.folders import survey_content
 from pfwd.files.importing import import_files
+from pfwd.files.opening import survey_content
 from pfwd.files.reading import read_points
 from pfwd.files.upkeep import check_survey
 from pfwd_device.recording import (

@@ -420,7 +420,7 @@ def test_a_chainage_is_that_of_the_station_or_of_the_name(judged: Path, tmp_path
 
 def test_the_job_of_the_survey_judges_its_points(judged: Path, tmp_path: Path) -> None:
     """The same function as screen, log and report."""
-    from pfwd.files.folders import survey_content
+    from pfwd.files.opening import survey_content
     from pfwd.judging import point_views
 
     with SurveyWriter.open(judged) as writer:

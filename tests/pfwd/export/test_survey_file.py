@@ -19,8 +19,9 @@ from pfwd.errors import SurveyError
 from pfwd.export.export import export_survey
 from pfwd.files import survey_file
 from pfwd.files.editing import add_events
-from pfwd.files.folders import MANIFEST, is_survey_file, survey_content
+from pfwd.files.folders import MANIFEST, is_survey_file
 from pfwd.files.importing import import_files
+from pfwd.files.opening import survey_content
 from pfwd.files.photos import photos_of, store_photo
 from pfwd.files.reading import read_points
 from pfwd.files.survey_file import survey_folder

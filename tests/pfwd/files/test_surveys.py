@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pfwd.errors import OptionError, SurveyError
-from pfwd.files import folders
+from pfwd.files import opening
 from pfwd.files.editing import (
     Edit,
     edit_survey,
@@ -211,7 +211,7 @@ def test_a_list_gives_the_memory_of_its_survey_back_at_once(
         read.append(weakref.ref(found))
         return found
 
-    monkeypatch.setattr(folders, "read_survey", noted)
+    monkeypatch.setattr(opening, "read_survey", noted)
     with index.no_collections():
         (point,) = survey_overview(survey)
         assert [found() for found in read] == [None]
@@ -345,7 +345,8 @@ def test_a_survey_whose_journal_is_gone_is_one_all_the_same(survey: Path) -> Non
 
 def test_a_broken_drop_file_is_a_clear_line(survey: Path, tmp_path: Path) -> None:
     data = (survey / "drops" / "drop-000001.h5").read_bytes()
-    for damaged in (data[: len(data) // 2], data[:-3050] + b"\xff" * 50 + data[-3000:]):
+    at = data.index(b'"plate_radius_m"')
+    for damaged in (data[: len(data) // 2], data[:at] + b"\xff" * 50 + data[at + 50 :]):
         path = tmp_path / "broken.h5"
         path.write_bytes(damaged)
         with pytest.raises(SurveyError) as caught:

@@ -19,7 +19,7 @@ from pfwd.export.export import export_survey
 from pfwd.export.maps import GPX_NAMESPACE
 from pfwd.export.registry import BUILT_IN_FORMATS
 from pfwd.export.tables import jsonl_texts
-from pfwd.files.folders import survey_content
+from pfwd.files.opening import survey_content
 from pfwd.judging import JobRequest, PointView, job_of, point_views
 from pfwd.judging.job import target_text
 from pfwd.report import formatting, gathering

@@ -38,6 +38,12 @@ def test_bytes_come_back_in_order(tmp_path: Path) -> None:
     assert list(reader) == items
 
 
+def test_another_version_is_refused(tmp_path: Path) -> None:
+    CaptureWriter(tmp_path / "a.pfwdc", {"format_version": 2}).close()
+    with pytest.raises(RecordingError, match="expected format version 1 of a capture, got 2"):
+        CaptureReader(tmp_path / "a.pfwdc")
+
+
 def test_damage_costs_what_it_hit_and_is_told(tmp_path: Path) -> None:
     path = tmp_path / "a.pfwdc"
     data = a_capture(path)

@@ -118,7 +118,7 @@ class OpenedSurvey:
         ------
         SurveyError, RecordingError
         """
-        from pfwd.files.folders import survey_content
+        from pfwd.files.opening import survey_content
         from pfwd.judging import job_of
 
         self.survey = survey_content(self.folder)

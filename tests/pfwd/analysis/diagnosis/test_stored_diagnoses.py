@@ -18,8 +18,8 @@ from pfwd.analysis.worker.worker import end_process, request, start_process
 from pfwd.export.export import export_survey
 from pfwd.export.json_text import json_text
 from pfwd.files.editing import Edit, edit_survey
-from pfwd.files.folders import survey_content
 from pfwd.files.importing import import_files
+from pfwd.files.opening import survey_content
 from pfwd.files.reading import points_of
 from pfwd.judging import point_views
 from pfwd_device.recording import read_survey
