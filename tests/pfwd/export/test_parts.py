@@ -25,8 +25,7 @@ from pfwd.export.rows import Order
 from pfwd.export.tables import jsonl_texts, table_texts
 from pfwd.files.folders import has_ledger_of
 from pfwd.judging import job_of
-from pfwd_device.recording import read_survey
-from pfwd_device.recording.survey_content import SurveyContent
+from pfwd_device.recording import Survey, read_survey
 
 TIMEOUT = 60.0  # s; a process takes half a second to start on an idle machine
 
@@ -64,7 +63,7 @@ class Told:
         return futures
 
 
-def asked(second: SecondProcess, content: SurveyContent, texts: Any) -> list[Future[Part]]:
+def asked(second: SecondProcess, content: Survey, texts: Any) -> list[Future[Part]]:
     points = parts_of(content.points)
     made = second.make(content.survey_id, job_of(content), texts, points)
     futures = [future for future in made if future is not None]

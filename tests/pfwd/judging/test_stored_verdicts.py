@@ -19,8 +19,7 @@ from scipy.stats import t as student
 
 from pfwd.judging import Job, JobRequest, Station, job_of, point_views
 from pfwd.procedures import PointProgress, Procedure, Quantity
-from pfwd_device.recording import read_survey
-from pfwd_device.recording.survey_content import SurveyContent, SurveyDrop, SurveyPoint
+from pfwd_device.recording import Survey, SurveyDrop, SurveyPoint, read_survey
 from tests.pfwd.judging import stories
 from tests.pfwd.judging.stories import Told
 
@@ -99,14 +98,14 @@ def outcome(progress: PointProgress) -> dict[str, Any]:
     }
 
 
-def played(number: int, folder: Path) -> SurveyContent:
+def played(number: int, folder: Path) -> Survey:
     """Measure the survey of a story."""
     told = Told(folder)
     told.play(story_of(number))
     return read_survey(folder)
 
 
-def outcomes(survey: SurveyContent) -> dict[str, Any]:
+def outcomes(survey: Survey) -> dict[str, Any]:
     """Return the outcome of each point that has drops."""
     judged = zip(survey.points, point_views(survey), strict=True)
     return {point.name: outcome(each.progress) for point, each in judged if point.drops}
