@@ -13,6 +13,7 @@ name      what must hold, in words
 covers    what it stands for: `command NAME`, `import FORMAT`, `export FORMAT`, `key COMMAND.KEY`,
           `guarantee EVENT`, `page NAME`, `promise WORDS OF README`
 shown_by  instead of `run`: the test or campaign that shows what cannot be provoked from outside
+removed   the sentence that removed the feature; the row does not run and covers nothing
 run       commands; `{name}` is the path of a copy of an input, `{shared}` that of foreign records
 screen    instead of `run`: a command with a screen, `typed` keys with the pattern that each must
           bring onto the screen, `size` of the terminal
@@ -68,7 +69,8 @@ def read_table() -> dict[str, Any]:
 
 def covered(kind: str) -> set[str]:
     """What the rows cover, of one kind."""
-    covers = [text for row in read_table()["row"].values() for text in row["covers"]]
+    rows = [row for row in read_table()["row"].values() if "removed" not in row]
+    covers = [text for row in rows for text in row["covers"]]
     assert {text.split()[0] for text in covers} <= set(KINDS)
     return {text.partition(" ")[2] for text in covers if text.startswith(f"{kind} ")}
 
@@ -156,7 +158,7 @@ def rows() -> list[Any]:
     return [
         pytest.param(row, id=row["name"], marks=[pytest.mark.slow] if row.get("slow") else [])
         for row in read_table()["row"].values()
-        if "shown_by" not in row
+        if not {"shown_by", "removed"} & set(row)
     ]
 
 
