@@ -262,9 +262,6 @@ class _RemoteDrop:
     def file_of(self, number: int) -> NoReturn:
         _refuse(number)
 
-    def file_bytes_of(self, number: int) -> NoReturn:
-        _refuse(number)
-
     def read_drop(self, number: int) -> NoReturn:
         _refuse(number)
 

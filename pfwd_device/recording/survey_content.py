@@ -70,9 +70,6 @@ class DropOrigin(Protocol):
     def file_of(self, number: int, /) -> Path | None:
         """Return the HDF5 file of a drop; None if it has not been made."""
 
-    def file_bytes_of(self, number: int, /) -> bytes | None:
-        """Return the content of the HDF5 file of a drop; None if it is missing or changed."""
-
     def read_drop(self, number: int, /) -> DropRecord:
         """Read the complete record of a drop with all its rebounds."""
 
@@ -199,13 +196,6 @@ class SurveyDrop:
             If the file of the diagnosis is damaged.
         """
         return self._origin.read_diagnosis(self.number)
-
-    def read_file(self) -> bytes | None:
-        """Read the content of the HDF5 file of the drop; None if it is missing or changed.
-
-        The file may lack rebounds that were recorded after it was made.
-        """
-        return self._origin.file_bytes_of(self.number)
 
 
 @dataclass(slots=True)

@@ -4,7 +4,6 @@ The journal of a survey contains all records; each drop also has an HDF5 file.
 """
 
 import contextlib
-import hashlib
 import os
 from collections.abc import Iterator
 from dataclasses import replace
@@ -253,24 +252,6 @@ class Survey:
         """Return the HDF5 file of a drop, given its survey-wide number; None if it was not made."""
         name = self._layout.drop_file_name(number)
         return self.folder / name if name in self._index.files else None
-
-    def file_bytes_of(self, number: int) -> bytes | None:
-        """Return the content of the HDF5 file of a drop; None if it is missing or was changed.
-
-        Parameters
-        ----------
-        number : int
-            Survey-wide number of the drop.
-        """
-        path = self._layout.drop_file(number)
-        listed = self._index.files.get(self._layout.drop_file_name(number))
-        try:
-            if listed is None or path.stat().st_size != listed.size:
-                return None
-            data = path.read_bytes()
-        except OSError:
-            return None
-        return data if hashlib.sha256(data).hexdigest() == listed.sha256 else None
 
     def _result_paths(self, number: int) -> list[str]:
         return sorted(self._results.get(number, ()), key=_last)

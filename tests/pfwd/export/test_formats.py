@@ -21,7 +21,6 @@ from pfwd.files.reading import read_points
 from pfwd.files.upkeep import check_survey
 from pfwd_device.recording import (
     Rebound,
-    Survey,
     SurveyWriter,
     drop_place,
     read_survey,
@@ -91,12 +90,6 @@ def test_h5_is_read_by_other_programs_only(
         assert said["points"][0]["title"] == "north, end"
         assert len(file["results/000001"]) == 2
         assert file["captures/link-1.pfwdc"].shape[0] > 5
-        copied = sorted(group), dict(group.attrs)
-    with monkeypatch.context() as patch:
-        patch.setattr(Survey, "file_bytes_of", lambda *_: None)
-        export_survey(survey, "h5", tmp_path / "t.h5")
-    with h5py.File(tmp_path / "t.h5") as file:
-        assert (sorted(file["drops/000001"]), dict(file["drops/000001"].attrs)) == copied
     for size_limit in (100, 10**9):  # 100: as for an export that is larger than any drop file
         monkeypatch.setattr("pfwd_device.recording.drop_file.MAX_DROP_FILE_BYTES", size_limit)
         for read in (read_points, survey_content):
