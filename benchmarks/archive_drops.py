@@ -1,6 +1,6 @@
 """Simulated drops in large numbers at little cost, on finite-element ground.
 
-The ground's response to a short force is computed once for each site (`simulators.effects`). The
+The ground's response to a short force is computed once for each site. The
 responses for other moduli, viscosities and densities follow from it exactly by similarity. Hammer
 and plate are computed in time for every variant. Other heights only scale a drop, and every drop
 has its own noise and converter. The model of the inversion is not used.
@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from simulators.drop import Hammer, SimulatedDrop
-from simulators.effects.march import strike
-from simulators.effects.recording import Converter, write_signals
-from simulators.effects.response import RESPONSE_DURATION_S, ground_response
-from simulators.effects.signals import signals_of
 from simulators.mesh import Ground
+from tests.campaigns.effects.march import strike
+from tests.campaigns.effects.recording import Converter, write_signals
+from tests.campaigns.effects.response import RESPONSE_DURATION_S, ground_response
+from tests.campaigns.effects.signals import signals_of
 
 DROPS_PER_POINT = 5
 _OFFSETS = (0.0, 0.3, 0.6)

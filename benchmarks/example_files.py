@@ -19,9 +19,9 @@ from pfwd.export.export import export_survey
 from pfwd.files.importing import import_files
 from pfwd_device.recording import SurveyWriter, read_survey
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop
-from simulators.effects.channels import delayed
 from simulators.mesh import Ground, Plate
 from simulators.traces import Recording, write_traces
+from tests.campaigns.effects.channels import delayed
 
 FOLDER = Path(__file__).resolve().parents[1] / "pfwd" / "scripting" / "data"
 

@@ -1,6 +1,6 @@
 """Blind campaign: diagnose drops with undeclared effects, then compare with the true effects.
 
-The trace files are made by `simulators.campaign`: finite elements and operators in time, without
+The trace files are made by `tests.campaigns.blind`: finite elements and operators in time, without
 code of the inversion. They are diagnosed from their folder before the true values are read. Some
 grounds have constant-Q damping or a modulus that grows with depth in place of Kelvin-Voigt soil.
 With --short every kind has a few drops of random strength, which takes about ten minutes on two
@@ -24,8 +24,8 @@ import numpy as np
 from platformdirs import user_cache_path
 
 from benchmarks.output import Proportion, Reporter
-from simulators.campaign import DRAWN_LEVEL, Case, make_campaign, read_truth
-from simulators.effects.catalogue import CLEAN, EFFECTS
+from tests.campaigns.blind import DRAWN_LEVEL, Case, make_campaign, read_truth
+from tests.campaigns.effects.catalogue import CLEAN, EFFECTS
 
 DiagnosisRecord = Mapping[str, Any]
 

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from pfwd.files.traces import read_traces
-from simulators.campaign import (
+from simulators.mesh import Ground, GroundError
+from tests.campaigns.blind import (
     DRAWN_LEVEL,
     SITES,
     SOIL_PROBABILITIES,
@@ -20,10 +21,9 @@ from simulators.campaign import (
     make_campaign,
     read_truth,
 )
-from simulators.effects.catalogue import CLEAN, EFFECTS
-from simulators.effects.mechanics import two_layers
-from simulators.effects.recording import Converter
-from simulators.mesh import Ground, GroundError
+from tests.campaigns.effects.catalogue import CLEAN, EFFECTS
+from tests.campaigns.effects.mechanics import two_layers
+from tests.campaigns.effects.recording import Converter
 from tests.simulators.test_simulated_traces import read
 
 # One finite-element run serves them all: only the shallowest site is offered.
@@ -45,8 +45,8 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(autouse=True)
 def one_site(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("simulators.campaign.SITES", (SITES[3],))
-    monkeypatch.setattr("simulators.campaign.CONTACT_SITES", (SITES[3],))
+    monkeypatch.setattr("tests.campaigns.blind.SITES", (SITES[3],))
+    monkeypatch.setattr("tests.campaigns.blind.CONTACT_SITES", (SITES[3],))
 
 
 def test_equal_seeds_give_equal_files(tmp_path: Path, cache: Path) -> None:
@@ -256,7 +256,7 @@ def other_soils(monkeypatch: pytest.MonkeyPatch) -> None:
     """Shallow sites, which are quick to compute."""
     quick = replace(SITES[3], modulus=30e6, viscosity=0.0)
     sites = (replace(quick, quality=10.0), replace(quick, growth=0.4), SITES[3])
-    monkeypatch.setattr("simulators.campaign.SITES", sites)
+    monkeypatch.setattr("tests.campaigns.blind.SITES", sites)
 
 
 def test_the_truth_names_the_soil_and_the_modulus_that_stands_for_it(

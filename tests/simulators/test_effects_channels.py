@@ -7,9 +7,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import freqz
 
-from simulators.effects import channels, unmodelled
-from simulators.effects.signals import Signals
 from simulators.mesh import Array
+from tests.campaigns.effects import channels, unmodelled
+from tests.campaigns.effects.signals import Signals
 
 STEP = 5e-5
 TIME = np.arange(-300, 1400, dtype=float) * STEP

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from simulators.effects import faults
-from simulators.effects.catalogue import EFFECTS
-from simulators.effects.signals import Signals
 from simulators.mesh import Array
+from tests.campaigns.effects import faults
+from tests.campaigns.effects.catalogue import EFFECTS
+from tests.campaigns.effects.signals import Signals
 
 STEP = 5e-5
 TIME = np.arange(-300, 1400, dtype=float) * STEP
@@ -186,8 +186,8 @@ def test_each_builder_records_what_it_did_and_grows_with_its_strength(
     key: str, signals: Signals, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The disturbance of the strongest is several times that of the weakest."""
-    from simulators.effects.scene import SimulatedPoint
     from simulators.mesh import Ground
+    from tests.campaigns.effects.scene import SimulatedPoint
 
     clean = SimulatedPoint([signals], 40e6, {})
     monkeypatch.setattr(faults, "undisturbed", lambda scene: clean)

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.__main__ import main
 from benchmarks.loop import Judged, covered, grouped, run, summarise, totals
 from benchmarks.output import Proportion, Reporter
-from simulators.campaign import Case
+from tests.campaigns.blind import Case
 
 CASE = Case(
     file="0001.csv",

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from simulators.drop import STANDARD_GRAVITY, DropSimulator, Hammer
-from simulators.effects.march import Indentation, strike
-from simulators.effects.response import (
+from simulators.mesh import Array, Ground, GroundError, Plate
+from tests.campaigns.effects.march import Indentation, strike
+from tests.campaigns.effects.response import (
     MIN_PULSE_S,
     RESOLUTION,
     RESPONSE_STEP_S,
     GroundResponse,
     ground_response,
 )
-from simulators.effects.soil import Hysteresis, PowerLaw
-from simulators.mesh import Array, Ground, GroundError, Plate
+from tests.campaigns.effects.soil import Hysteresis, PowerLaw
 
 GROUND = Ground.uniform(40e6, 54e3, 1900.0, 0.35, 0.5)
 RADIUS, OFFSETS, DURATION = 0.15, (0.0, 0.3), 0.045

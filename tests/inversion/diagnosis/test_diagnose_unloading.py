@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from pfwd.analysis.diagnosis.diagnose import diagnose_files
-from simulators.campaign import SITES, make_campaign
+from tests.campaigns.blind import SITES, make_campaign
 
 
 def test_ground_that_gives_way_when_it_is_pulled_is_no_other_effect(
@@ -16,7 +16,7 @@ def test_ground_that_gives_way_when_it_is_pulled_is_no_other_effect(
     Where it was as stiff as under load, up to 8 % of the peak was left, which a geophone, drift
     and stress dependence had to share, with a modulus up to 30 % off.
     """
-    monkeypatch.setattr("simulators.campaign.SITES", (SITES[3],))
+    monkeypatch.setattr("tests.campaigns.blind.SITES", (SITES[3],))
     cases = make_campaign(
         tmp_path,
         seed=3,

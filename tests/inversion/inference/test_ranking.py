@@ -31,10 +31,10 @@ from inversion.inference.structures import (
 from pfwd.analysis.diagnosis.entries import entries_of
 from pfwd.analysis.options import AnalysisOptions
 from simulators.drop import Hammer
-from simulators.effects.march import SoilLaw, strike
-from simulators.effects.response import ground_response
-from simulators.effects.soil import PowerLaw
 from simulators.mesh import Ground
+from tests.campaigns.effects.march import SoilLaw, strike
+from tests.campaigns.effects.response import ground_response
+from tests.campaigns.effects.soil import PowerLaw
 
 RADIUS, MASS = 0.15, 12.0
 BEFORE = 200

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import lfilter
 
-from simulators.effects.signals import Signals
 from simulators.mesh import Array
+from tests.campaigns.effects.signals import Signals
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ samples is, without any further approximation,
 .. math:: w(t_n) = \sum_{j=1}^{n} F_j \, k_{n-j+1}
 
 with :math:`k` the response to a hat of 1 N. One finite-element run of a weightless plate thus
-serves every hammer, plate mass and contact nonlinearity, see `simulators.effects.march`. The finite
+serves every hammer, plate mass and contact nonlinearity, see `march`. The finite
 elements must take one step per sample. Then the steps of `march`, whose plate obeys the same rule,
 are equivalent to finite elements of ground and plate together, and as stable. With several internal
 steps the response starts too softly, and `march` is unstable.

@@ -26,8 +26,8 @@ from typing import Protocol
 import numpy as np
 
 from simulators.drop import Hammer, SimulatedDrop
-from simulators.effects.response import GroundResponse
 from simulators.mesh import Array, require
+from tests.campaigns.effects.response import GroundResponse
 
 # Parameters (beta, gamma) of Newmark's rule. The first pair damps the unresolved vibration after
 # the plate has hit the ground again; it is of first order.

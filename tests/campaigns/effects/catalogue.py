@@ -1,7 +1,13 @@
 """Catalogue of the simulated effects: name, scope, strengths and the function that simulates it.
 
-An effect is a deviation of ground, plate or instrument from the declared model. The function builds
-a test point, whose drops all have the effect with a given strength.
+An effect is a deviation of ground, plate or instrument from the declared model, such as a delayed
+sensor or rock below the soil. The function builds a test point, whose drops all have the effect
+with a given strength. `tests.campaigns.blind` writes trace files of them, whose headers do not
+declare the effect.
+
+Finite elements compute the ground (`response`). The motion of hammer, plate and nonlinear contact
+is computed on it (`march`, `soil`, `mechanics`), and operators change the channels (`channels`).
+The diagnosis knows some effects, its vocabulary; `unmodelled` and `faults` have others.
 """
 
 from __future__ import annotations
@@ -12,8 +18,8 @@ from typing import Literal
 
 import numpy as np
 
-from simulators.effects import channels, faults, mechanics, unmodelled
-from simulators.effects.scene import Scene, SimulatedPoint, undisturbed
+from tests.campaigns.effects import channels, faults, mechanics, unmodelled
+from tests.campaigns.effects.scene import Scene, SimulatedPoint, undisturbed
 
 Build = Callable[[Scene, float], SimulatedPoint]
 

@@ -7,12 +7,12 @@ Each file of a campaign has an effect that its header does not declare, such as 
 
 writes ``campaign/traces/0001.csv`` and so on, in random order, and their true values to
 ``campaign/truth/truth.json``, which inversion and diagnosis must not read. `only` restricts the
-campaign to some effects (keys of `simulators.effects.catalogue.EFFECTS`) and ``clean``:
+campaign to some effects (keys of `effects.catalogue.EFFECTS`) and ``clean``:
 
 >>> make_campaign(Path("few"), seed=1, per_case=2, only=("clean", "sensor_lag"))  # doctest: +SKIP
 
 The ground is computed by finite elements. One run for each site and contact serves every drop on it
-(see `simulators.effects.response`); the folder `cache` stores it. Equal seeds give equal files.
+(see `effects.response`); the folder `cache` stores it. Equal seeds give equal files.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from pathlib import Path
 
 import numpy as np
 
-from simulators.effects.catalogue import CLEAN, EFFECTS, SimulatedEffect
-from simulators.effects.recording import Converter, write_signals
-from simulators.effects.scene import Laboratory, Scene, SimulatedPoint
 from simulators.mesh import ConstantQ, Ground, Growth, require
+from tests.campaigns.effects.catalogue import CLEAN, EFFECTS, SimulatedEffect
+from tests.campaigns.effects.recording import Converter, write_signals
+from tests.campaigns.effects.scene import Laboratory, Scene, SimulatedPoint
 
 CLEAN_FRACTION = 0.2  # fraction of the files without an effect
 DRAWN_LEVEL = -1  # level of a strength that is drawn at random

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, lfilter, sosfilt
 
-from simulators.effects.signals import Signals
 from simulators.mesh import Array, require
+from tests.campaigns.effects.signals import Signals
 
 
 def sensor_lag(signals: Signals, delay: float) -> Signals:

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from simulators.drop import Hammer, PrescribedLoad, SimulatedDrop
-from simulators.effects.march import Indentation, Pull, SoilLaw, strike
-from simulators.effects.response import RESPONSE_DURATION_S, GroundResponse, ground_response
-from simulators.effects.signals import Signals, signals_of
 from simulators.mesh import Ground
+from tests.campaigns.effects.march import Indentation, Pull, SoilLaw, strike
+from tests.campaigns.effects.response import RESPONSE_DURATION_S, GroundResponse, ground_response
+from tests.campaigns.effects.signals import Signals, signals_of
 
 
 class Laboratory:

@@ -13,10 +13,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import lfilter
 
-from simulators.effects.scene import Scene, SimulatedPoint, undisturbed
-from simulators.effects.signals import Signals
-from simulators.effects.unmodelled import mode
 from simulators.mesh import Array
+from tests.campaigns.effects.scene import Scene, SimulatedPoint, undisturbed
+from tests.campaigns.effects.signals import Signals
+from tests.campaigns.effects.unmodelled import mode
 
 
 def rocking_mode(

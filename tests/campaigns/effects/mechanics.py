@@ -12,12 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from simulators.drop import STANDARD_GRAVITY, SimulatedDrop
-from simulators.effects.march import Indentation, strike
-from simulators.effects.response import layered_ground, stacked_ground
-from simulators.effects.scene import Scene, SimulatedPoint
-from simulators.effects.soil import Hysteresis, PowerLaw
-from simulators.effects.unmodelled import oscillator
 from simulators.mesh import Array
+from tests.campaigns.effects.march import Indentation, strike
+from tests.campaigns.effects.response import layered_ground, stacked_ground
+from tests.campaigns.effects.scene import Scene, SimulatedPoint
+from tests.campaigns.effects.soil import Hysteresis, PowerLaw
+from tests.campaigns.effects.unmodelled import oscillator
 
 
 def bedrock(scene: Scene, strength: float) -> SimulatedPoint:

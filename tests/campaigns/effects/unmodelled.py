@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from simulators.effects.signals import Signals
 from simulators.mesh import Array
+from tests.campaigns.effects.signals import Signals
 
 
 def oscillator(
