@@ -16,16 +16,12 @@ PARTS = {
     "power_loss": "recording under kills at every call and power loss (some minutes)",
     "wire": "cables pulled, instruments killed, bytes damaged, 115200 baud (half an hour; --short)",
     "firmware": "sizes of the instrument's core on a Cortex-M3; fuzzing with --fuzz SECONDS",
-    "archive": "inversion of an archive: speed, memory, a killed worker (six minutes; --short)",
-    "devices": "moduli of ten grounds by ten different devices (some minutes; --short)",
     "loop": "the diagnosis on a blind campaign of undeclared effects (an hour; --short)",
-    "closing": "all figures of docs/closing-the-loop.md (half an hour)",
     "measured": "fit and held-out prediction of measured drops in FILES (some minutes)",
-    "structures": "evidence of ground structures on measured drops in FILES (some minutes)",
-    "layers": "layered ground: accuracy and speed, --inverted, --measured (some minutes; --short)",
+    "layers": "layered ground: accuracy and speed; --inverted (some minutes; --short)",
     "tables": "build the response tables of the package that are missing",
     "example_files": "make the files of pfwd.example from finite elements (a minute)",
-    "validation": "the 48 cases of the published study by finite elements (some minutes)",
+    "validation": "the 48 cases of the published study (some minutes); --corrections",
 }
 QUICK = ("speed",)
 """Names of the parts that run if the command has no arguments."""

@@ -19,7 +19,6 @@ from typing import Literal
 
 import numpy as np
 
-from benchmarks.devices import hammer_of
 from benchmarks.output import Reporter
 from inversion import (
     Grounds,
@@ -95,7 +94,8 @@ class Case:
     @property
     def hammer(self) -> Hammer:
         """Hammer that has this pulse duration and mean pressure on rigid ground."""
-        return hammer_of(self.pressure * math.pi * self.radius**2, self.pulse, _HAMMER_SPEED_M_S)
+        mass = self.pressure * self.radius**2 * self.pulse / _HAMMER_SPEED_M_S
+        return Hammer(mass, mass * (math.pi / self.pulse) ** 2, _HAMMER_SPEED_M_S)
 
     @property
     def offsets(self) -> tuple[float, ...]:

@@ -1,7 +1,8 @@
 """Layered ground: accuracy of the fast computation, and its cost with and without derivatives.
 
 Times are the smallest processor time of many repetitions with one thread in the linear algebra,
-which depends least on other programs.
+which depends least on other programs. With ``--inverted`` finite-element drops on random grounds
+with noise are inverted as by ``pfwd invert --layers``, which uses only the traces.
 """
 
 from __future__ import annotations
@@ -10,16 +11,26 @@ import argparse
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import layers_inverted, layers_measured
 from benchmarks.output import Reporter
-from inversion import Grounds, Instrument, PlateProblem, SurrogateLibrary, plate_compliance
+from inversion import (
+    Grounds,
+    Instrument,
+    PlateProblem,
+    Record,
+    Settings,
+    SurrogateLibrary,
+    invert,
+    plate_compliance,
+)
 from inversion.forward.contact import PLATE_MODELS, QuadratureRule
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.layered import (
@@ -35,9 +46,13 @@ from inversion.forward.layered import (
 )
 from inversion.forward.layered.quadrature import Layout, nodes
 from inversion.forward.model import transfer_function
+from inversion.measured.record import Sensor
+from inversion.records import known
+from inversion.result import InversionResult
 from inversion.threads import single_threaded_blas
 from pfwd.analysis.analyse import record_of
 from pfwd.files.traces import read_traces
+from pfwd.spawning import WorkerPool
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Ground, Layer, Plate
 
@@ -67,24 +82,13 @@ def run(arguments: list[str]) -> int:
     parser.add_argument("--cases", type=int, default=60, help="own drops that are inverted")
     parser.add_argument("--seed", type=int, default=1, help="of their grounds")
     parser.add_argument("--jobs", type=int, default=1, help="processes for them")
-    parser.add_argument(
-        "--measured",
-        type=Path,
-        nargs="+",
-        metavar="FILE",
-        help="the ladder of measured points of several sensors, nothing else",
-    )
-    parser.add_argument("--header", type=Path, help="what the files do not declare (TOML)")
     options = parser.parse_args(arguments)
     report = Reporter(arguments)
-    if options.measured:
-        layers_measured.measured(report, options.measured, options.header, options.jobs)
-        return 0
     if options.inverted:
-        layers_inverted.speed(report)
+        _inversion_speed(report)
         if options.records:
-            layers_inverted.records(report, options.records)
-        layers_inverted.finite_elements(report, options.cases, options.seed, options.jobs)
+            _inverted_records(report, options.records)
+        _inverted_finite_elements(report, options.cases, options.seed, options.jobs)
         return 0
     with single_threaded_blas():
         _speed(report)
@@ -350,3 +354,211 @@ def _records(report: Reporter, folder: Path) -> None:
             rms = math.sqrt(np.mean(residual**2)) / np.max(np.abs(sensor.values))
             values[f"at_{sensor.offset:.2g}_m"] = 100 * float(rms)
         report.record(drop=name, kind=truth["kind"], noise=100 * truth["noise"], **values)
+
+
+_MASS = 5.0
+_STEP = 2e-4
+# Root mean square noise of velocity and load, over their peaks.
+_NOISE, _LOAD_NOISE = 0.002, 0.002
+_BEFORE_S = 0.012
+
+
+@dataclass(frozen=True)
+class Case:
+    """Layered ground, with the distances of the sensors, m."""
+
+    number: int
+    layers: tuple[Layer, ...]
+    rock: bool
+    offsets: tuple[float, ...]
+
+    @property
+    def moduli(self) -> list[float]:
+        """Moduli of the layers from the top, Pa."""
+        return [layer.modulus for layer in self.layers]
+
+    @property
+    def rock_depth(self) -> float:
+        """Depth of the rock, m; inf: no rock."""
+        return sum(layer.thickness for layer in self.layers) if self.rock else math.inf
+
+
+def cases(count: int, seed: int) -> list[Case]:
+    """Return random grounds for four sensors: a stiff or soft top, or three layers.
+
+    Half of the grounds are on rock, the depth of which is declared.
+    """
+    rng = np.random.default_rng(seed)
+
+    def between(low: float, high: float) -> float:
+        return math.exp(rng.uniform(math.log(low), math.log(high)))
+
+    cases_ = []
+    for number in range(count):
+        media, rock = (3 if number % 3 == 2 else 2), bool(number % 2)
+        modulus = between(3e7, 1.2e8)
+        moduli = [modulus]
+        for _ in range(media - 1):
+            factor = between(1.5, 5.0)
+            moduli.insert(0, moduli[0] * (factor if rng.uniform() < 0.6 else 1.0 / factor))
+        above = [between(0.15, 0.45) for _ in range(media - 1)]
+        last = between(0.7, 2.5) if rock else math.inf
+        layers = tuple(
+            Layer(m, m * between(0.5e-3, 2e-3), rng.uniform(1750, 2200), 0.35, h)
+            for m, h in zip(moduli, [*above, last], strict=True)
+        )
+        offsets = (0.0, 0.3, 0.6, float(round(between(0.85, 1.2), 2)))
+        cases_.append(Case(number, layers, rock, offsets))
+    return cases_
+
+
+def record_of_case(case: Case, seed: int = 5) -> Record:
+    """Return the record with noise, as input of the inversion."""
+    drop = simulate_drop(
+        Ground(case.layers, "rigid" if case.rock else "none"),
+        Plate(_RADIUS, _MASS, "rough"),
+        Hammer(10.0, 5.6e5, 3.0),
+        case.offsets,
+        duration=0.06,
+        time_step=_STEP,
+    )
+    rng = np.random.default_rng((seed, case.number))
+    quiet = round(_BEFORE_S / _STEP)
+    velocities = np.gradient(drop.ground_displacement, _STEP, axis=1)
+    size = quiet + drop.time.size
+    load = np.zeros(size)
+    load[quiet:] = drop.load
+    sensors = []
+    for offset, row in zip(case.offsets, velocities, strict=True):
+        values = np.zeros(size)
+        values[quiet:] = row
+        values += rng.normal(0.0, _NOISE * np.abs(row).max(), size)
+        sensors.append(Sensor(offset, "velocity", values))
+    load += rng.normal(0.0, _LOAD_NOISE * drop.load.max(), size)
+    return Record(
+        time=_STEP * (np.arange(size) - quiet),
+        load=load,
+        sensors=tuple(sensors),
+        instrument=Instrument(_RADIUS, _MASS),
+        poisson_ratio=0.35,
+        bedrock_depth=case.rock_depth,
+    )
+
+
+def _solved(case: Case) -> tuple[Case, InversionResult, InversionResult, float]:
+    record = record_of_case(case)
+    start = time.process_time()
+    every = invert(record, Settings(layers=len(case.layers)))
+    spent = time.process_time() - start
+    centre = invert(record, Settings(layers=len(case.layers), all_sensors=False))
+    return case, every, centre, spent
+
+
+def _inverted_finite_elements(report: Reporter, count: int, seed: int, jobs: int) -> None:
+    """Report errors and intervals over random grounds of the simulators' finite elements."""
+    report.title(
+        f"{count} drops of the simulators' finite elements, four sensors, noise "
+        f"{100 * _NOISE:g} %, true number of media (%)"
+    )
+    drawn = cases(count, seed)
+    if jobs > 1:
+        with WorkerPool(jobs) as pool:
+            solved = list(pool.map(_solved, drawn))
+    else:
+        solved = [_solved(case) for case in drawn]
+    for quantity, place in (("subgrade", -1), ("top", 0)):
+        errors, inside, widths, alone = [], [], [], []
+        for case, every, centre, _ in solved:
+            truth, layer_result = case.moduli[place], known(every.layers)[place]
+            errors.append(abs(known(layer_result.modulus_pa) / truth - 1.0))
+            low, high = known(layer_result.modulus_interval_pa)
+            inside.append(low <= truth <= high)
+            widths.append(0.5 * math.log(high / low))
+            low, high = known(known(centre.layers)[place].modulus_interval_pa)
+            alone.append(low <= truth <= high)
+        report.record(
+            what=quantity, **_summary(errors, inside, widths), centre_alone=100 * _fraction(alone)
+        )
+    errors, inside, widths = [], [], []
+    for case, every, _, _ in solved:
+        for layer, layer_result in zip(case.layers[:-1], known(every.layers)[:-1], strict=True):
+            errors.append(abs(known(layer_result.thickness_m) / layer.thickness - 1.0))
+            low, high = known(layer_result.thickness_interval_m)
+            inside.append(low <= layer.thickness <= high)
+            widths.append(0.5 * math.log(high / low))
+    report.record(what="thickness", **_summary(errors, inside, widths))
+    report.record(
+        what="processor time, s",
+        two_media=_median([s for c, _, _, s in solved if len(c.layers) == 2]),
+        three_media=_median([s for c, _, _, s in solved if len(c.layers) == 3]),
+    )
+
+
+def _median(values: Sequence[float]) -> float | None:
+    """Return the median; None without values, as a few cases may have no ground of three media."""
+    return float(np.median(values)) if values else None
+
+
+def _summary(
+    errors: Sequence[float], inside: Sequence[bool], widths: Sequence[float]
+) -> dict[str, Any]:
+    return {
+        "median": 100 * float(np.median(errors)),
+        "p90": 100 * float(np.quantile(errors, 0.9)),
+        "worst": 100 * max(errors),
+        "interval_holds": 100 * _fraction(inside),
+        "half_width": 100 * float(np.median(widths)),
+        "cases": len(errors),
+    }
+
+
+def _fraction(holds: Sequence[bool]) -> float:
+    return sum(holds) / len(holds)
+
+
+def _inversion_speed(report: Reporter) -> None:
+    """Report the time of a layered inversion over that of homogeneous ground."""
+    report.title("an inversion, as a ratio to that of homogeneous ground (processor time)")
+    portable = replace(cases(3, 7)[2], offsets=(0.0, 0.3, 0.6, 0.9))
+    trailer = replace(portable, offsets=(0.0, 0.2, 0.3, 0.45, 0.6, 0.9, 1.2, 1.5, 1.8))
+    for name, case in (("4 sensors", portable), ("9 sensors", trailer)):
+        record = record_of_case(case)
+        plain = _shortest(partial(invert, record, Settings()))
+        layered = _shortest(partial(invert, record, Settings(layers=3)))
+        report.record(
+            sensors=name, homogeneous_s=plain, three_media_s=layered, ratio=layered / plain
+        )
+
+
+def _shortest(action: Any) -> float:
+    action()
+    times = []
+    for _ in range(3):
+        start = time.process_time()
+        action()
+        times.append(time.process_time() - start)
+    return min(times)
+
+
+def _inverted_records(report: Reporter, folder: Path) -> None:
+    """Report errors for drops that another program simulated; true values are in ``truth.json``."""
+    report.title(f"drops of {folder.name}: found over true (%), and whether the interval holds it")
+    for name, truth in json.loads((folder / "truth.json").read_text()).items():
+        point = read_traces(folder / f"{name}.csv")
+        record = record_of(point.drops[0], point.setup)
+        depth = truth["rock_depth_m"]
+        record = replace(record, bedrock_depth=math.inf if depth is None else depth)
+        result = invert(record, Settings(layers=len(truth["layers"])))
+        values: dict[str, Any] = {}
+        for number, (layer, true) in enumerate(
+            zip(known(result.layers), truth["layers"], strict=True), 1
+        ):
+            modulus = 1e6 * true["modulus_MPa"]
+            low, high = known(layer.modulus_interval_pa)
+            values[f"modulus_{number}"] = 100 * (known(layer.modulus_pa) / modulus - 1.0)
+            values[f"holds_{number}"] = low <= modulus <= high
+        for number, (layer, true) in enumerate(
+            zip(known(result.layers), truth["thickness_m"], strict=False), 1
+        ):
+            values[f"thickness_{number}"] = 100 * (known(layer.thickness_m) / true - 1.0)
+        report.record(drop=name, kind=truth["kind"], sensors=len(record.sensors), **values)

@@ -9,7 +9,7 @@ record, scaled by the peak loads. Errors are root mean squares over the peak, in
 import argparse
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +42,6 @@ def run(arguments: list[str]) -> int:
     )
     parser.add_argument("--allow", choices=("stiffness",), help="as the command")
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
-    parser.add_argument("--figures", type=Path, metavar="FOLDER", help="draw a picture there")
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
     options = parser.parse_args(arguments)
     header = None if options.header is None else str(options.header)
@@ -54,7 +53,6 @@ def run(arguments: list[str]) -> int:
         print(f"pfwd bench measured: no measured drops in {where}", file=sys.stderr)
         return 1
     report = Reporter(arguments)
-    medians = {}
     for name, points in surveys.items():
         start = time.perf_counter()
         diagnoses = diagnose_entries(
@@ -65,9 +63,7 @@ def run(arguments: list[str]) -> int:
             for item in diagnoses
             if item.diagnosis is not None and item.result is not None
         ]
-        medians[name] = report_survey(report, name, points_held_out, time.perf_counter() - start)
-    if options.figures is not None:
-        draw(medians, options.figures / "measured-loop.svg")
+        _report_survey(report, name, points_held_out, time.perf_counter() - start)
     return 0
 
 
@@ -89,26 +85,13 @@ def find_points(paths: Sequence[Path], options: AnalysisOptions) -> dict[str, li
     return surveys
 
 
-def report_survey(
+def _report_survey(
     report: Reporter,
     name: str,
     diagnoses: Sequence[tuple[PointDiagnosis, HeldOut | None]],
     seconds: float,
-) -> dict[str, float | None]:
-    """Report every point of a survey, then the medians.
-
-    Parameters
-    ----------
-    report : Reporter
-    name : str, of the device
-    diagnoses : sequence of (PointDiagnosis, HeldOut or None)
-    seconds : float, s, duration of the diagnoses
-
-    Returns
-    -------
-    dict
-        Medians of the errors, %, by name.
-    """
+) -> None:
+    """Report every point of a survey, then the medians of the errors, %, and of the effects."""
     report.title(f"{name}: {len(diagnoses)} points; rms over the peak in %, E in MPa")
     points = [point for point, _ in diagnoses]
     rows = [_row(point, held_out) for point, held_out in diagnoses]
@@ -127,7 +110,6 @@ def report_survey(
             for name in named[0].values_by_name
         }
         report.record(device=name, effect=effect, points=len(named), **values)
-    return medians
 
 
 def _row(point: PointDiagnosis, held_out: HeldOut | None) -> dict[str, Any]:
@@ -162,27 +144,3 @@ def _percent(error: float | None) -> float | None:
 def _median(values: Sequence[Any]) -> float | None:
     numbers = [float(value) for value in values if isinstance(value, float)]
     return float(np.median(numbers)) if numbers else None
-
-
-def draw(medians: Mapping[str, Mapping[str, float | None]], file: Path) -> None:
-    """Draw the median residual of each device, in the fit and in the held-out prediction."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6.4, 3.0), layout="constrained")
-    axes = figure.add_subplot()
-    steps = (
-        ("before_whole", "base model, fitted"),
-        ("after_whole", "with effects, fitted"),
-        ("held_out_whole", "with effects, held out"),
-        ("scaled_record_whole", "preceding record, scaled"),
-    )
-    places = np.arange(len(medians))
-    for index, (key, label) in enumerate(steps):
-        heights = [values[key] or 0.0 for values in medians.values()]
-        bars = axes.bar(places + 0.2 * (index - 1.5), heights, 0.19, label=label)
-        axes.bar_label(bars, fmt="%.2g", fontsize=7)
-    axes.set_xticks(places, list(medians))
-    axes.set_yscale("log")
-    axes.set_ylabel("rms over the peak, %")
-    axes.legend(fontsize=7, frameon=False)
-    figure.savefig(file, metadata={"Date": None})

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import coverage, layers, layers_inverted, noise, validation
+from benchmarks import coverage, layers, noise, validation
 from benchmarks.__main__ import main
 
 # A surrogate is built where none is at hand, and every drop takes seconds.
@@ -91,6 +91,17 @@ def test_validation_reports_methods_and_rungs(capsys: pytest.CaptureFixture[str]
     assert [r["rung"] for r in records if "rung" in r] == list(validation.LADDER)
 
 
+def test_validation_reports_each_correction(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(validation, "LIGHT_GROUNDS", validation.LIGHT_GROUNDS[2:3])
+    assert validation.run(["--corrections", "--json"]) == 0
+    errors = [float(str(record["mean"])) for record in lines(capsys)]
+    assert len(errors) == len(validation.CORRECTIONS)
+    assert abs(errors[0]) > 0.5
+    assert abs(errors[-1]) < 0.1
+
+
 def test_validation_goes_without_the_studys_tables(tmp_path: Path) -> None:
     assert validation.printed_errors(tmp_path) == {}
 
@@ -124,7 +135,7 @@ def test_layers_reports_speed_and_a_thousandth(
 def test_layers_are_inverted_from_finite_elements(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(layers_inverted, "_least", lambda action: (action(), 1.0)[1])
+    monkeypatch.setattr(layers, "_shortest", lambda action: (action(), 1.0)[1])
     assert layers.run(["--inverted", "--cases", "2", "--json"]) == 0
     records = {str(r.get("what")): r for r in lines(capsys)}
     for what in ("subgrade", "top"):

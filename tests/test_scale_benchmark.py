@@ -1,4 +1,4 @@
-"""The benchmark of many drops builds a sound survey, and tells what grows from what does not."""
+"""The list of benchmarks, and the benchmark of many drops: sound surveys, and its limits."""
 
 import json
 from pathlib import Path
@@ -7,10 +7,20 @@ import numpy as np
 import pytest
 
 from benchmarks import scale
+from benchmarks.__main__ import CAMPAIGNS, PARTS, QUICK
 from benchmarks.__main__ import main as bench
 from benchmarks.output import Reporter
 from pfwd_device.recording import check, read_survey
 from tests.campaigns.power_loss import make_record
+
+TOP = Path(__file__).resolve().parents[1]
+
+
+def test_the_help_lists_the_parts_that_exist() -> None:
+    modules = (TOP / "benchmarks").glob("*.py")
+    parts = {path.stem for path in modules if "\ndef run(" in path.read_text(encoding="utf-8")}
+    assert set(PARTS) == parts | set(CAMPAIGNS)
+    assert set(QUICK) <= parts
 
 
 @pytest.fixture

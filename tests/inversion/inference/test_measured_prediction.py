@@ -23,7 +23,7 @@ STRUCTURE: Structure = frozenset(
     {"bedrock", "stress_dependence", "hysteretic_unloading", "rebound"}
     | {"geophone_response", "carrier_resonance", "sensor_lag", "plate_inertia"}
 )
-"""The one that `pfwd bench structures` prints for this instrument."""
+"""Set of effects with the largest log evidence for this instrument."""
 
 
 @pytest.fixture(scope="module")
