@@ -7,7 +7,7 @@ import argparse
 import math
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -112,13 +112,8 @@ def unexplained(path: Path) -> None:
     """Write one drop with an undeclared lag of the sensor."""
     drop = simulate(UNEXPLAINED, (0.0,))
     samples = LAG_S / TIME_STEP
-    late = SimulatedDrop(
-        time=drop.time,
-        load=drop.load,
-        contact_force=drop.contact_force,
-        plate_displacement=drop.plate_displacement,
-        plate_velocity=drop.plate_velocity,
-        offsets=drop.offsets,
+    late = replace(
+        drop,
         ground_displacement=delayed(drop.ground_displacement, samples),
         ground_velocity=delayed(drop.ground_velocity, samples),
     )

@@ -16,8 +16,8 @@ import time
 from pathlib import Path
 
 from benchmarks.output import Reporter
-from benchmarks.scale import PFWD, Template, UnsyncedStorage, recorded_drops
-from benchmarks.screen import Terminal
+from benchmarks.scale import Template, UnsyncedStorage, recorded_drops
+from benchmarks.screen import PFWD, Terminal
 from pfwd_device.recording import SurveyWriter
 
 POINTS, DROPS = 5_000, 2
@@ -170,7 +170,3 @@ def _respond(terminal: Terminal, key: str, awaited: bytes) -> tuple[float, float
         if not awaited or (painted == math.inf and awaited in terminal.text):
             painted = last - start
     return painted, last - start
-
-
-if __name__ == "__main__":
-    sys.exit(run(sys.argv[1:]))

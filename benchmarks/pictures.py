@@ -8,7 +8,7 @@ import argparse
 import asyncio
 import datetime
 import tempfile
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -60,8 +60,8 @@ def run(arguments: list[str]) -> int:
         survey = Path(folder) / "Ring road"
         _measure(survey)
         draws: dict[str, Callable[[Path], None]] = {
-            name: partial(_draw, survey, size, settings, script)
-            for name, (size, settings, script) in PICTURES.items()
+            name: partial(_draw, survey, size, settings, keys)
+            for name, (size, settings, keys) in PICTURES.items()
         }
         draws["done"] = partial(_draw_complete_point, Path(folder) / "live" / survey.name)
         draws["open"] = partial(_draw_opened, survey, "points")
@@ -93,18 +93,6 @@ def _measure(survey: Path) -> None:
         edit_survey(survey, [Edit("position", where)], name)
 
 
-Script = Callable[[PfwdApp, Any], Awaitable[None]]
-
-
-async def _page(app: PfwdApp, pilot: Any, *keys: str) -> None:
-    await pilot.press(*keys)
-    await pilot.pause(0.3)
-    await _wait(pilot, lambda: not app.busy_text())
-    app.show_message("")
-    app.redraw()
-    await pilot.pause(0.3)
-
-
 async def _wait(pilot: Any, holds: Callable[[], bool]) -> None:
     for _ in range(int(READY_TIMEOUT_S / 0.1)):
         if holds():
@@ -113,48 +101,29 @@ async def _wait(pilot: Any, holds: Callable[[], bool]) -> None:
     raise RuntimeError("a picture was not ready in time")
 
 
-async def _measured(app: PfwdApp, pilot: Any) -> None:
+async def _redraw(app: PfwdApp, pilot: Any) -> None:
     app.show_message("")
     app.redraw()
     await pilot.pause()
 
 
-async def _points(app: PfwdApp, pilot: Any) -> None:
-    await _page(app, pilot, "2", "down")
-
-
-async def _drop(app: PfwdApp, pilot: Any) -> None:
-    await _page(app, pilot, "3", *["right"] * 8)
-
-
-async def _diagnosis(app: PfwdApp, pilot: Any) -> None:
-    await _page(app, pilot, "4", "enter")
-
-
-async def _setup(app: PfwdApp, pilot: Any) -> None:
-    await _page(app, pilot, "5")
-
-
-async def _help(app: PfwdApp, pilot: Any) -> None:
-    await _page(app, pilot, "question_mark")
-
-
-PICTURES: dict[str, tuple[tuple[int, int], ScreenSettings, Script]] = {
-    "measure": ((120, 40), ScreenSettings(), _measured),
-    "small": ((80, 24), ScreenSettings(theme="daylight"), _measured),
-    "large": ((120, 40), ScreenSettings(theme="daylight", large=True), _measured),
-    "points": ((120, 34), ScreenSettings(), _points),
-    "drop": ((120, 44), ScreenSettings(), _drop),
-    "diagnosis": ((120, 34), ScreenSettings(), _diagnosis),
-    "setup": ((80, 24), ScreenSettings(), _setup),
+PICTURES: dict[str, tuple[tuple[int, int], ScreenSettings, tuple[str, ...]]] = {
+    "measure": ((120, 40), ScreenSettings(), ()),
+    "small": ((80, 24), ScreenSettings(theme="daylight"), ()),
+    "large": ((120, 40), ScreenSettings(theme="daylight", large=True), ()),
+    "points": ((120, 34), ScreenSettings(), ("2", "down")),
+    "drop": ((120, 44), ScreenSettings(), ("3", *["right"] * 8)),
+    "diagnosis": ((120, 34), ScreenSettings(), ("4", "enter")),
+    "setup": ((80, 24), ScreenSettings(), ("5",)),
 }
+"""Size, settings and pressed keys of each picture of the screen; without keys: while measuring."""
 
 
 def _draw(
-    survey: Path, size: tuple[int, int], settings: ScreenSettings, script: Script, path: Path
+    survey: Path, size: tuple[int, int], settings: ScreenSettings, keys: tuple[str, ...], path: Path
 ) -> None:
-    running = script is _measured
-    source = ReplaySource(survey, 0.0, AnalysisOptions(), paused=running)
+    measuring = not keys
+    source = ReplaySource(survey, 0.0, AnalysisOptions(), paused=measuring)
     pace = source.pace
     assert pace is not None
     n_drops = len(POINTS) * DROPS
@@ -163,7 +132,7 @@ def _draw(
 
     async def body() -> None:
         async with app.run_test(size=size) as pilot:
-            if running:  # the last but one drop has just been measured
+            if measuring:  # the last but one drop has just been measured
                 for count in range(1, n_drops - 1):
                     pace.step()
                     await _wait(pilot, lambda count=count: _safe(app) >= count)  # type: ignore[misc]
@@ -175,7 +144,13 @@ def _draw(
                 await _wait(pilot, lambda: app.state.ended is not None)
                 app.read_contents()
                 await pilot.pause(0.5)
-            await script(app, pilot)
+            if keys:
+                await pilot.press(*keys)
+                await pilot.pause(0.3)
+                await _wait(pilot, lambda: not app.busy_text())
+            await _redraw(app, pilot)
+            if keys:
+                await pilot.pause(0.3)
             save_picture(runs_of_app(app), size[0], path)
 
     asyncio.run(body())
@@ -206,7 +181,7 @@ def _draw_complete_point(survey: Path, path: Path) -> None:
         async def body() -> None:
             async with app.run_test(size=size) as pilot:
                 await _wait(pilot, lambda: app.word().word == "POINT DONE" and _final(app))
-                await _measured(app, pilot)
+                await _redraw(app, pilot)
                 save_picture(runs_of_app(app), size[0], path)
 
         asyncio.run(body())
@@ -236,7 +211,3 @@ def _safe(app: PfwdApp) -> int:
 def _final(app: PfwdApp) -> bool:
     last = app.state.last
     return last is not None and last.final and last.curves is not None
-
-
-if __name__ == "__main__":
-    run([])

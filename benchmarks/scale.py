@@ -23,7 +23,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.output import Reporter
-from pfwd_device.recording import DropRecord, Rebound, Storage, SurveyWriter
+from benchmarks.screen import PFWD, first_paint
+from pfwd_device.recording import DropRecord, Rebound, Storage, SurveyWriter, read_survey
 from pfwd_device.recording.drop_file import drop_file_bytes
 from pfwd_device.recording.layout import Layout
 
@@ -130,11 +131,21 @@ def _run(report: Reporter, folder: Path, counts: tuple[int, ...], args: argparse
                 continue
             repeats = min(case.repeats, args.repeats)
             costs = [measure(case.arguments(survey, folder)) for _ in range(repeats)]
-            costs_by_name.setdefault(case.name, []).append(best := _best(costs))
+            best = Cost(
+                min(cost.seconds for cost in costs),
+                min(cost.processor for cost in costs),
+                max(cost.megabytes for cost in costs),
+            )
+            costs_by_name.setdefault(case.name, []).append(best)
             if drops > 1:
                 report.record(part=case.name, drops=drops, **dataclasses.asdict(best))
         if drops > 1:
-            for name, command in paints(survey).items():
+            paints = {
+                # No instrument is at this address; the time is that of reading the survey.
+                "first paint of live": ["live", "socket://127.0.0.1:9", "-o", str(survey)],
+                "first paint of replay --live": ["replay", str(survey), "--live"],
+            }
+            for name, command in paints.items():
                 if args.only and not name.startswith(args.only):
                     continue
                 painted = [first_paint(command) for _ in range(args.repeats)]
@@ -189,17 +200,6 @@ class Cost:
     """Largest memory of one of its processes, MB."""
 
 
-def _best(costs: list[Cost]) -> Cost:
-    return Cost(
-        min(cost.seconds for cost in costs),
-        min(cost.processor for cost in costs),
-        max(cost.megabytes for cost in costs),
-    )
-
-
-PFWD = [sys.executable, "-P", "-c", "from tui.cli import main; raise SystemExit(main())"]
-
-
 # A small process starts the command: the reported memory of a child is at least that of its parent.
 _MEASURING = """
 import json, os, subprocess, sys, time
@@ -228,30 +228,6 @@ def measure(arguments: list[str]) -> Cost:
     return Cost(seconds, processor, largest * unit / 1e6)
 
 
-def paints(survey: Path) -> dict[str, list[str]]:
-    """Return the commands that open a screen, by name."""
-    return {
-        # No instrument is at this address; the time is that of reading the survey.
-        "first paint of live": ["live", "socket://127.0.0.1:9", "-o", str(survey)],
-        "first paint of replay --live": ["replay", str(survey), "--live"],
-    }
-
-
-def first_paint(arguments: list[str]) -> float:
-    """Return the time from the start of a command to a readable page, s."""
-    from benchmarks.screen import PAINTED, Terminal
-
-    terminal = Terminal([*PFWD, *arguments], (120, 40))
-    try:
-        while not PAINTED.search(terminal.text):
-            if time.monotonic() - terminal.started > 60:
-                raise RuntimeError(f"pfwd {' '.join(arguments)}: not painted within 60 s")
-            terminal.read(0.01)
-        return time.monotonic() - terminal.started
-    finally:
-        terminal.close()
-
-
 # Survey.
 
 
@@ -266,8 +242,6 @@ class Template:
 
 def recorded_drops(folder: Path) -> list[Template]:
     """Return three drops of the scenario `default`, recorded and inverted by ``pfwd demo``."""
-    from pfwd_device.recording import read_survey
-
     options = ["--scenario", "default", "--drops", "3", "--lines", "-o", str(folder)]
     command = [*PFWD, "demo", *options]
     subprocess.run(command, check=True, capture_output=True, timeout=TIMEOUT_S)

@@ -190,7 +190,9 @@ def write_traces(
     generator = np.random.default_rng(seed)
     with path.open("w", encoding="utf-8", newline="\n") as file:
         for key, value in header.items():
-            file.write(f"# {key} = {_toml(value)}\n")
+            # A JSON string is a TOML string; `inf` and `nan` are TOML floats.
+            text = json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
+            file.write(f"# {key} = {text}\n")
         file.write(",".join(columns) + "\n")
         for number, drop in enumerate(drops, start=1):
             record = record_drop(drop, recording, generator)
@@ -203,8 +205,3 @@ def write_traces(
 
 def _quantised(signal: Array, resolution: float) -> Array:
     return signal if resolution == 0 else np.round(signal / resolution) * resolution
-
-
-def _toml(value: str | float) -> str:
-    """Return a value as TOML; a JSON string is a TOML string, `inf` and `nan` are TOML floats."""
-    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)

@@ -44,8 +44,7 @@ from simulators.instrument.faults import BadCable
 from simulators.instrument.language import LANGUAGES
 from simulators.instrument.memory import DISARMED, DropBuffer, Ring, StoredCalibration, split_block
 from simulators.instrument.scenario import Fault, Scenario
-from simulators.instrument.schedule import Knock
-from simulators.instrument.timeline import PAGE, Bench, Timeline
+from simulators.instrument.timeline import PAGE, Bench, Knock, Timeline
 from simulators.instrument.units import UnitDrops, with_drawn_soil
 
 MAX_BLOCK_S = 0.005
@@ -437,7 +436,8 @@ class PortlessInstrument:
             return
         counts = stream.timeline.counts(stream.index, stop)
         if self._shunt:
-            counts = self._with_shunt(counts)
+            full = 1 << (self.scenario.device.adc_bits - 1)
+            counts = np.clip(counts + self._shunt_shift(), -full, full - 1)
         clock = self._clock_us(stream.began + stream.index / self._rate)
         block = SampleBlock(stream.number, stream.index, clock, counts, self._shunt)
         if self._sending:
@@ -453,10 +453,6 @@ class PortlessInstrument:
     def _skip(self, stream: _Stream, count: int) -> None:
         stream.index += count
         self._note_drops(stream)
-
-    def _with_shunt(self, counts: Any) -> Any:
-        full = 1 << (self.scenario.device.adc_bits - 1)
-        return np.clip(counts + self._shunt_shift(), -full, full - 1)
 
     def _shunt_shift(self) -> NDArray[np.int32]:
         """Return the counts that the calibration shunt adds to each channel, (channels,)."""

@@ -167,14 +167,10 @@ def _shipped(scenario: Scenario, factor: float) -> UnitDrop | None:
                 rows = [offsets.index(offset) for offset in sensor_offsets(scenario)]
                 load, *velocities = tables[f"drop{number}"].astype(float)
                 velocity = np.array(velocities)[rows]
-                return UnitDrop(load, velocity, _integral(velocity))
+                time = np.arange(velocity.shape[-1]) * UNIT_DROP_STEP_S
+                displacement = CubicSpline(time, velocity, axis=-1).antiderivative()(time)
+                return UnitDrop(load, velocity, np.asarray(displacement))
     return None
-
-
-def _integral(velocity: Array) -> Array:
-    """Return the displacement from rest, the integral of a cubic spline through the velocities."""
-    time = np.arange(velocity.shape[-1]) * UNIT_DROP_STEP_S
-    return np.asarray(CubicSpline(time, velocity, axis=-1).antiderivative()(time))
 
 
 def make_tables(path: Any) -> None:

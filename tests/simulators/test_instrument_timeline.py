@@ -13,8 +13,7 @@ from simulators.drop import DropSimulator, Hammer
 from simulators.instrument import units
 from simulators.instrument.response import DropResponse
 from simulators.instrument.scenario import Scenario, builtin_scenarios, load_scenario
-from simulators.instrument.schedule import Schedule
-from simulators.instrument.timeline import PAGE, Bench, Timeline
+from simulators.instrument.timeline import PAGE, Bench, Schedule, Timeline
 from simulators.instrument.units import (
     UNIT_DROP_DURATION_S,
     UNIT_DROP_STEP_S,
