@@ -1,7 +1,6 @@
 """Export of a survey, for the command line and for scripts."""
 
 import os
-from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +17,6 @@ from pfwd.export.registry import (
 from pfwd.export.rows import Order, Results
 from pfwd.files.opening import survey_content
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording.index import no_collections
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +57,6 @@ def export_survey(
     force: bool = False,
     invert: bool = False,
     seed: int = 0,
-    jobs: int = 1,
     delimiter: str | None = None,
     decimal: str | None = None,
 ) -> ExportSummary:
@@ -78,9 +75,6 @@ def export_survey(
         is written to the survey.
     seed : int
         Random seed of the inversion, >= 0.
-    jobs : int
-        Number of processes that may work on it. A script with more than one needs a guard
-        ``if __name__ == "__main__"``, as for `multiprocessing`.
     delimiter : str, optional
         Character between the columns of a text, or ``tab``; default: a comma, or a semicolon if the
         decimal sign is a comma.
@@ -103,17 +97,10 @@ def export_survey(
     chosen = _format(form, invert=invert)
     signs = _signs(chosen, delimiter, decimal)
     refuse_existing(path, force=force)  # early, because an export may take minutes
-    with ExitStack() as stack:
-        row_maker = None
-        if chosen.by_parts and not invert:
-            from pfwd.export.parts import second_process
-
-            stack.enter_context(no_collections())  # nothing that is read becomes garbage
-            row_maker = stack.enter_context(second_process(os.fspath(survey), jobs))
-        content = survey_content(survey)
-        inverted = _inverted(os.fspath(survey), seed) if invert else None
-        order = Order(content, inverted, force, jobs, row_maker, *signs)
-        notes, results = _written(chosen, order, path)
+    content = survey_content(survey)
+    inverted = _inverted(os.fspath(survey), seed) if invert else None
+    order = Order(content, inverted, force, *signs)
+    notes, results = _written(chosen, order, path)
     drops = len(content.drops)
     if results is not None and results < drops:
         notes.append(f"{drops - results} of {drops} drops have no result")

@@ -35,8 +35,6 @@ class ExportFormat:
     omission, or its name ``"module:function"``, which is imported when it is used."""
     with_results: bool = False
     """True: the format holds results, so that drops may be inverted for it."""
-    by_parts: bool = False
-    """True: rows are written as text by `row_texts`, so that a second process may help."""
     delimited: bool = False
     """True: a text in columns, whose delimiter and decimal sign may be chosen."""
 
@@ -60,9 +58,7 @@ BUILT_IN_FORMATS: Mapping[str, ExportFormat] = MappingProxyType(
             ),
             ExportFormat("h5", "all data for other programs", f"{_PACKAGE}.hdf5:write_h5"),
             ExportFormat("csv", "a folder of trace files", f"{_PACKAGE}.surveys:write_csv"),
-            ExportFormat(
-                "table", "results as CSV", f"{_PACKAGE}.tables:write_table", True, True, True
-            ),
+            ExportFormat("table", "results as CSV", f"{_PACKAGE}.tables:write_table", True, True),
             ExportFormat(
                 "points",
                 "points with verdicts as CSV",
@@ -70,7 +66,7 @@ BUILT_IN_FORMATS: Mapping[str, ExportFormat] = MappingProxyType(
                 True,
                 delimited=True,
             ),
-            ExportFormat("jsonl", "results as JSON", f"{_PACKAGE}.tables:write_jsonl", True, True),
+            ExportFormat("jsonl", "results as JSON", f"{_PACKAGE}.tables:write_jsonl", True),
             ExportFormat("parquet", "results", f"{_PACKAGE}.tables:write_parquet", True),
             ExportFormat("geojson", "results on the map", f"{_PACKAGE}.maps:write_geojson", True),
             ExportFormat(

@@ -2,12 +2,10 @@
 warnings.
 """
 
-import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
-from operator import attrgetter
-from typing import Any, Protocol
+from typing import Any
 
 from inversion import notices
 from inversion.notices import WARNING_CODES, WARNINGS, Notice, Value, text_notice
@@ -47,7 +45,6 @@ SURVEY_COLUMNS = (
 inversion."""
 
 _RESULT_KINDS = {c.name: c.kind for c in DROP_COLUMNS if c.name not in SURVEY_COLUMNS}
-_RESULT_KEYS = frozenset(_RESULT_KINDS)
 _EMPTY_ROW: Mapping[str, Any] = dict.fromkeys(column.name for column in DROP_COLUMNS)
 
 MAX_RELATIVE_DIFFERENCE = 1e-9
@@ -99,29 +96,6 @@ class Row:
         return not discarded and self.drop.declared is not None
 
 
-class RowMaker(Protocol):
-    """Interface of a second process that makes rows as text, as `pfwd.export.parts.SecondProcess`
-    does.
-    """
-
-    def make(
-        self,
-        survey_id: str,
-        job: Job,
-        texts: Callable[[Iterable[Row]], Iterator[str]],
-        parts: Sequence[Sequence[SurveyPoint]],
-        /,
-    ) -> Sequence[Any]:
-        """Request the texts of the rows, part by part.
-
-        Returns
-        -------
-        sequence of Future or None
-            One for each part; None: this process will not make the part.
-        """
-        ...
-
-
 @dataclass(frozen=True)  # no slots: `cached_property` needs a dictionary
 class Order:
     """Export request: a survey, and options of the format."""
@@ -131,10 +105,6 @@ class Order:
     """Results of an inversion for this export; None: the stored ones are used."""
     force: bool = False
     """True: an existing file may be replaced."""
-    jobs: int = 1
-    """Number of processes that may work on the export."""
-    row_maker: RowMaker | None = None
-    """Second process that makes rows as text; None: there is none."""
     delimiter: str = ","
     """Character between the columns of a text."""
     decimal: str = "."
@@ -155,11 +125,11 @@ class Order:
     def points(self) -> list[tuple[PointView, tuple[Row, ...]]]:
         """All points with the rows of their drops, computed once."""
         with no_collections():
-            views = map(self.point, self.content.points)
-            return [(view, tuple(self.rows_of(view))) for view in views]
+            views = map(self._point, self.content.points)
+            return [(view, tuple(self._rows_of(view))) for view in views]
 
-    def point(self, point: SurveyPoint) -> PointView:
-        """Return a point with the results to export; read and judged again at every call."""
+    def _point(self, point: SurveyPoint) -> PointView:
+        """Return a point with the results to export."""
         view = point_view(point, self.job)
         if self.inverted is None:
             return view
@@ -174,36 +144,21 @@ class Order:
         """Rows of all drops, point by point, computed once."""
         return [row for _, rows in self.points for row in rows]
 
-    def rows_of(self, point: PointView) -> Iterator[Row]:
-        """Return the rows of the drops of a point."""
-        return point_rows_of(self.content.survey_id, point, inverted=self.inverted is not None)
+    def _rows_of(self, point: PointView) -> Iterator[Row]:
+        point = point.shown
+        progress = point.progress
+        verdict = _point_columns(point)
+        kinds = dict(progress.kinds)
+        reasons = {drop.number: drop.reason for drop in progress.excluded}
+        survey_id, inverted = self.content.survey_id, self.inverted is not None
+        for drop in point.drops:
+            reason = reasons.get(drop.number)
+            yield _row(survey_id, point, drop, verdict, kinds.get(drop.number), reason, inverted)
 
     @cached_property
     def results(self) -> int:
-        """Number of drops with a result; `row_texts` sets it if rows were written without this
-        list.
-        """
+        """Number of drops with a result."""
         return sum(row.has_result for row in self.rows)
-
-
-def point_rows_of(survey_id: str, point: PointView, *, inverted: bool = False) -> Iterator[Row]:
-    """Yield the rows of the drops of a point.
-
-    Parameters
-    ----------
-    survey_id : str
-    point : PointView
-    inverted : bool
-        True: the results are of an inversion for this export, and discarded drops have none.
-    """
-    point = point.shown
-    progress = point.progress
-    verdict = _point_columns(point)
-    kinds = dict(progress.kinds)
-    reasons = {drop.number: drop.reason for drop in progress.excluded}
-    for drop in point.drops:
-        reason = reasons.get(drop.number)
-        yield _row(survey_id, point, drop, verdict, kinds.get(drop.number), reason, inverted)
 
 
 def _point_columns(point: PointView) -> dict[str, Any]:
@@ -402,29 +357,12 @@ def _result(result: DropResult, point: SurveyPoint, drop: DropView) -> dict[str,
 
 
 def _cells(result: DropResult) -> dict[str, Any]:
-    """Return the values of a result by column name, converted to the type of the column."""
-    if result.more.keys().isdisjoint(_RESULT_KEYS):
-        return _typed_cells(result)
-    # A result of another version may have a value of another type under the name of a column.
+    """Return the values of a result by column name, converted to the type of the column.
+
+    A result of another program may have a value of another type under the name of a column.
+    """
     values = result.values(_RESULT_KINDS)
     return {name: _CONVERTERS[_RESULT_KINDS[name]](value) for name, value in values.items()}
-
-
-def _typed_cells(result: DropResult) -> dict[str, Any]:
-    """Return the values of a result of this version by column name, as `_cells` does.
-
-    It is faster, because the functions for each column are looked up only once.
-    """
-    cells: dict[str, Any] = {}
-    for name, value in zip(_NUMERIC_NAMES, _NUMERIC_VALUES(result), strict=True):
-        # Nearly always a float: `number` without the call.
-        sound = type(value) is float and math.isfinite(value)
-        cells[name] = value if sound or value is None else number(value)
-    for name, as_kind, value in zip(
-        _NONNUMERIC_NAMES, _NONNUMERIC_CONVERTERS, _NONNUMERIC_VALUES(result), strict=True
-    ):
-        cells[name] = as_kind(value)
-    return cells
 
 
 def missing_parts(result: DropResult) -> list[str]:
@@ -508,11 +446,4 @@ _CONVERTERS: Mapping[Kind, Callable[[Any], Any]] = {
 }
 """Functions that convert a value of a result to the type of its column."""
 
-# Nested values have columns of their own, see `nested_cells`.
-_FIELDS = [f.name for f in fields(DropResult) if f.name in _RESULT_KEYS and f.name != N_LAYERS]
 _WITHHELD = [column.name for column in result_columns("layers")]
-_NUMERIC_NAMES = tuple(name for name in _FIELDS if _RESULT_KINDS[name] == "number")
-_NUMERIC_VALUES = attrgetter(*_NUMERIC_NAMES)
-_NONNUMERIC_NAMES = tuple(name for name in _FIELDS if _RESULT_KINDS[name] != "number")
-_NONNUMERIC_CONVERTERS = tuple(_CONVERTERS[_RESULT_KINDS[name]] for name in _NONNUMERIC_NAMES)
-_NONNUMERIC_VALUES = attrgetter(*_NONNUMERIC_NAMES)

@@ -6,50 +6,27 @@ Each function ``write_...`` takes an `Order` and a path and returns one sentence
 
 import csv
 import os
-from collections.abc import Iterable, Iterator
-from functools import partial
-from operator import itemgetter
 from typing import Any
 
 from pfwd.errors import OptionError, refusal
 from pfwd.export.columns import DROP_COLUMNS, POINT_COLUMNS
 from pfwd.export.json_text import json_text
 from pfwd.export.output import new_file, new_text_file
-from pfwd.export.parts import row_texts
 from pfwd.export.point_rows import point_rows
-from pfwd.export.rows import Order, Row
+from pfwd.export.rows import Order
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
 """Characters with which a text begins that a spreadsheet would evaluate as a formula."""
-
-_DROP_COLUMN_NAMES = [column.name for column in DROP_COLUMNS]
-_DROP_VALUES = itemgetter(*_DROP_COLUMN_NAMES)
 
 
 def write_table(order: Order, path: str | os.PathLike[str]) -> list[str]:
     """Write the rows of all drops as CSV; discarded drops are marked."""
     with new_text_file(path, force=order.force, newline="") as stream:  # `csv` ends the lines
-        stream.write(csv.writer(_Line(), delimiter=order.delimiter).writerow(_DROP_COLUMN_NAMES))
-        texts = partial(table_texts, delimiter=order.delimiter, decimal=order.decimal)
-        stream.writelines(row_texts(order, texts))
+        writer = csv.writer(stream, delimiter=order.delimiter)
+        writer.writerow(column.name for column in DROP_COLUMNS)
+        for row in order.rows:
+            writer.writerow(cell(row.values[column.name], order.decimal) for column in DROP_COLUMNS)
     return []
-
-
-def table_texts(rows: Iterable[Row], delimiter: str = ",", decimal: str = ".") -> Iterator[str]:
-    """Yield the lines of a CSV table for rows of drops."""
-    writer = csv.writer(_Line(), delimiter=delimiter)
-    if decimal != ".":
-        for row in rows:
-            yield writer.writerow([cell(value, decimal) for value in _DROP_VALUES(row.values)])
-        return
-    for row in rows:
-        # The writer converts floats and None, which are most of the values, as `cell` does.
-        yield writer.writerow(
-            [
-                value if value is None or type(value) is float else cell(value)
-                for value in _DROP_VALUES(row.values)
-            ]
-        )
 
 
 def write_points(order: Order, path: str | os.PathLike[str]) -> list[str]:
@@ -62,26 +39,14 @@ def write_points(order: Order, path: str | os.PathLike[str]) -> list[str]:
     return []
 
 
-class _Line:
-    """Stream for `csv.writer`, which makes ``writerow`` return the line."""
-
-    def write(self, text: str) -> str:
-        return text
-
-
 def write_jsonl(order: Order, path: str | os.PathLike[str]) -> list[str]:
     """Write each drop with its complete result as one line of JSON; discarded drops are marked."""
     with new_text_file(path, force=order.force) as stream:
-        stream.writelines(row_texts(order, jsonl_texts))
+        for row in order.rows:
+            result = None if row.drop.last_result is None else row.drop.last_result.to_json()
+            more = {"declared": row.drop.declared or {}, "result": result}
+            stream.write(json_text({**row.json_values, **more}) + "\n")
     return []
-
-
-def jsonl_texts(rows: Iterable[Row]) -> Iterator[str]:
-    """Yield the lines of JSON for rows of drops."""
-    for row in rows:
-        result = None if row.drop.last_result is None else row.drop.last_result.to_json()
-        more = {"declared": row.drop.declared or {}, "result": result}
-        yield json_text({**row.json_values, **more}) + "\n"
 
 
 def write_parquet(order: Order, path: str | os.PathLike[str]) -> list[str]:

@@ -7,9 +7,6 @@ from pfwd.export.registry import BUILT_IN_FORMATS as EXPORT_FORMATS
 from tui.arguments import add_expert_group, add_json, add_seed
 from tui.output import clean, counted, say
 
-MAX_PROCESSES = 2
-"""Number of processes that make rows; the disk limits more."""
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``pfwd export`` and its description to the parser."""
@@ -56,7 +53,6 @@ def run(args: argparse.Namespace) -> int:
         force=args.force,
         invert=args.invert,
         seed=args.seed,
-        jobs=MAX_PROCESSES,
         delimiter=args.delimiter,
         decimal=args.decimal,
     )

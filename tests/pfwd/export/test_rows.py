@@ -1,45 +1,12 @@
 """The values of a result become cells, whoever wrote the result."""
 
 import math
-from typing import Any
 
 import pytest
 
 from pfwd.analysis.results import DropResult
-from pfwd.export import rows
 from pfwd.export.columns import DROP_COLUMNS
-from pfwd.export.rows import _CONVERTERS, _RESULT_KINDS, _cells
-from tests.pfwd.export.conftest import RESULT
-
-
-def one_by_one(result: DropResult) -> dict[str, Any]:
-    values = result.values(_RESULT_KINDS)
-    return {name: _CONVERTERS[_RESULT_KINDS[name]](value) for name, value in values.items()}
-
-
-def as_row(cells: dict[str, Any]) -> dict[str, Any]:
-    """Without the layers, which are filled in from elsewhere."""
-    return {**rows._EMPTY_ROW, **cells, "layers": None}
-
-
-@pytest.mark.parametrize(
-    "more",
-    [
-        {},
-        {"seed": 3, "record": 7, "at_bound": ["viscosity"], "reason": "wet\n", "modulus_pa": 3},
-        {"at_bound": None, "warnings": None, "status": "seating", "explained": None},
-    ],
-)
-def test_known_values_are_looked_up_together(
-    more: dict[str, Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    result = DropResult.from_json(RESULT | {"residual_rms_over_peak": 0.5} | more)
-    expected = one_by_one(result)
-    monkeypatch.setattr(DropResult, "values", None)
-    assert as_row(_cells(result)) == as_row(expected)
-    assert [type(value) for value in as_row(_cells(result)).values()] == [
-        type(value) for value in as_row(expected).values()
-    ]
+from pfwd.export.rows import _cells
 
 
 def test_numbers_that_are_none_stay_out() -> None:

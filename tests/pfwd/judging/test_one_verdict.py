@@ -3,7 +3,6 @@
 import csv
 import json
 import os
-import pickle
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -14,13 +13,11 @@ from xml.etree import ElementTree
 import pytest
 from hypothesis import Phase, given, settings
 
-from pfwd.export import parts
 from pfwd.export.export import export_survey
 from pfwd.export.maps import GPX_NAMESPACE
 from pfwd.export.registry import BUILT_IN_FORMATS
-from pfwd.export.tables import jsonl_texts
 from pfwd.files.opening import survey_content
-from pfwd.judging import JobRequest, PointView, job_of, point_views
+from pfwd.judging import JobRequest, PointView, point_views
 from pfwd.judging.job import target_text
 from pfwd.report import formatting, gathering
 from pfwd.report.blocks import Mark
@@ -156,7 +153,6 @@ def check_documents(story: list[Any]) -> None:
             made = place / f"made.{form}"
             export_survey(told.folder, form, made)
             check(made, known)
-        check_second_process(told.folder, known)
         check_notebook(told.folder, known)
 
 
@@ -341,15 +337,6 @@ def any_counts(folder: Path) -> bool:
     """Whether a drop of the survey is not discarded."""
     points = read_survey(folder).points
     return any(not d.discarded for point in points if not point.discarded for d in point.drops)
-
-
-def check_second_process(folder: Path, known: Mapping[str, PointView]) -> None:
-    """Of a part of the rows that another process makes, from what is sent to it."""
-    content = read_survey(folder)
-    for part in parts.parts_of(content.points):
-        sent = pickle.loads(pickle.dumps(parts._RemotePoints(part, job_of(content))))
-        made = parts._part(jsonl_texts, content.survey_id, sent)
-        _by_point(map(json.loads, made.text.splitlines()), known, "the second process")
 
 
 def check_notebook(folder: Path, known: Mapping[str, PointView]) -> None:
