@@ -8,18 +8,15 @@ import os
 import pickle
 import threading
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager
 from multiprocessing import parent_process, resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 
 from pfwd_device.child_python import children_shielded, ignore_interrupts
 
-_C = TypeVar("_C")
-_T = TypeVar("_T")
 _R = TypeVar("_R")
 
 
@@ -134,81 +131,6 @@ class WorkerPool(ThreadPoolExecutor):
                 self._pipes.append(ours)
                 self._of_thread.pipe = ours
         return self._of_thread.pipe
-
-
-class HelperProcess:
-    """Process that works on a list from its end while this process works on it from its beginning.
-
-    Parameters
-    ----------
-    load : callable
-        Called first in the process, to import the modules that it needs.
-    """
-
-    def __init__(self, load: Callable[[], None]) -> None:
-        self._pool = WorkerPool(1)
-        self._pool.submit(load)
-
-    def submit(self, function: Callable[[_T], _R], items: Sequence[_T]) -> Sequence[Future[_R]]:
-        """Request the result of each item, the last item first.
-
-        Returns
-        -------
-        sequence of Future
-            In the order of the items.
-        """
-        requests = [self._pool.submit(function, item) for item in reversed(items)]
-        return requests[::-1]
-
-    def close(self) -> None:
-        """End the process; items that it has not started are not computed."""
-        self._pool.shutdown(cancel_futures=True)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        if error[0] is not None:
-            self._pool.kill()
-        self.close()
-
-
-def helper_result(request: Future[_R] | None) -> _R | None:
-    """Return the result of an item if the helper process has it or is computing it.
-
-    Returns
-    -------
-    object or None
-        None: this process has to compute it, because the helper has not started it or failed.
-    """
-    if request is None or request.cancel() or request.exception() is not None:
-        return None
-    return request.result()
-
-
-def processors() -> int:
-    """Return the number of processors that this process may use."""
-    if hasattr(os, "sched_getaffinity"):  # not on Windows and macOS
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-@contextlib.contextmanager
-def beside(start: Callable[[], AbstractContextManager[_C]], helps: bool) -> Iterator[_C | None]:
-    """Return a context with a helper object, or with None.
-
-    Parameters
-    ----------
-    start : callable
-        Makes the object, whose end as a context ends its processes.
-    helps : bool
-        False: the processes would not help, and the context has None.
-    """
-    if not helps:
-        yield None
-        return
-    with start() as helper:
-        yield helper
 
 
 def _serve(pipe: Any) -> None:

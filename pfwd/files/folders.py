@@ -59,18 +59,6 @@ def is_hdf5(file: str | os.PathLike[str]) -> bool:
         return False  # the reader of the file reports the reason
 
 
-def has_ledger_of(path: str | os.PathLike[str], size: int) -> bool:
-    """Return whether a survey's list of acknowledged drops has at least this size.
-
-    The size in bytes grows with the number of drops, which is thereby estimated without reading the
-    survey. A survey in one file has no such list: the answer is False.
-    """
-    try:
-        return Layout(Path(path)).ledger.stat().st_size >= size
-    except OSError:
-        return False
-
-
 def refuse_no_survey(path: str | os.PathLike[str]) -> None:
     """Raise SurveyError if a path is not the folder of a survey."""
     if is_survey_file(path):

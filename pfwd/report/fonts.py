@@ -103,10 +103,6 @@ class Letters:
         self.missing = 0
         """Number of replaced letters."""
 
-    def __reduce__(self) -> tuple[type["Letters"], tuple[()]]:
-        """Pickle without the fonts, which cannot be pickled; another process loads the same."""
-        return Letters, ()
-
     def drawable(self, text: object) -> str:
         """Return the text with a question mark for every letter that no font has."""
         drawable = []

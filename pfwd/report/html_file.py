@@ -6,13 +6,11 @@ from typing import Any
 import jinja2
 
 from pfwd.report.blocks import SIGNS, Block, Picture, Together
-from pfwd.report.pictures_as_svg import SecondDrawer, data_addresses
+from pfwd.report.pictures_as_svg import data_address
 from pfwd.report.texts import Texts
 
 
-def render_html(
-    blocks: Sequence[Block], texts: Texts, title: str, second: SecondDrawer | None = None
-) -> str:
+def render_html(blocks: Sequence[Block], texts: Texts, title: str) -> str:
     """Return the text of the file.
 
     Parameters
@@ -21,8 +19,6 @@ def render_html(
     texts : Texts
     title : str
         Title of the window.
-    second : SecondDrawer, optional
-        Second process that draws pictures.
 
     Returns
     -------
@@ -33,7 +29,7 @@ def render_html(
     return (
         _environment()
         .get_template("report.html.j2")
-        .render(blocks=_with_pictures(blocks, second), code=texts.code, title=title, signs=SIGNS)
+        .render(blocks=_with_pictures(blocks), code=texts.code, title=title, signs=SIGNS)
     )
 
 
@@ -58,18 +54,14 @@ def _environment() -> jinja2.Environment:
     )
 
 
-def _with_pictures(
-    blocks: Sequence[Block], second: SecondDrawer | None = None
-) -> list[dict[str, Any]]:
+def _with_pictures(blocks: Sequence[Block]) -> list[dict[str, Any]]:
     """Return the values of the template: kind and block, of a picture its address too."""
     items: list[dict[str, Any]] = [
         {"kind": type(block).__name__, "block": block} for block in _flat(blocks)
     ]
-    drawn = [item for item in items if isinstance(item["block"], Picture)]
-    for item, data in zip(
-        drawn, data_addresses([item["block"] for item in drawn], second), strict=True
-    ):
-        item["data"] = data
+    for item in items:
+        if isinstance(item["block"], Picture):
+            item["data"] = data_address(item["block"])
     return items
 
 

@@ -1,76 +1,18 @@
-"""The pictures of a page as SVG in data addresses, drawn by one process or by two from both ends.
-
-Drawing keeps one processor busy. A second process starts while this one reads the survey. It draws
-the pictures from the last one on, until it meets this process, which begins with the first.
-"""
-
-from __future__ import annotations
+"""Pictures of a page as SVG in data addresses."""
 
 import base64
 import io
 import re
-from collections.abc import Iterator, Sequence
-from concurrent.futures import Future
-from contextlib import AbstractContextManager
 from typing import Any
 
-from pfwd.files.folders import has_ledger_of
 from pfwd.matplotlib_start import start_matplotlib
 from pfwd.report.blocks import Picture
 from pfwd.report.fonts import families
-from pfwd.report.plain_axes import draw_axes_plainly
-from pfwd.spawning import HelperProcess, beside, helper_result, processors
 
 PICTURE_WIDTH_MM = 180.0
 """Width of a picture."""
 
-MIN_DRAWN_LEDGER_BYTES = 3_000
-"""Size of the ledger from which a second process helps, that of 20 drops: their pictures take as
-long as the process takes to start."""
-
 _MM_PER_INCH = 25.4
-
-
-class SecondDrawer(HelperProcess):
-    """Helper process that draws pictures."""
-
-    def __init__(self) -> None:
-        super().__init__(_load)
-
-    def request(self, pictures: Sequence[Picture]) -> Sequence[Future[str] | None]:
-        """Start drawing pictures, the last one first; None for each if the process has ended."""
-        return self.submit(data_address, pictures)
-
-
-def second_drawer(survey: str, output: str) -> AbstractContextManager[SecondDrawer | None]:
-    """Return a context with a second drawing process, or None where it would not be faster.
-
-    Parameters
-    ----------
-    survey : path of a survey
-    output : path of the report; only HTML has its pictures one by one
-    """
-    html = output.lower().endswith(".html")
-    return beside(
-        SecondDrawer, html and processors() > 1 and has_ledger_of(survey, MIN_DRAWN_LEDGER_BYTES)
-    )
-
-
-def _load() -> None:
-    """Import the modules that drawing needs, before the first picture is requested."""
-    start_matplotlib()
-
-    import pfwd.report.drawing  # noqa: F401
-
-
-def data_addresses(
-    pictures: Sequence[Picture], second: SecondDrawer | None = None
-) -> Iterator[str]:
-    """Yield the address of each picture, in their order."""
-    futures = [None] * len(pictures) if second is None else second.request(pictures)
-    for picture, future in zip(pictures, futures, strict=True):
-        address = helper_result(future)
-        yield data_address(picture) if address is None else address
 
 
 def data_address(picture: Picture) -> str:
@@ -101,13 +43,11 @@ def svg_of(
         "svg.fonttype": "none" if letters_as_text else "path",
         "svg.hashsalt": "pfwd",
         "font.family": families(),
-        "axes.titley": 1.0,  # else matplotlib makes ticks to look whether they touch the title
     }
     with rc_context(settings):
         figure: Any = Figure(figsize=(width / _MM_PER_INCH, picture.height / _MM_PER_INCH))
         FigureCanvasSVG(figure)
         picture.draw(figure)
-        draw_axes_plainly(figure)
         stream = io.StringIO()
         # Margins are parts of the width: on a narrow picture they may be too small for the labels.
         box = "tight" if width < PICTURE_WIDTH_MM else None

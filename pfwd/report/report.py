@@ -14,7 +14,6 @@ from pfwd.report.composing import compose
 from pfwd.report.content import Report
 from pfwd.report.fonts import Letters, require_letters
 from pfwd.report.gathering import Progress, ReportOptions, gather
-from pfwd.report.pictures_as_svg import SecondDrawer
 from pfwd.report.slip_blocks import slip_blocks
 from pfwd.report.texts import Texts, load_texts
 
@@ -35,7 +34,6 @@ def write_report(
     output: str | os.PathLike[str],
     options: ReportOptions | None = None,
     progress: Progress | None = None,
-    second: SecondDrawer | None = None,
 ) -> Report:
     """Write a report of a survey; the survey itself is not changed.
 
@@ -46,8 +44,6 @@ def write_report(
     options : ReportOptions, optional
     progress : callable, optional
         Receives one sentence for each step.
-    second : SecondDrawer, optional
-        Second process that draws pictures of HTML.
 
     Returns
     -------
@@ -90,7 +86,7 @@ def write_report(
         raise OptionError(refusal("--output", "another file than the template", str(target)))
     report = gather(Path(survey), options, progress, target.name)
     data = _filled(report, options) if ending == WORKBOOK else None
-    _write(target, _rendered(report, options, texts, ending, second) if data is None else data)
+    _write(target, _rendered(report, options, texts, ending) if data is None else data)
     return report
 
 
@@ -107,13 +103,7 @@ def _filled(report: Report, options: ReportOptions) -> bytes:
     return fill_template(report, options.template, options.company)[0]
 
 
-def _rendered(
-    report: Report,
-    options: ReportOptions,
-    texts: Texts,
-    ending: str,
-    second: SecondDrawer | None,
-) -> bytes:
+def _rendered(report: Report, options: ReportOptions, texts: Texts, ending: str) -> bytes:
     with _rare_garbage_collection():
         letters = Letters()
         if options.slip:
@@ -127,7 +117,7 @@ def _rendered(
             return render_pdf(blocks, texts, title, letters, _page_template(options))
         from pfwd.report.html_file import render_html
 
-        return render_html(blocks, texts, title, second).encode("utf-8")
+        return render_html(blocks, texts, title).encode("utf-8")
 
 
 @contextlib.contextmanager

@@ -2,7 +2,6 @@
 
 import argparse
 import time
-from typing import TYPE_CHECKING
 
 from pfwd.errors import OptionError, quote, refusal
 from pfwd.export.json_text import json_text
@@ -18,9 +17,6 @@ from tui.arguments import (
 )
 from tui.output import clean, quoted, say
 from tui.progress import report_progress
-
-if TYPE_CHECKING:
-    from pfwd.report.pictures_as_svg import SecondDrawer
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -145,17 +141,12 @@ def _first_page_settings() -> dict[str, str]:
 def run(args: argparse.Namespace) -> int:
     """Write the report, then print the verdict of each point."""
     from pfwd.files.survey_file import survey_folder
-    from pfwd.report.pictures_as_svg import second_drawer
 
-    # The second process starts here, so that it is ready when the survey is read.
-    with (
-        survey_folder(args.survey) as args.survey,
-        second_drawer(args.survey, args.output) as second,
-    ):
-        return _run(args, second)
+    with survey_folder(args.survey) as args.survey:
+        return _run(args)
 
 
-def _run(args: argparse.Namespace, second: "SecondDrawer | None") -> int:
+def _run(args: argparse.Namespace) -> int:
     from pfwd.report.gathering import TARGET_OF_REPORT
     from pfwd.report.report import ReportOptions, write_report
 
@@ -183,9 +174,7 @@ def _run(args: argparse.Namespace, second: "SecondDrawer | None") -> int:
     )
     start = time.monotonic()
     with report_progress() as show_progress:
-        report = write_report(
-            args.survey, args.output, options, progress=show_progress, second=second
-        )
+        report = write_report(args.survey, args.output, options, progress=show_progress)
     for text in (*report.otherwise, *report.damage):
         say(f"report: {text}")
     for point in report.points:
