@@ -16,14 +16,6 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording.agreement import (
-    InconsistentRecords,
-    VerifiedRecord,
-    ledger_columns,
-    parse_common_file,
-    parse_common_rebound,
-    verified_records,
-)
 from pfwd_device.recording.framing import Kind
 from pfwd_device.recording.journal import Located, Stretch, read_record, scan_journal
 from pfwd_device.recording.layout import FORMAT_VERSION, Layout
@@ -31,11 +23,10 @@ from pfwd_device.recording.ledger import (
     Entry,
     LedgerText,
     about_drop,
-    ledger_data,
     read_about,
     read_ledger,
 )
-from pfwd_device.recording.payload import Payload, payload_data
+from pfwd_device.recording.payload import payload_data
 from pfwd_device.recording.record import point_name
 
 _OF_OPERATOR = ("note", "target", "discard", "restore", "position", "name", "operator", "declared")
@@ -45,9 +36,6 @@ EDITS = (*_OF_OPERATOR, "rate_deviation")
 NUMBER_LIMIT = 10**9
 """Limit of the numbers of drops and of kinds of record; record numbers may be a million times
 larger. A larger number means damage."""
-
-_DROP, _REBOUND, _FILES, _CLOSE = map(int, (Kind.DROP, Kind.REBOUND, Kind.FILE, Kind.CLOSE))
-"""Kinds of record as integers: a comparison with a member of an enumeration takes longer."""
 
 _PUBLISHED_PATH = re.compile(r"(drops|results|captures)/\w[\w.-]*", re.ASCII)
 
@@ -231,27 +219,14 @@ class Index:
             self._add(entry, data)
         except (KeyError, TypeError, ValueError, AttributeError) as err:
             raise RecordingError(f"record {entry.sequence}: unexpected data, {err!r}") from err
-        self._added(entry)
-
-    def add_file(self, entry: Entry, facts: tuple[str, int, str, int | None]) -> None:
-        """Add the record of a file: path, size (bytes), SHA-256, survey-wide number of its drop."""
-        self.files[facts[0]] = FileEntry(*facts, entry)
-        self._added(entry)
-
-    def add_rebound(self, entry: Entry, number: int) -> None:
-        """Add the record of a rebound of the drop with this survey-wide number."""
-        self.rebounds.setdefault(number, []).append(entry)
-        self._added(entry)
+        self.entries[entry.sequence] = entry
+        self.closed = entry.kind == Kind.CLOSE
 
     def with_peaks(self, peaks: Any) -> list[int]:
         """Return the entry of `drops_by_peaks` for recorded peaks; an empty list without any."""
         if not isinstance(peaks, dict):
             return []
         return self.drops_by_peaks.setdefault(str(sorted(peaks.items())), [])
-
-    def _added(self, entry: Entry) -> None:
-        self.entries[entry.sequence] = entry
-        self.closed = entry.kind == _CLOSE
 
     def relocate(self, moved: Mapping[int, Entry]) -> None:
         """Replace the places of records that were written again elsewhere.
@@ -337,11 +312,19 @@ class _ParsedRecord(NamedTuple):
     data: dict[str, Any]
 
 
-def build_index(layout: Layout) -> Index:
+def build_index(layout: Layout, *, parse_drops: bool = True) -> Index:
     """Return the index of a survey from its ledger and the content of each record of its journal.
 
     The ledger is read first. So the journal contains its records, even while another program
     writes the survey. Damage is part of the index.
+
+    Parameters
+    ----------
+    layout : Layout
+        Paths of the survey.
+    parse_drops : bool
+        False: the JSON of a drop, the longest of all, is not parsed if the ledger has its numbers
+        and its point. Its key is then missing; see :func:`complete_keys`.
 
     Raises
     ------
@@ -349,10 +332,10 @@ def build_index(layout: Layout) -> Index:
         If a file cannot be read at all, or the survey has another format version.
     """
     ledger = read_ledger(layout.ledger)
-    index = Index(ledger=ledger)
+    index = Index(ledger=ledger, has_all_keys=parse_drops)
     acknowledged = {entry.sequence: entry for entry in ledger.entries}
     chosen: dict[int, _ParsedRecord] = {}
-    records = _scan(layout, index)
+    records = _scan(layout, index, {} if parse_drops else acknowledged)
     index.survey = _identity(ledger, records)
     for record in records:
         entry = record.entry
@@ -416,22 +399,18 @@ def file_states(layout: Layout) -> FileStates:
 def read_index(layout: Layout) -> Index:
     """Return the index of a survey as :func:`build_index` does, in less time.
 
-    All bytes are compared with their checksums. If ledger and journal agree about every record,
-    the numbers and the point of each drop are taken from the ledger. The JSON of drops, the longest
-    of all, is then not parsed, and their keys are missing; see :func:`complete_keys`. If ledger and
-    journal differ in anything, :func:`build_index` reads everything.
+    All bytes are compared with their checksums. The JSON of drops is parsed only if the survey is
+    damaged.
 
     Raises
     ------
     RecordingError
         If a file cannot be read at all, or the survey has another format version.
     """
-    try:
-        with no_collections():
-            index = _verified_index(layout)
-    except RecordingError:
-        index = None  # `build_index` raises it again
-    return build_index(layout) if index is None else index
+    with no_collections():
+        index = build_index(layout, parse_drops=False)
+        damaged = index.damage or index.lost or index.gaps or index.strange or index.ledger.damaged
+        return build_index(layout) if damaged else index
 
 
 @contextlib.contextmanager
@@ -473,60 +452,6 @@ def complete_keys(layout: Layout, index: Index) -> None:
     index.has_all_keys = True
 
 
-def _verified_index(layout: Layout) -> Index | None:
-    """Return the index if the journal agrees with the ledger (list of saved records), else None.
-
-    RecordingError may be raised as well; the caller then reads record by record.
-    """
-    try:
-        data = ledger_data(layout.ledger) or b""
-        columns = ledger_columns(data)
-        ledger = LedgerText(columns.survey, columns.entries, (), data=data)
-        index = Index(ledger=ledger, survey=columns.survey, has_all_keys=False)
-        for record in verified_records(layout, columns):
-            if isinstance(record, VerifiedRecord):
-                _add_verified(layout, index, *record)
-            else:
-                _add_unlisted(layout, index, record)
-    except (InconsistentRecords, OSError):
-        return None
-    return index
-
-
-def _add_verified(layout: Layout, index: Index, entry: Entry, payload: memoryview) -> None:
-    """Add a record of the journal that agrees with its line in the ledger."""
-    kind = entry.kind
-    if kind == _DROP:
-        about = read_about(entry.about)
-        if about is None:
-            raise InconsistentRecords
-        index.add(entry, {"number": about[0], "point": about[1], "drop": about[2]})
-        return
-    if entry.about != "-":
-        raise InconsistentRecords
-    if kind == _FILES and (facts := parse_common_file(payload)) is not None:
-        index.add_file(entry, facts)
-    elif kind == _REBOUND and (number := parse_common_rebound(payload)) is not None:
-        index.add_rebound(entry, number)
-    else:
-        data = _indexed_data(kind, payload)
-        if kind == Kind.SURVEY:
-            _check_version(layout, data)
-        index.add(entry, data)
-
-
-def _add_unlisted(layout: Layout, index: Index, item: Located) -> None:
-    """Add a record that is not yet in the list of saved records; another program is writing."""
-    frame = item.frame
-    if frame.sequence != len(index.entries) + 1 or frame.identity != index.survey:
-        raise InconsistentRecords
-    data = _indexed_data(frame.kind, frame.payload)
-    if frame.kind == Kind.SURVEY:
-        _check_version(layout, data)
-    index.unacknowledged.append(frame.sequence)
-    index.add(_entry(item, about_of(frame.kind, data)), data)
-
-
 def _check_version(layout: Layout, data: Mapping[str, Any]) -> None:
     version = data.get("format_version")
     if version != FORMAT_VERSION:
@@ -564,22 +489,30 @@ def damage_key(layout: Layout, stretch: Stretch) -> tuple[int, int, int, int]:
     return (stretch.segment, stretch.damage.offset, stretch.damage.length, crc)
 
 
-def _scan(layout: Layout, index: Index) -> list[_ParsedRecord]:
+def _scan(layout: Layout, index: Index, lines: Mapping[int, Entry]) -> list[_ParsedRecord]:
+    """Return the records of the journal; drops in these lines of the ledger are not parsed."""
     records = []
     for item in scan_journal(layout):
         if isinstance(item, Stretch):
             index.damage.append(item)
             continue
+        frame = item.frame
+        line = lines.get(frame.sequence) if frame.kind == Kind.DROP else None
+        about = None if line is None else read_about(line.about)
+        if line is not None and about is not None and line == _entry(item, line.about):
+            data: dict[str, Any] = dict(zip(("number", "point", "drop"), about, strict=True))
+            records.append(_ParsedRecord(line, frame.identity, data))
+            continue
         try:
-            data = _indexed_data(item.frame.kind, item.frame.payload)
-            entry = _entry(item, about_of(item.frame.kind, data))
-            records.append(_ParsedRecord(entry, item.frame.identity, data))
+            data = _indexed_data(frame.kind, frame.payload)
+            entry = _entry(item, about_of(frame.kind, data))
+            records.append(_ParsedRecord(entry, frame.identity, data))
         except RecordingError as err:
             index.strange.append((_entry(item, "-"), str(err)))
     return records
 
 
-def _indexed_data(kind: int, payload: Payload) -> dict[str, Any]:
+def _indexed_data(kind: int, payload: bytes) -> dict[str, Any]:
     keys = _INDEXED_KEYS.get(kind)  # type: ignore[call-overload]
     if keys is None:
         return {}

@@ -185,7 +185,8 @@ def parse_ledger(data: bytes) -> LedgerText:
             damaged.append(number)
     if not data:
         damaged.append(1)
-    return LedgerText(survey, tuple(entries), tuple(damaged))
+    exact = survey is not None and not damaged
+    return LedgerText(survey, tuple(entries), tuple(damaged), data=data if exact else None)
 
 
 class LedgerWriter:

@@ -42,7 +42,6 @@ _JSON_BLANKS = b" \t\n\r"
 _SIGNS = (",", ":", "[", "{")
 
 Array = NDArray[Any]
-Payload = bytes | memoryview
 Parsed = TypeVar("Parsed")
 
 
@@ -229,12 +228,12 @@ def _arrays(
     return arrays
 
 
-def payload_data(payload: Payload) -> dict[str, Any]:
+def payload_data(payload: bytes) -> dict[str, Any]:
     """Return the data of the payload of a record, without its arrays."""
     return _object(_head(payload)[0].get("data"))
 
 
-def _head(payload: Payload) -> tuple[dict[str, Any], int]:
+def _head(payload: bytes) -> tuple[dict[str, Any], int]:
     """Return the JSON object of a payload, and the position at which its arrays begin."""
     if len(payload) < _JSON_LENGTH.size:
         raise RecordingError(f"expected a payload, got {len(payload)} bytes")
@@ -242,7 +241,7 @@ def _head(payload: Payload) -> tuple[dict[str, Any], int]:
     end = _JSON_LENGTH.size + length
     if end > len(payload):
         raise RecordingError(f"expected {length} bytes of JSON, got {len(payload)}")
-    return _object(decode_json(bytes(payload[_JSON_LENGTH.size : end]))), end
+    return _object(decode_json(payload[_JSON_LENGTH.size : end])), end
 
 
 def _object(value: object) -> dict[str, Any]:
