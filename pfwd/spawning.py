@@ -6,9 +6,11 @@ The current folder may be a survey of unknown origin.
 import contextlib
 import os
 import pickle
+import signal
+import sys
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import parent_process, resource_tracker
@@ -39,7 +41,10 @@ def spawn_context() -> SpawnContext:
     A forked process may hang. A process of ``multiprocessing.get_context("spawn")`` would import
     from the current folder first.
     """
-    ensure_tracker()
+    if os.name == "posix":
+        # The process that removes what killed workers leave; its start would lift a signal mask.
+        with children_shielded():
+            resource_tracker.ensure_running()
     return _ShieldedContext()
 
 
@@ -70,7 +75,8 @@ class WorkerPool(ThreadPoolExecutor):
     def submit(self, function: Callable[..., _R], /, *args: Any, **kwargs: Any) -> Future[_R]:
         """Request the call of a function in a process.
 
-        The result is `BrokenProcessPool` if the process ends before it.
+        The result is `BrokenProcessPool` if the process ends before it; another process is started
+        for the next call.
         """
         return super().submit(self._call, function, args, kwargs)
 
@@ -108,6 +114,7 @@ class WorkerPool(ThreadPoolExecutor):
             pipe.send_bytes(call)
             answer = pipe.recv_bytes()
         except (EOFError, OSError) as err:
+            vars(self._of_thread).pop("pipe", None)
             raise BrokenProcessPool(f"a worker process ended before its result: {err}") from err
         is_result, value = pickle.loads(answer)
         if not is_result:
@@ -125,12 +132,30 @@ class WorkerPool(ThreadPoolExecutor):
                 ours, theirs = context.Pipe()
                 # A daemon is terminated at the end of Python, which would wait for any other.
                 process = context.Process(target=_serve, args=(theirs,), daemon=True)
-                process.start()
+                with _interrupts_blocked():
+                    process.start()
                 theirs.close()
                 self.processes.append(process)
                 self._pipes.append(ours)
                 self._of_thread.pipe = ours
         return self._of_thread.pipe
+
+
+@contextlib.contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Block SIGINT in this thread, so that a process that is started here inherits the mask.
+
+    Ctrl+C reaches the new process too, but its parent decides when it ends. Windows has no signal
+    masks.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 def _serve(pipe: Any) -> None:
@@ -154,10 +179,3 @@ def _end_with_parent() -> None:
     assert parent is not None
     parent.join()
     os._exit(1)
-
-
-def ensure_tracker() -> None:
-    """Start the process of `multiprocessing` that removes what killed workers leave; POSIX only."""
-    if os.name == "posix":
-        with children_shielded():
-            resource_tracker.ensure_running()

@@ -72,7 +72,7 @@ def _workers(args: argparse.Namespace, options: AnalysisOptions) -> "Workers":
         if remark is not None:
             say(remark)
         return ClusterWorkers(options, args.scheduler)
-    from pfwd.archive.local import LocalWorkers
+    from pfwd.archive.work import LocalWorkers
 
     return LocalWorkers(options, args.jobs)
 

@@ -8,34 +8,31 @@
     OUT/diagnoses/run=KEY/part-000001.parquet  a row for each point, of runs of `pfwd diagnose`
     OUT/failures/run=KEY/part-000001.parquet   a row for each failure, with the reason
     OUT/sources/run=KEY/part-000001.parquet    a row for each source file or survey
-    OUT/ledger.sqlite                          index of the sources; rebuilt when it is lost
+    OUT/done/KEY.txt                           a line for each finished part
 
 A run is the set of results that were made with the same options and software; KEY identifies it. A
-part consists of the tables with the same number. Every file is written under another name, flushed
-to the disk and renamed, and the table of sources is written last. A part without it is incomplete,
-and is removed when the archive is continued.
+part consists of the tables with the same number. Every table is written under another name, flushed
+to the disk and renamed. Then the line of the part is written. A part without its line or without
+its table of sources is incomplete, and is removed when the archive is continued.
 """
-
-from __future__ import annotations
 
 import json
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from inversion.records import is_number
-from pfwd.analysis.result_columns import nested_cells, result_columns
+from pfwd.analysis.result_columns import Kind, nested_cells, result_columns
+from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.errors import OptionError, SurveyError, refusal
-from pfwd.files.output_path import disk_errors, refuse_inside_survey, replaced_durably
-
-if TYPE_CHECKING:
-    from pfwd.analysis.results import DiagnosisResult, DropResult
+from pfwd.files.output_path import disk_errors, refuse_inside_survey, replaced_durably, sync
 
 TABLE_NAMES = ("results", "diagnoses", "failures", "sources")
 _ARCHIVE_MARK = {"format": "pfwd-archive", "version": 1}
-_PART_NAME = re.compile(r"part-(\d{6,})\.parquet", re.ASCII)
+_PART_NAME = re.compile(r"part-(\d{6,9})\.parquet", re.ASCII)
+_DONE_LINE = re.compile(r"part-(\d{6,9})", re.ASCII)
 
 MAX_PARQUET_ROWS = 100_000
 """Largest number of rows that is read from one table; parts are written at 10,000 rows."""
@@ -44,6 +41,9 @@ MAX_TABLE_BYTES = 64 * 2**20
 """Largest size of one table, both of the file and unpacked; 10,000 results with their warnings take
 10 MB. The limit is needed because a few compressed bytes can expand to any number."""
 
+MAX_PIECES = 100_000
+"""Largest number of pieces of a survey, each of 500 drops."""
+
 _BATCH_ROWS = 100
 """Rows that are unpacked before their size is counted: one text in the file may be repeated in all
 of them."""
@@ -51,122 +51,82 @@ of them."""
 _MAX_HEADER_SIZE = 2**20
 """Largest number of entries, and of bytes in one text, in the metadata of a Parquet file."""
 
-RESULT_COLUMNS: tuple[tuple[str, str], ...] = (
-    ("file", "string"),
-    ("source_sha256", "string"),
-    ("point", "string"),
-    ("drop", "int64"),
-    ("status", "string"),
-    ("reason", "string"),
-    ("method", "string"),
-    ("model", "string"),
-    ("modulus_pa", "float64"),
-    ("modulus_sd_pa", "float64"),
-    ("modulus_interval_low_pa", "float64"),
-    ("modulus_interval_high_pa", "float64"),
-    ("viscosity_pa_s", "float64"),
-    ("viscosity_sd_pa_s", "float64"),
-    ("density_kg_m3", "float64"),
-    ("density_sd_kg_m3", "float64"),
-    ("bedrock_depth_m", "float64"),
-    ("bedrock_depth_sd_m", "float64"),
-    ("bedrock_depth_interval_low_m", "float64"),
-    ("bedrock_depth_interval_high_m", "float64"),
-    ("modulus_depth_correlation", "float64"),
-    ("poisson_ratio", "float64"),
-    ("plate_radius_m", "float64"),
-    ("plate", "string"),
-    ("load", "string"),
-    ("peak_load_n", "float64"),
-    ("half_sine_peak_pressure_pa", "float64"),
-    ("half_sine_duration_s", "float64"),
-    ("half_sine_rms_over_peak", "float64"),
-    ("peak_modulus_pa", "float64"),
-    ("peak_factor", "float64"),
-    ("r_squared", "float64"),
-    ("noise_rms_m", "float64"),
-    ("residual_rms_over_peak", "float64"),
-    ("contact_residual_rms_over_peak", "float64"),
-    ("explained", "bool"),
-    ("converged", "bool"),
-    ("at_bound", "strings"),
-    ("forward_solves", "int64"),
-    ("elapsed_s", "float64"),
-    ("seed", "int64"),
-    ("device", "string"),
-    ("site", "string"),
-    ("operator", "string"),
-    ("time_utc", "string"),
-    ("latitude", "float64"),
-    ("longitude", "float64"),
-    ("warnings", "strings"),
-    # Later columns are appended: tables of earlier versions end here.
-    *(
-        (column.name, "int64" if column.kind == "whole" else "float64")
-        for column in result_columns("layers")
-    ),
-    ("deflection_recorded_m", "float64"),
-    ("deflection_corrected_m", "float64"),
+RESULT_COLUMNS: tuple[tuple[str, Kind], ...] = (
+    ("file", "text"),
+    ("source_sha256", "text"),
+    ("point", "text"),
+    ("drop", "whole"),
+    ("status", "text"),
+    ("reason", "text"),
+    ("peak_load_n", "number"),
+    ("deflection_recorded_m", "number"),
+    ("deflection_corrected_m", "number"),
+    *((c.name, c.kind) for c in result_columns("established")),
+    ("forward_solves", "whole"),
+    ("elapsed_s", "number"),
+    ("device", "text"),
+    ("site", "text"),
+    ("operator", "text"),
+    ("time_utc", "text"),
+    ("latitude", "number"),
+    ("longitude", "number"),
+    *((c.name, c.kind) for place in ("layers", "last") for c in result_columns(place)),
 )
 """Name and type of each column of the table ``results``; names end with the SI unit."""
 
-FAILURE_COLUMNS: tuple[tuple[str, str], ...] = (
-    ("file", "string"),
-    ("source_sha256", "string"),
-    ("point", "string"),
-    ("kind", "string"),
-    ("reason", "string"),
+FAILURE_COLUMNS: tuple[tuple[str, Kind], ...] = (
+    ("file", "text"),
+    ("source_sha256", "text"),
+    ("point", "text"),
+    ("kind", "text"),
+    ("reason", "text"),
 )
 
-SOURCE_COLUMNS: tuple[tuple[str, str], ...] = (
-    ("file", "string"),
-    ("source_sha256", "string"),
-    ("size_bytes", "int64"),
-    ("mtime_ns", "int64"),
-    ("piece", "int64"),
-    ("pieces", "int64"),
-    ("drops", "int64"),
-    ("failures", "int64"),
-    ("same_as", "string"),
+SOURCE_COLUMNS: tuple[tuple[str, Kind], ...] = (
+    ("file", "text"),
+    ("source_sha256", "text"),
+    ("size_bytes", "whole"),
+    ("mtime_ns", "whole"),
+    ("piece", "whole"),
+    ("pieces", "whole"),
+    ("drops", "whole"),
+    ("failures", "whole"),
+    ("same_as", "text"),
 )
 """Name and type of each column of the table ``sources``; ``same_as`` is the file with the same
 content whose rows hold the results."""
 
-EARLIER_COLUMN_COUNTS = (48, 48 + len(result_columns("layers")))
-"""Numbers of columns of ``results`` in earlier versions: without layers, and without deflections.
-Missing columns are read as null."""
-
-DIAGNOSIS_COLUMNS: tuple[tuple[str, str], ...] = (
-    ("file", "string"),
-    ("source_sha256", "string"),
-    ("point", "string"),
-    ("device", "string"),
-    ("drops", "int64"),
-    ("verdict", "string"),
-    ("corrected", "bool"),
-    ("plate", "string"),
-    ("plate_radius_m", "float64"),
-    ("poisson_ratio", "float64"),
-    ("model", "string"),
-    ("modulus_pa", "float64"),
-    ("modulus_sd_pa", "float64"),
-    ("modulus_interval_low_pa", "float64"),
-    ("modulus_interval_high_pa", "float64"),
-    ("stress_pa", "float64"),
-    ("modulus_100kpa_pa", "float64"),
-    ("residual_rms_over_peak", "float64"),
-    ("contact_residual_rms_over_peak", "float64"),
-    ("residual_over_noise", "float64"),
-    ("before_model", "string"),
-    ("before_modulus_pa", "float64"),
-    ("before_residual_rms_over_peak", "float64"),
-    ("before_contact_residual_rms_over_peak", "float64"),
-    ("held_out_mode", "string"),
-    ("held_out_before", "float64"),
-    ("held_out_after", "float64"),
-    ("effects", "strings"),
-    ("rejected", "strings"),
-    ("warnings", "strings"),
+DIAGNOSIS_COLUMNS: tuple[tuple[str, Kind], ...] = (
+    ("file", "text"),
+    ("source_sha256", "text"),
+    ("point", "text"),
+    ("device", "text"),
+    ("drops", "whole"),
+    ("verdict", "text"),
+    ("corrected", "flag"),
+    ("plate", "text"),
+    ("plate_radius_m", "number"),
+    ("poisson_ratio", "number"),
+    ("model", "text"),
+    ("modulus_pa", "number"),
+    ("modulus_sd_pa", "number"),
+    ("modulus_interval_low_pa", "number"),
+    ("modulus_interval_high_pa", "number"),
+    ("stress_pa", "number"),
+    ("modulus_100kpa_pa", "number"),
+    ("residual_rms_over_peak", "number"),
+    ("contact_residual_rms_over_peak", "number"),
+    ("residual_over_noise", "number"),
+    ("before_model", "text"),
+    ("before_modulus_pa", "number"),
+    ("before_residual_rms_over_peak", "number"),
+    ("before_contact_residual_rms_over_peak", "number"),
+    ("held_out_mode", "text"),
+    ("held_out_before", "number"),
+    ("held_out_after", "number"),
+    ("effects", "texts"),
+    ("rejected", "texts"),
+    ("warnings", "texts"),
 )
 """Name and type of each column of the table ``diagnoses``, a row for each point. Names with
 ``before_`` hold values of the base model, without effects."""
@@ -214,12 +174,12 @@ def diagnosis_row(result: DiagnosisResult, digest: str) -> dict[str, Any]:
     return {name: _cell(flat.get(name), kind) for name, kind in DIAGNOSIS_COLUMNS}
 
 
-def _cell(value: Any, kind: str) -> Any:
+def _cell(value: Any, kind: Kind) -> Any:
     if value is None:
-        return [] if kind == "strings" else None
-    if kind == "string":
+        return [] if kind == "texts" else None
+    if kind == "text":
         return str(value)
-    if kind == "float64":
+    if kind == "number":
         # Headers may hold free text in place of a number, for example as a coordinate.
         return float(value) if is_number(value) else None
     return value
@@ -249,6 +209,7 @@ class Dataset:
         _parquet()
         self.folder = Path(folder)
         self.key = key
+        self._done = self.folder / "done" / f"{key}.txt"
         with disk_errors(self.folder):
             self._claim()
             runs = self.folder / "runs"
@@ -272,20 +233,31 @@ class Dataset:
         with replaced_durably(mark) as draft:
             draft.write_bytes(json.dumps(_ARCHIVE_MARK).encode())
 
-    def parts(self) -> list[int]:
-        """Return the numbers of the complete parts of the run, in order."""
-        return sorted(self._numbers("sources"))
+    def clear_leftovers(self) -> list[int]:
+        """Remove the temporary files and incomplete parts that a crash left.
 
-    def clear_leftovers(self) -> None:
-        """Remove the temporary files and incomplete parts that a crash left."""
+        Returns
+        -------
+        list of int
+            Numbers of the complete parts of the run, in order.
+        """
         with disk_errors(self.folder):
             complete = self._numbers("sources")
-            for folder in (self.folder / "runs", *map(self._table_folder, TABLE_NAMES)):
+            # If the list is lost, the table of sources, which is written last, marks a part.
+            if self._done.exists():
+                lines = map(_DONE_LINE.fullmatch, self._done.read_text("latin-1").splitlines())
+                complete &= {int(line[1]) for line in lines if line}
+            self._done.parent.mkdir(exist_ok=True)
+            with replaced_durably(self._done) as draft:
+                draft.write_text("".join(map(_done_line, sorted(complete))), "ascii")
+            folders = (self.folder / "runs", self._done.parent)
+            for folder in (*folders, *map(self._table_folder, TABLE_NAMES)):
                 for path in folder.glob("*.tmp"):
                     path.unlink()
             for name in TABLE_NAMES:
                 for number in self._numbers(name) - complete:
                     self._file(name, number).unlink()
+            return sorted(complete)
 
     def write(
         self,
@@ -295,7 +267,7 @@ class Dataset:
         failures: Sequence[Row],
         sources: Sequence[Row],
     ) -> None:
-        """Write the tables of one part.
+        """Write the tables of one part, and its line in the list of finished parts.
 
         After a crash in between the part is incomplete and is ignored.
 
@@ -320,6 +292,9 @@ class Dataset:
                 if rows or name == "sources":
                     columns = [[row[column] for row in rows] for column, _ in _TABLE_COLUMNS[name]]
                     self._write_table(name, number, pyarrow.table(columns, schema=_schema(name)))
+            with self._done.open("a", encoding="ascii", newline="\n") as stream:
+                stream.write(_done_line(number))
+            sync(self._done)
 
     def sources(self, number: int) -> list[dict[str, Any]]:
         """Return the rows of the table ``sources`` of a part.
@@ -329,37 +304,31 @@ class Dataset:
         SurveyError
             If the file is damaged.
         """
-        return self._read("sources", number).to_pylist()  # type: ignore[no-any-return]
+        rows: list[dict[str, Any]] = self._read("sources", number).to_pylist()
+        if not all(map(_is_sound_source, rows)):
+            raise self._damaged("sources", number, "impossible values")
+        return rows
 
-    def remove_content(self, number: int, digests: Iterable[str]) -> None:
-        """Remove the rows of some sources from all tables of a part.
+    def remove_content(self, digests: Set[str]) -> None:
+        """Remove the rows of some contents from all tables of the run.
 
         Parameters
         ----------
-        number : int
-            Number of the part.
-        digests : iterable of str
+        digests : set of str
             SHA-256 of the contents whose rows are removed.
 
         Raises
         ------
         SurveyError
-            If the part is damaged or cannot be written.
+            If a part is damaged or cannot be written.
         """
-        removed = set(digests)
-        for name in TABLE_NAMES:
-            if not self._file(name, number).exists():
-                continue
-            table = self._read(name, number)
-            keep = [digest not in removed for digest in table["source_sha256"].to_pylist()]
-            if not all(keep):
-                with disk_errors(self.folder):
-                    self._write_table(name, number, table.filter(keep))
-
-    def failures(self) -> Iterator[dict[str, Any]]:
-        """Yield the rows of the table ``failures`` of the run, part by part."""
-        for number in sorted(self._numbers("failures") & self._numbers("sources")):
-            yield from self._read("failures", number).to_pylist()
+        for name in TABLE_NAMES:  # the table of sources last: after a crash the removal is repeated
+            for number in sorted(self._numbers(name)):
+                table = self._read(name, number)
+                keep = [digest not in digests for digest in table["source_sha256"].to_pylist()]
+                if not all(keep):
+                    with disk_errors(self.folder):
+                        self._write_table(name, number, table.filter(keep))
 
     def _read(self, name: str, number: int) -> Any:
         path = self._file(name, number)
@@ -374,9 +343,12 @@ class Dataset:
             with _parquet().ParquetFile(path, **limits) as file:
                 return _unpacked(file, _schema(name))
         except (OSError, ValueError, MemoryError) as err:
-            hint = "remove it: its drops are inverted again"
             reason = (str(err).splitlines() or [type(err).__name__])[0]
-            raise SurveyError(refusal(str(path), "a Parquet table", reason, hint)) from err
+            raise self._damaged(name, number, reason) from err
+
+    def _damaged(self, name: str, number: int, reason: str) -> SurveyError:
+        hint = "remove it: its drops are inverted again"
+        return SurveyError(refusal(str(self._file(name, number)), "a Parquet table", reason, hint))
 
     def _write_table(self, name: str, number: int, table: Any) -> None:
         path = self._file(name, number)
@@ -399,6 +371,16 @@ class Dataset:
         return self._table_folder(name) / f"part-{number:06d}.parquet"
 
 
+def _is_sound_source(row: Row) -> bool:
+    texts = (row["file"], row["source_sha256"])
+    numbers = (row["size_bytes"], row["mtime_ns"], row["piece"], row["pieces"], row["failures"])
+    return None not in (*texts, *numbers) and 0 <= row["piece"] < row["pieces"] <= MAX_PIECES
+
+
+def _done_line(number: int) -> str:
+    return f"part-{number:06d}\n"
+
+
 def _unpacked(file: Any, schema: Any) -> Any:
     """Return the table of an open Parquet file.
 
@@ -412,10 +394,7 @@ def _unpacked(file: Any, schema: Any) -> Any:
     n_rows = max(metadata.num_rows, metadata.num_row_groups)
     if n_rows > MAX_PARQUET_ROWS or declared_bytes > MAX_TABLE_BYTES:
         raise ValueError(f"{metadata.num_rows} rows of {declared_bytes} bytes")
-    n_columns = len(file.schema_arrow)
-    earlier = n_columns in EARLIER_COLUMN_COUNTS and n_columns < len(schema)
-    written = pyarrow.schema(list(schema)[:n_columns]) if earlier else schema
-    if not file.schema_arrow.equals(written):
+    if not file.schema_arrow.equals(schema):
         raise ValueError("other columns")
     batches, size = [], 0
     for batch in file.iter_batches(batch_size=_BATCH_ROWS):
@@ -423,21 +402,18 @@ def _unpacked(file: Any, schema: Any) -> Any:
         if size > MAX_TABLE_BYTES:
             raise ValueError(f"more than {MAX_TABLE_BYTES} bytes when it is unpacked")
         batches.append(batch)
-    table = pyarrow.Table.from_batches(batches, written).combine_chunks()
-    for field in list(schema)[len(written) :]:
-        table = table.append_column(field, pyarrow.nulls(table.num_rows, field.type))
-    return table
+    return pyarrow.Table.from_batches(batches, schema).combine_chunks()
 
 
 def _schema(name: str) -> Any:
     import pyarrow
 
     kinds = {
-        "string": pyarrow.string(),
-        "strings": pyarrow.list_(pyarrow.string()),
-        "int64": pyarrow.int64(),
-        "float64": pyarrow.float64(),
-        "bool": pyarrow.bool_(),
+        "text": pyarrow.string(),
+        "texts": pyarrow.list_(pyarrow.string()),
+        "whole": pyarrow.int64(),
+        "number": pyarrow.float64(),
+        "flag": pyarrow.bool_(),
     }
     return pyarrow.schema([(column, kinds[kind]) for column, kind in _TABLE_COLUMNS[name]])
 

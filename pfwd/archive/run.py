@@ -6,13 +6,11 @@
 >>> summary.drops, summary.failed  # doctest: +SKIP
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +19,6 @@ from filelock import FileLock, Timeout
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.archive.dataset import Dataset, Row, diagnosis_row, result_row
-from pfwd.archive.ledger import Ledger
 from pfwd.archive.sources import (
     Source,
     content_digest,
@@ -171,13 +168,7 @@ def invert_archive(
         expected, hint = "an archive that no other program uses", "wait for that program to end"
         raise SurveyError(refusal(str(archive), expected, "one in use", hint)) from err
     with lock:
-        dataset.clear_leftovers()
-        ledger = Ledger(dataset)
-        try:
-            run = _Run(dataset, ledger, report, part_rows, part_seconds)
-            return run.go(paths, workers)
-        finally:
-            ledger.close()
+        return _Run(dataset, report, part_rows, part_seconds).go(paths, workers)
 
 
 def invert_stream(
@@ -234,20 +225,95 @@ class _Buffer:
     """Number of result rows and diagnosis rows."""
 
 
+@dataclass(slots=True)
+class _StoredFile:
+    digest: str
+    pieces: int
+    size: int = -1
+    mtime_ns: int = 0
+    stored: int = 0
+    """Bit n is set if the results of piece n are stored."""
+    has_failures: bool = False
+
+
+class StoredSources:
+    """Sources whose results are stored in a run, with about 0.6 kB of memory for each."""
+
+    def __init__(self) -> None:
+        self._files: dict[str, _StoredFile] = {}
+        """Files and surveys by path."""
+        self._paths: dict[str, list[str]] = {}
+        """Paths of the files with a content, by its SHA-256."""
+        self.stale: set[str] = set()
+        """SHA-256 of the contents of changed files that no other file has."""
+
+    def add(self, rows: Iterable[Row]) -> None:
+        """Add rows of the table ``sources``; a row replaces an earlier one of the same file."""
+        for row in rows:
+            path, digest = row["file"], row["source_sha256"]
+            file = self._files.get(path)
+            if file is None or (file.digest, file.pieces) != (digest, row["pieces"]):
+                if file is not None:
+                    paths = self._paths[file.digest]
+                    paths.remove(path)
+                    if not paths:
+                        del self._paths[file.digest]
+                        self.stale.add(file.digest)
+                file = self._files[path] = _StoredFile(digest, row["pieces"])
+                self._paths.setdefault(digest, []).append(path)
+                self.stale.discard(digest)
+            file.size, file.mtime_ns = row["size_bytes"], row["mtime_ns"]
+            file.stored |= 1 << row["piece"]
+            file.has_failures |= row["failures"] > 0
+
+    def is_complete(self, source: Source) -> bool:
+        """Return whether all pieces are stored; path, size and time have to agree."""
+        file = self._files.get(source.path)
+        if file is None or (file.size, file.mtime_ns) != (source.size, source.mtime_ns):
+            return False
+        return file.stored == (1 << file.pieces) - 1
+
+    def has_piece(self, source: Source) -> bool:
+        """Return whether this piece is stored for the present content of the source."""
+        file = self._files.get(source.path)
+        content = (source.digest, source.pieces)
+        if file is None or (file.digest, file.pieces) != content:
+            return False
+        return bool(file.stored >> source.piece & 1)
+
+    def file_with(self, source: Source) -> str | None:
+        """Return a file whose results for a piece with the same content are stored, or None."""
+        paths = self._paths.get(source.digest, ())
+        return next((path for path in paths if self.has_piece(replace(source, path=path))), None)
+
+    def touch(self, source: Source) -> None:
+        """Note the present size and time of a source whose content has not changed."""
+        file = self._files[source.path]
+        file.size, file.mtime_ns = source.size, source.mtime_ns
+
+    def n_refused(self) -> int:
+        """Return the number of files with at least one failure."""
+        return sum(file.has_failures for file in self._files.values())
+
+
 class _Run:
     def __init__(
         self,
         dataset: Dataset,
-        ledger: Ledger,
         report: ReportProgress | None,
         part_rows: int,
         part_seconds: float,
     ) -> None:
-        self._dataset, self._ledger, self._report = dataset, ledger, report
+        self._dataset, self._report = dataset, report
+        self._stored = StoredSources()
+        self._next_number = 1
+        for number in dataset.clear_leftovers():
+            self._stored.add(dataset.sources(number))
+            self._next_number = number + 1
         self._part_rows, self._part_seconds = part_rows, part_seconds
         self._summary = Summary(str(dataset.folder), dataset.key)
         self._buffer = _Buffer()
-        # Sources whose results are not in the index yet: sent to a worker, or in memory.
+        # Sources whose results are not stored yet: sent to a worker, or in memory.
         self._pending: dict[str, list[Source]] = {}
         self._settled: dict[str, tuple[str, int]] = {}
         self._unfinished = _Unfinished(dataset.folder / "unfinished" / f"{dataset.key}.jsonl")
@@ -267,7 +333,7 @@ class _Run:
             self._write()
             self._unfinished.close()
         self._remove_stale()
-        summary.failed_in_all = self._ledger.refused() + self._unfinished.count
+        summary.failed_in_all = self._stored.n_refused() + self._unfinished.count
         summary.elapsed_s = time.perf_counter() - start_s
         self._report_progress([])
         return summary
@@ -276,7 +342,7 @@ class _Run:
         """Yield the pieces of sources without stored results."""
         for source in find_sources(paths, str(self._dataset.folder)):
             self._summary.sources += 1
-            if self._ledger.is_complete(source):
+            if self._stored.is_complete(source):
                 self._summary.done_before += 1
                 continue
             try:
@@ -287,14 +353,14 @@ class _Run:
                 continue
             is_stored = False
             for piece in pieces_of(source):
-                if self._ledger.has_piece(piece):
+                if self._stored.has_piece(piece):
                     is_stored = True
                 elif self._is_new(piece):
                     self._pending[piece.key] = []
                     yield piece
             if is_stored:
-                self._ledger.touch(source)
-                self._summary.done_before += self._ledger.is_complete(source)
+                self._stored.touch(source)
+                self._summary.done_before += self._stored.is_complete(source)
             self._write_if_due()
 
     def _is_new(self, piece: Source) -> bool:
@@ -305,7 +371,7 @@ class _Run:
         if piece.key in self._settled:
             self._add_duplicate(piece, *self._settled[piece.key])
             return False
-        file = self._ledger.file_with(piece.digest, piece.piece, piece.pieces)
+        file = self._stored.file_with(piece)
         if file is not None:
             self._add_duplicate(piece, file, 0)
             return False
@@ -364,7 +430,8 @@ class _Run:
         buffer = self._buffer
         if buffer.sources:
             if buffer.number is None:
-                buffer.number = self._ledger.next_number()
+                buffer.number = self._next_number
+                self._next_number += 1
             sources = [each.source for each in buffer.sources]
             self._dataset.write(
                 buffer.number,
@@ -373,16 +440,16 @@ class _Run:
                 [row for each in buffer.sources for row in each.failures],
                 sources,
             )
-            self._ledger.add(buffer.number, sources)
+            self._stored.add(sources)
             self._summary.parts += 1
         self._settled.clear()
         self._buffer = _Buffer()
 
     def _remove_stale(self) -> None:
         """Remove the stored rows of files that have changed since."""
-        for number, digests in self._ledger.stale().items():
-            self._dataset.remove_content(number, digests)
-            self._ledger.clean(number)
+        if self._stored.stale:
+            self._dataset.remove_content(self._stored.stale)
+            self._stored.stale.clear()
 
     def _report_progress(self, failures: Sequence[Failure]) -> None:
         if self._report is not None:

@@ -4,24 +4,31 @@ Nothing is written, so that a batch may be repeated at any time, on any computer
 cluster and the substitute in the tests share the protocol :class:`Workers`.
 """
 
-from __future__ import annotations
-
-import os
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal, Protocol
+from functools import cache
+from typing import Literal, Protocol
 
+from inversion import InversionError, SurrogateLibrary
+from pfwd.analysis.analyse import analyse_point
+from pfwd.analysis.diagnosis.diagnose import diagnose_entries
+from pfwd.analysis.diagnosis.entries import DiagnosisPoint, entry_of
+from pfwd.analysis.drop_result import drop_result
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.archive.sources import Source, is_unchanged
 from pfwd.errors import SurveyError, refusal
-
-if TYPE_CHECKING:
-    # Only for annotations: a worker limits its threads before it loads these.
-    from inversion import SurrogateLibrary
-    from pfwd.analysis.options import AnalysisOptions
-    from pfwd.analysis.results import DiagnosisResult, DropResult
-    from pfwd.files.traces import TracePoint
-    from pfwd_device.recording import Survey
+from pfwd.files.folders import is_survey_file
+from pfwd.files.header import Declaration, read_header_file
+from pfwd.files.opening import survey_content
+from pfwd.files.reading import points_of, read_points
+from pfwd.files.traces import TracePoint
+from pfwd.spawning import WorkerPool
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording import Survey
 
 FailureKind = Literal["refused", "damage", "unforeseen", "worker", "changed"]
 
@@ -29,18 +36,13 @@ TRANSIENT_FAILURES: frozenset[FailureKind] = frozenset({"worker", "changed"})
 """Kinds of failures that have no cause in the source; it is tried again when the archive is
 continued."""
 
-THREAD_VARIABLES = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-)
-"""Environment variables that limit linear algebra to one thread if they are set before it is
-loaded."""
-
 _MAX_RESPONSE_TABLES = 100
 """Largest number of response tables in memory, 0.1 to 2 MB each; the sources of an archive may
 declare any number of bedrock depths."""
+
+MAX_CONSECUTIVE_DEATHS = 20
+"""Processes that may die without a completed batch in between; more have a cause in the computer
+and not in a source."""
 
 MAX_DEATHS_PER_SOURCE = 3
 """Workers that may die while they work on a source, before it counts as failed; the first ones may
@@ -88,7 +90,7 @@ class Batch:
     deaths: int = 0
     """Number of workers that died while they worked on this batch."""
 
-    def retries_after_death(self) -> list[Batch]:
+    def retries_after_death(self) -> "list[Batch]":
         """Return the batches to try after a worker died; empty after three deaths over one source.
 
         Each source is then alone in its batch, which shows the source that is the cause.
@@ -129,17 +131,71 @@ class Workers(Protocol):
         """End the workers; outcomes that were not yielded are lost."""
 
 
-_library: SurrogateLibrary | None = None
-_last_survey: tuple[Source, Survey] | None = None
+class LocalWorkers:
+    """Worker processes on this computer; one that dies is replaced and its batch repeated.
 
-
-def limit_threads() -> None:
-    """Limit linear algebra that is loaded later to one thread.
-
-    The parallel work is done by processes.
+    Parameters
+    ----------
+    options : AnalysisOptions
+    count : int, >= 1
+        Number of processes.
     """
-    for name in THREAD_VARIABLES:
-        os.environ[name] = "1"
+
+    def __init__(self, options: AnalysisOptions, count: int = 1) -> None:
+        self._options = options
+        self._max_batches = 2 * count
+        self._pool = WorkerPool(count)
+
+    @property
+    def processes(self) -> list[int]:
+        """Process ids of the running workers."""
+        processes = self._pool.processes
+        return [process.pid for process in processes if process.pid and process.is_alive()]
+
+    def run(self, batches: Iterator[Batch]) -> Iterator[list[SourceOutcome]]:
+        """Yield the outcomes of each batch when it is complete, in any order.
+
+        Raises
+        ------
+        SurveyError
+            If 20 processes die without a completed batch in between.
+        """
+        submitted: dict[Future[list[SourceOutcome]], Batch] = {}
+        waiting: list[Batch] = []
+        deaths = 0
+        while True:
+            while len(submitted) < self._max_batches:
+                batch = waiting.pop() if waiting else next(batches, None)
+                if batch is None:
+                    break
+                request = self._pool.submit(invert_batch, list(batch.sources), self._options)
+                submitted[request] = batch
+            if not submitted:
+                return
+            for request in wait(submitted, return_when=FIRST_COMPLETED).done:
+                batch = submitted.pop(request)
+                try:
+                    outcomes = request.result()
+                except BrokenProcessPool as err:
+                    deaths += 1
+                    if deaths >= MAX_CONSECUTIVE_DEATHS:
+                        expected, actual = "processes that stay alive", f"{deaths} that ended"
+                        raise SurveyError(refusal("worker processes", expected, actual)) from err
+                    retries = batch.retries_after_death()
+                    waiting += retries
+                    outcomes = [] if retries else batch.worker_failures()
+                else:
+                    deaths = 0
+                if outcomes:
+                    yield outcomes
+
+    def close(self) -> None:
+        """End the processes; outcomes that they have not returned are lost."""
+        self._pool.kill()
+        self._pool.shutdown(cancel_futures=True)
+
+
+_last_survey: tuple[Source, Survey] | None = None
 
 
 def invert_batch(sources: list[Source], options: AnalysisOptions) -> list[SourceOutcome]:
@@ -148,8 +204,6 @@ def invert_batch(sources: list[Source], options: AnalysisOptions) -> list[Source
 
 
 def _invert(source: Source, options: AnalysisOptions) -> SourceOutcome:
-    from inversion import InversionError
-
     start_s = time.process_time()
     results: list[DropResult] = []
     diagnoses: list[DiagnosisResult] = []
@@ -196,10 +250,6 @@ def _diagnoses(
     """
     if not points:
         return
-    from inversion import InversionError
-    from pfwd.analysis.diagnosis.diagnose import diagnose_entries
-    from pfwd.analysis.diagnosis.entries import DiagnosisPoint, entry_of
-
     entries: list[DiagnosisPoint] = []
     for point in points:
         try:
@@ -218,9 +268,6 @@ class _Changed(Exception):
 
 
 def _points(source: Source, options: AnalysisOptions) -> Iterator[TracePoint | Failure]:
-    from pfwd.files.folders import is_survey_file
-    from pfwd.files.reading import read_points
-
     if source.survey or is_survey_file(source.path):
         yield from _survey_points(source, options)
     else:
@@ -229,10 +276,6 @@ def _points(source: Source, options: AnalysisOptions) -> Iterator[TracePoint | F
 
 def _survey_points(source: Source, options: AnalysisOptions) -> Iterator[TracePoint | Failure]:
     """Yield the points of a survey; damage to one point does not affect the others."""
-    from pfwd.files.header import Declaration, read_header_file
-    from pfwd.files.reading import points_of
-    from pfwd_device.errors import RecordingError
-
     content = _content(source)
     if source.piece == 0:
         for text in content.damage:
@@ -250,8 +293,6 @@ def _survey_points(source: Source, options: AnalysisOptions) -> Iterator[TracePo
 
 def _content(source: Source) -> Survey:
     """Return the content of a survey; cached because its pieces follow one another."""
-    from pfwd.files.opening import survey_content
-
     global _last_survey
     if _last_survey is not None:
         last, content = _last_survey
@@ -263,9 +304,6 @@ def _content(source: Source) -> Survey:
 
 
 def _results(source: Source, point: TracePoint, options: AnalysisOptions) -> list[DropResult]:
-    from pfwd.analysis.analyse import analyse_point
-    from pfwd.analysis.drop_result import drop_result
-
     setup = point.setup
     values = {
         "site": setup.site,
@@ -282,11 +320,7 @@ def _results(source: Source, point: TracePoint, options: AnalysisOptions) -> lis
     ]
 
 
+@cache
 def _tables() -> SurrogateLibrary:
-    """Return the response tables of this process, created at the first call."""
-    global _library
-    if _library is None:
-        from inversion import SurrogateLibrary
-
-        _library = SurrogateLibrary(max_surrogates=_MAX_RESPONSE_TABLES)
-    return _library
+    """Return the response tables of this process."""
+    return SurrogateLibrary(max_surrogates=_MAX_RESPONSE_TABLES)

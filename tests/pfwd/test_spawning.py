@@ -119,3 +119,22 @@ def test_errors_of_a_call_are_those_of_its_result_and_the_worker_goes_on() -> No
             pool.submit(lambda: 3).result()
         assert list(pool.map(pow, (2, 3), (3, 2))) == [8, 9]
         assert len(pool.processes) == 1
+
+
+def test_a_worker_that_ended_is_replaced() -> None:
+    with WorkerPool(1) as pool:
+        with pytest.raises(BrokenProcessPool):
+            pool.submit(os._exit, 1).result(60)
+        assert pool.submit(os.getpid).result(60) == pool.processes[-1].pid
+
+
+@pytest.mark.posix
+def test_an_interrupt_while_a_worker_starts_does_not_end_it() -> None:
+    with WorkerPool(1) as pool:
+        request = pool.submit(os.getpid)
+        while not pool.processes:
+            time.sleep(0.001)
+        pid = pool.processes[0].pid
+        assert pid is not None
+        os.kill(pid, signal.SIGINT)
+        assert request.result(60) == pid

@@ -3,7 +3,6 @@
 import contextlib
 import json
 import os
-import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,12 +12,12 @@ import pytest
 
 from pfwd.analysis.analyse import analyse_files
 from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.result_columns import result_columns
 from pfwd.analysis.results import DropResult, LayerResult
-from pfwd.archive import dataset
+from pfwd.archive import dataset, work
 from pfwd.archive import run as running
-from pfwd.archive.dataset import EARLIER_COLUMN_COUNTS, RESULT_COLUMNS, result_row
-from pfwd.archive.ledger import Ledger
-from pfwd.archive.run import invert_archive, invert_stream
+from pfwd.archive.dataset import RESULT_COLUMNS, result_row
+from pfwd.archive.run import StoredSources, invert_archive, invert_stream
 from pfwd.archive.sources import find_sources, pieces_of
 from pfwd.archive.work import Batch, Failure, SourceOutcome
 from pfwd.errors import OptionError, SurveyError
@@ -67,12 +66,12 @@ def test_what_plain_inverting_says_has_a_column(
     assert set(plain.results[0].to_json()) - columns == parted | without
 
 
-def test_layers_stand_behind_the_columns_of_before() -> None:
+def test_every_number_of_a_result_has_a_column() -> None:
     names = [name for name, _ in RESULT_COLUMNS]
-    first, second = EARLIER_COLUMN_COUNTS
-    assert names[first - 1 : first + 1] == ["warnings", "layers"]
-    deflections = ["deflection_recorded_m", "deflection_corrected_m"]
-    assert names[second - 1 :] == ["effective_depth_m", *deflections]
+    assert len(set(names)) == len(names)
+    for place in ("established", "layers", "last"):
+        columns = [(column.name, column.kind) for column in result_columns(place)]
+        assert set(columns) <= set(RESULT_COLUMNS), place
     layers = (
         LayerResult(modulus_pa=9e7, modulus_interval_pa=(8e7, 1e8), thickness_m=0.3),
         LayerResult(modulus_pa=4e7, modulus_interval_pa=(3e7, 5e7)),
@@ -81,32 +80,6 @@ def test_layers_stand_behind_the_columns_of_before() -> None:
     assert (row["layers"], row["layer_1_modulus_pa"], row["layer_1_thickness_m"]) == (2, 9e7, 0.3)
     assert (row["layer_2_modulus_interval_high_pa"], row["effective_depth_m"]) == (5e7, 0.9)
     assert row["layer_2_thickness_m"] is row["layer_3_modulus_pa"] is None
-
-
-@pytest.mark.parametrize("count", EARLIER_COLUMN_COUNTS)
-def test_a_part_of_before_there_were_layers_or_deflections_is_read(
-    drops: Path, tmp_path: Path, options: AnalysisOptions, count: int
-) -> None:
-    from pyarrow import parquet
-
-    out = tmp_path / "out"
-    run = invert_archive([str(drops)], out, options, QuickWorkers(options)).run
-    part = out / "results" / f"run={run}" / "part-000001.parquet"
-    table = parquet.read_table(part, partitioning=None)
-    known = table.column("modulus_pa").to_pylist()
-    parquet.write_table(table.select(range(count)), part)
-    with parquet.ParquetFile(part) as file:
-        found = dataset._unpacked(file, dataset._schema("results"))
-    assert found.schema.equals(dataset._schema("results"))
-    assert found.column("modulus_pa").to_pylist() == known
-    assert set(found.column("deflection_corrected_m").to_pylist()) == {None}
-    assert set(found.column("layers").to_pylist()) == {None}
-    parquet.write_table(table.select(range(count - 1)), part)
-    with (
-        parquet.ParquetFile(part) as file,
-        pytest.raises(ValueError, match="other columns"),
-    ):
-        dataset._unpacked(file, dataset._schema("results"))
 
 
 def test_a_second_run_does_nothing(drops: Path, tmp_path: Path, options: AnalysisOptions) -> None:
@@ -214,14 +187,12 @@ def test_damaged_and_foreign_files_are_collected_with_their_reasons(
 def test_an_error_nobody_foresaw_costs_its_source_alone(
     drops: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from pfwd.files import reading
-
     def read(path: str, *args: object) -> Any:
         if path.endswith("point-0.csv"):
             raise ZeroDivisionError("a bug")
         return read_points(path)
 
-    monkeypatch.setattr(reading, "read_points", read)
+    monkeypatch.setattr(work, "read_points", read)
     outcomes = list(invert_stream([str(drops)], options, HereWorkers(options)))
     (failure,) = [failure for one in outcomes for failure in one.failures]
     assert (failure.kind, "ZeroDivisionError: a bug" in failure.reason) == ("unforeseen", True)
@@ -270,16 +241,16 @@ def test_an_interrupt_right_after_a_part_leaves_no_row_twice(
     drops: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
-    add = Ledger.add
+    add = StoredSources.add
     interrupted = []
 
-    def late(self: Ledger, number: int, found: Any) -> None:
-        add(self, number, found)
+    def late(self: StoredSources, found: Any) -> None:
+        add(self, found)
         if not interrupted:
-            interrupted.append(number)
+            interrupted.append(True)
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(Ledger, "add", late)
+    monkeypatch.setattr(StoredSources, "add", late)
     with pytest.raises(KeyboardInterrupt):
         invert_archive([str(drops)], out, options, QuickWorkers(options), part_rows=1)
     assert interrupted
@@ -353,22 +324,49 @@ def test_a_table_that_was_cut_off_is_no_part_for_its_readers(
     assert list(out.glob("**/*.tmp")) == []
 
 
-@pytest.mark.parametrize("damage", ["lost", "damaged", "behind"])
-def test_the_ledger_is_made_anew_from_the_tables(
+@pytest.mark.parametrize("damage", ["lost", "torn", "behind", "not of this program"])
+def test_a_part_that_is_not_in_the_list_is_done_again(
     damage: str, drops: Path, tmp_path: Path, options: AnalysisOptions
 ) -> None:
     out = tmp_path / "out"
-    ledger = out / "ledger.sqlite"
-    invert_archive([str(drops / "area-0")], out, options, QuickWorkers(options))
-    old = ledger.read_bytes()
+    run = invert_archive([str(drops / "area-0")], out, options, QuickWorkers(options)).run
     invert_archive([str(drops)], out, options, QuickWorkers(options))
-    if damage == "lost":
-        ledger.unlink()
-    else:
-        ledger.write_bytes(old if damage == "behind" else b"SQLite format 3\0" + b"x" * 5000)
+    finished = out / "done" / f"{run}.txt"
+    assert finished.read_bytes().split() == [b"part-000001", b"part-000002"]
+    match damage:
+        case "lost":
+            finished.unlink()
+        case "torn":
+            finished.write_bytes(finished.read_bytes()[:-3])
+        case "behind":
+            finished.write_bytes(b"part-000001\n")
+        case _:
+            finished.write_bytes(b"\0\xff" * 5000)
     again = QuickWorkers(options)
-    assert invert_archive([str(drops)], out, options, again).done_before == 6
-    assert again.taken == []
+    done = {"lost": 6, "torn": 3, "behind": 3}.get(damage, 0)
+    assert invert_archive([str(drops)], out, options, again).done_before == done
+    assert len(rows(out)) == len(rows(out, "sources")) == 6
+    last = QuickWorkers(options)
+    assert invert_archive([str(drops)], out, options, last).done_before == 6
+    assert last.taken == []
+
+
+def test_rows_of_a_content_stay_until_no_file_has_it(
+    drops: Path, tmp_path: Path, options: AnalysisOptions
+) -> None:
+    out = tmp_path / "out"
+    first, second, *_ = sorted(drops.rglob("*.csv"))
+    text = first.read_text()
+    invert_archive([str(drops)], out, options, QuickWorkers(options))
+    second.write_text(text)
+    assert invert_archive([str(drops)], out, options, QuickWorkers(options)).duplicates == 1
+    assert len(rows(out)) == 5
+    first.write_text(text.replace("demo-0", "other"))
+    assert invert_archive([str(drops)], out, options, QuickWorkers(options)).drops == 1
+    assert len(rows(out)) == 6
+    second.write_text(text.replace("demo-0", "another"))
+    assert invert_archive([str(drops)], out, options, QuickWorkers(options)).drops == 1
+    assert len(rows(out)) == len(rows(out, "sources")) == 6
 
 
 def test_a_part_that_is_deleted_is_done_again(
@@ -387,7 +385,6 @@ def test_a_damaged_part_is_said_with_what_to_do(
     out = tmp_path / "out"
     run = invert_archive([str(drops)], out, options, QuickWorkers(options)).run
     (out / "sources" / f"run={run}" / "part-000001.parquet").write_bytes(b"PAR1")
-    (out / "ledger.sqlite").unlink()
     with pytest.raises(SurveyError, match=r"part-000001.*remove it"):
         invert_archive([str(drops)], out, options, QuickWorkers(options))
 
@@ -509,8 +506,26 @@ def test_a_part_that_unpacks_to_gigabytes_is_refused(
     part = out / "sources" / f"run={run}" / "part-000001.parquet"
     _a_text_that_stands_for_many(part, count, length)
     assert part.stat().st_size < 200_000
-    (out / "ledger.sqlite").unlink()
     with pytest.raises(SurveyError, match=r"part-000001.*expected a Parquet table.*remove it"):
+        invert_archive([str(drops)], out, options, QuickWorkers(options))
+
+
+@pytest.mark.parametrize(
+    "change", [{"piece": 1}, {"piece": -1}, {"pieces": 10**9}, {"failures": None}, {"file": None}]
+)
+def test_a_part_with_impossible_numbers_is_refused(
+    drops: Path, tmp_path: Path, options: AnalysisOptions, change: dict[str, Any]
+) -> None:
+    import pyarrow
+    from pyarrow import parquet
+
+    out = tmp_path / "out"
+    run = invert_archive([str(drops)], out, options, QuickWorkers(options)).run
+    part = out / "sources" / f"run={run}" / "part-000001.parquet"
+    table = parquet.read_table(part, partitioning=None)
+    changed = [{**row, **change} for row in table.to_pylist()]
+    parquet.write_table(pyarrow.Table.from_pylist(changed, table.schema), part)
+    with pytest.raises(SurveyError, match=r"got impossible values.*remove it"):
         invert_archive([str(drops)], out, options, QuickWorkers(options))
 
 
@@ -524,62 +539,5 @@ def test_a_part_with_other_columns_is_refused(
     run = invert_archive([str(drops)], out, options, QuickWorkers(options)).run
     part = out / "sources" / f"run={run}" / "part-000001.parquet"
     parquet.write_table(pyarrow.table({"file": ["a"]}), part)
-    (out / "ledger.sqlite").unlink()
     with pytest.raises(SurveyError, match=r"got other columns.*remove it"):
         invert_archive([str(drops)], out, options, QuickWorkers(options))
-
-
-STRANGE_LEDGERS = {
-    "a view that never ends": (
-        "drop table sources; create view sources as with recursive c(n) as (select 1 union all "
-        "select n + 1 from c) select 'r' run, 'f' file, n piece, n pieces, 'd' digest, 1 size, "
-        "1 mtime_ns, 0 failures, null same_as, n number from c"
-    ),
-    "a rule that never ends": (
-        "create trigger t before insert on sources begin insert into stale with recursive c(n) as "
-        "(select 1 union all select n + 1 from c) select 'r', n, 'd' from c; end"
-    ),
-    "a long value": "insert into stale values ('r', 1, zeroblob(200000))",
-    "parts that are nowhere": (
-        "insert into parts with recursive c(n) as (select 10 union all select n + 1 from c "
-        "where n < 3000) select (select run from parts), n from c"
-    ),
-    "another table": "create table more (a)",
-    "other columns": "drop table stale; create table stale (run text)",
-}
-
-
-@pytest.mark.timeout(60)
-@pytest.mark.parametrize("said", STRANGE_LEDGERS)
-def test_a_ledger_that_is_not_as_we_make_it_is_made_anew(
-    said: str, drops: Path, tmp_path: Path, options: AnalysisOptions
-) -> None:
-    out = tmp_path / "out"
-    invert_archive([str(drops)], out, options, QuickWorkers(options))
-    path = out / "ledger.sqlite"
-    with contextlib.closing(sqlite3.connect(path)) as base:
-        base.executescript(STRANGE_LEDGERS[said])
-    again = QuickWorkers(options)
-    assert invert_archive([str(drops)], out, options, again).done_before == 6
-    assert again.taken == []
-    with contextlib.closing(sqlite3.connect(path)) as base:
-        kinds = {kind for (kind,) in base.execute("select distinct type from sqlite_master")}
-        assert kinds == {"table", "index"}
-        assert base.execute("select count(*) from parts").fetchone() == (1,)
-
-
-def test_a_ledger_that_is_too_large_is_not_opened(
-    drops: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from pfwd.archive import ledger
-
-    assert ledger.MAX_LEDGER_BYTES == 2 * 2**30  # six times what a million sources take
-    assert ledger.MAX_LEDGER_BYTES_PER_PART == 16 * 2**20  # four times what 10,000 sources take
-    out = tmp_path / "out"
-    invert_archive([str(drops)], out, options, QuickWorkers(options))
-    path = out / "ledger.sqlite"
-    size = path.stat().st_size
-    os.truncate(path, 2 * size)
-    monkeypatch.setattr(ledger, "MAX_LEDGER_BYTES", size)
-    assert invert_archive([str(drops)], out, options, QuickWorkers(options)).done_before == 6
-    assert path.stat().st_size == size

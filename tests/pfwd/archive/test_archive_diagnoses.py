@@ -63,7 +63,7 @@ def diagnosed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
             else:
                 yield Diagnosed(entry.file, told(entry))
 
-    name = "pfwd.analysis.diagnosis.diagnose.diagnose_entries"
+    name = "pfwd.archive.work.diagnose_entries"
     monkeypatch.setattr(name, diagnose)
     return seen
 

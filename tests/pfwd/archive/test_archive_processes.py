@@ -10,17 +10,15 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import psutil
 import pytest
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.archive import run as running
-from pfwd.archive.local import LocalWorkers
 from pfwd.archive.run import Summary, invert_archive, invert_stream
 from pfwd.archive.sources import Source
-from pfwd.archive.work import MAX_DEATHS_PER_SOURCE, Batch, Failure, SourceOutcome
+from pfwd.archive.work import MAX_DEATHS_PER_SOURCE, Batch, Failure, LocalWorkers, SourceOutcome
 from pfwd.errors import SurveyError
 
 pytest.importorskip("pyarrow")
@@ -51,8 +49,7 @@ def test_a_killed_worker_costs_nothing_but_time(
 def test_a_source_that_kills_its_workers_is_given_up_alone(
     drops: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # The processes are started anew and read this file's name from the environment.
-    monkeypatch.setattr("pfwd.archive.local._serve", deadly)
+    monkeypatch.setattr("pfwd.archive.work.invert_batch", deadly)
     with contextlib.closing(LocalWorkers(options, 2)) as workers:
         summary = invert_archive([str(drops)], tmp_path / "out", options, workers)
     assert (summary.drops, summary.failed_in_all) == (5, 1)
@@ -62,21 +59,18 @@ def test_a_source_that_kills_its_workers_is_given_up_alone(
     assert f"the end of the worker process, {MAX_DEATHS_PER_SOURCE} times" in failure["reason"]
 
 
-def deadly(line: Any, options: AnalysisOptions) -> None:
+def deadly(sources: list[Source], options: AnalysisOptions) -> list[SourceOutcome]:
     """A worker that dies of one file and invents the others' results."""
-    with contextlib.suppress(EOFError, OSError):
-        while True:
-            sources = line.recv()
-            if any(source.path.endswith("point-3.csv") for source in sources):
-                os._exit(9)
-            line.send([SourceOutcome(source, [invented(source)]) for source in sources])
+    if any(source.path.endswith("point-3.csv") for source in sources):
+        os._exit(9)
+    return quick(sources, options)
 
 
 def test_processes_that_always_die_end_the_run(
     drops: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pfwd.archive.local._serve", stillborn)
-    monkeypatch.setattr("pfwd.archive.local._MAX_CONSECUTIVE_DEATHS", 3)
+    monkeypatch.setattr("pfwd.archive.work.invert_batch", stillborn)
+    monkeypatch.setattr("pfwd.archive.work.MAX_CONSECUTIVE_DEATHS", 3)
     with (
         contextlib.closing(LocalWorkers(options, 1)) as workers,
         pytest.raises(SurveyError, match="expected processes that stay alive, got 3"),
@@ -84,7 +78,7 @@ def test_processes_that_always_die_end_the_run(
         list(invert_stream([str(drops)], options, workers))
 
 
-def stillborn(line: Any, options: AnalysisOptions) -> None:
+def stillborn(sources: list[Source], options: AnalysisOptions) -> list[SourceOutcome]:
     """A worker that does not live to do anything."""
     os._exit(1)
 
@@ -92,8 +86,7 @@ def stillborn(line: Any, options: AnalysisOptions) -> None:
 MAIN = """
 import contextlib, sys
 from pfwd.archive import run
-from pfwd.archive.ledger import Ledger
-from pfwd.archive.local import LocalWorkers
+from pfwd.archive.work import LocalWorkers
 from pfwd.analysis.options import AnalysisOptions
 
 if __name__ == "__main__":
@@ -161,7 +154,7 @@ def test_memory_does_not_grow_with_the_archive(
 def test_no_more_is_taken_than_is_worked_on(
     drops: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pfwd.archive.local._serve", quick)
+    monkeypatch.setattr("pfwd.archive.work.invert_batch", quick)
     taken = itertools.count()
     seen = 0
 
@@ -177,11 +170,9 @@ def test_no_more_is_taken_than_is_worked_on(
     assert next(taken) <= 20 + 2 + 2 + 1
 
 
-def quick(line: Any, options: AnalysisOptions) -> None:
+def quick(sources: list[Source], options: AnalysisOptions) -> list[SourceOutcome]:
     """A worker that invents results."""
-    with contextlib.suppress(EOFError, OSError):
-        while True:
-            line.send([SourceOutcome(source, [invented(source)]) for source in line.recv()])
+    return [SourceOutcome(source, [invented(source)]) for source in sources]
 
 
 @pytest.mark.posix

@@ -13,9 +13,8 @@ from pfwd.analysis.options import AnalysisOptions
 from pfwd.archive import cluster
 from pfwd.archive import run as running
 from pfwd.archive.cluster import ClusterWorkers, check_address
-from pfwd.archive.local import LocalWorkers
 from pfwd.archive.run import Summary, invert_archive, invert_stream
-from pfwd.archive.work import Failure
+from pfwd.archive.work import Failure, LocalWorkers
 from pfwd.errors import OptionError, SurveyError
 from tui.cli import main
 
