@@ -134,39 +134,12 @@ def read_ledger(path: Path) -> LedgerText:
     Damaged lines are part of the result and raise no error.
     """
     try:
-        data = ledger_data(path)
+        data = None if os.path.getsize(path) > MAX_LEDGER_BYTES else path.read_bytes()
     except FileNotFoundError:
         return LedgerText(None, (), (), missing=True)
     except OSError:
         data = None
     return LedgerText(None, (), (1,)) if data is None else parse_ledger(data)
-
-
-def ledger_data(path: Path) -> bytes | None:
-    """Return the bytes of a ledger (list of saved records); None above `MAX_LEDGER_BYTES`.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be read.
-    """
-    return None if os.path.getsize(path) > MAX_LEDGER_BYTES else path.read_bytes()
-
-
-def head_survey(line: bytes) -> bytes | None:
-    """Return the identity of a survey from the first line of its ledger (list of saved records).
-
-    None if the line is damaged.
-
-    Parameters
-    ----------
-    line : bytes
-        The line without its line feed.
-    """
-    head = _FIRST_LINE.fullmatch(_text(line))
-    if head is None or head_line(bytes.fromhex(head[1])) != line + b"\n":
-        return None
-    return bytes.fromhex(head[1])
 
 
 def parse_ledger(data: bytes) -> LedgerText:
@@ -179,8 +152,9 @@ def parse_ledger(data: bytes) -> LedgerText:
         if entry is not None:
             entries.append(entry)
             continue
-        if number == 1:
-            survey = head_survey(line)
+        head = _FIRST_LINE.fullmatch(_text(line)) if number == 1 else None
+        if head is not None and head_line(bytes.fromhex(head[1])) == line + b"\n":
+            survey = bytes.fromhex(head[1])
         if number > 1 or survey is None:
             damaged.append(number)
     if not data:

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple, Protocol
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.drop_payload import DropFacts
-from pfwd_device.recording.drop_place import DropPlace
 from pfwd_device.recording.payload import decode_json
 from pfwd_device.recording.record import DropRecord
 
@@ -63,9 +62,6 @@ class DropOrigin(Protocol):
 
     def read_diagnosis(self, number: int, /) -> Result | None:
         """Return the latest diagnosis that was stored with a drop; None without one."""
-
-    def place_of(self, number: int, /) -> DropPlace | None:
-        """Return the location from which another process can read a drop; None if it cannot."""
 
     def file_of(self, number: int, /) -> Path | None:
         """Return the HDF5 file of a drop; None if it has not been made."""
@@ -132,11 +128,6 @@ class SurveyDrop:
     def result_count(self) -> int:
         """Number of stored results, without reading them."""
         return self._origin.result_count_of(self.number)
-
-    @property
-    def place(self) -> DropPlace | None:
-        """Location from which another process can read the drop; None if only this process can."""
-        return self._origin.place_of(self.number)
 
     @property
     def file(self) -> Path | None:

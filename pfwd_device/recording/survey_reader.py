@@ -5,22 +5,24 @@ The journal of a survey contains all records; each drop also has an HDF5 file.
 
 import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from pfwd_device.drop import Peaks
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.drop_payload import (
     DropFacts,
     drop_from_parts,
     facts_of,
+    is_trace,
     rebound_from_payload,
+    recorded_peaks,
     with_rebounds,
 )
-from pfwd_device.recording.drop_place import DropPlace, drop_frame, require_drop
 from pfwd_device.recording.files import file_facts
-from pfwd_device.recording.framing import Frame
+from pfwd_device.recording.framing import Frame, Kind
 from pfwd_device.recording.index import (
     DropEntry,
     FileEntry,
@@ -33,7 +35,7 @@ from pfwd_device.recording.index import (
 from pfwd_device.recording.journal import read_record
 from pfwd_device.recording.layout import Layout, refuse_special_files
 from pfwd_device.recording.ledger import Entry
-from pfwd_device.recording.payload import decode_payload, payload_data
+from pfwd_device.recording.payload import Array, decode_payload, decode_payload_unless, payload_data
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.recording.recovery import lost_texts
 from pfwd_device.recording.survey_content import Result, ResultFile, SurveyDrop, SurveyPoint
@@ -141,12 +143,10 @@ class Survey:
         number : int
             Survey-wide number of the drop.
         """
-        place = self.place_of(number)
-        if place is not None:
-            try:
-                return place.read_traces()
-            except RecordingError:
-                pass  # damaged since the survey was opened
+        entry = self._index.drops.get(number)
+        if entry is not None:
+            with contextlib.suppress(RecordingError):  # damaged since the survey was opened
+                return self._traces(entry, *decode_payload(self._frame(entry).payload, is_trace))
         return replace(self.read_drop(number), counts=None, rebounds=())
 
     def read_facts(self, number: int) -> DropFacts:
@@ -157,23 +157,11 @@ class Survey:
         number : int
             Survey-wide number of the drop.
         """
-        place = self.place_of(number)
-        if place is not None:
-            try:
-                return place.read_facts()
-            except RecordingError:
-                pass  # damaged since the survey was opened
-        return facts_of(self.read_traces(number))
-
-    def place_of(self, number: int) -> DropPlace | None:
-        """Return the location of a drop in the journal, given its survey-wide number.
-
-        None if the journal does not contain the drop.
-        """
         entry = self._index.drops.get(number)
-        if entry is None:
-            return None
-        return DropPlace(self._layout, entry.entry, number, entry.point, entry.drop)
+        if entry is not None:
+            with contextlib.suppress(RecordingError):  # damaged since the survey was opened
+                return self._facts(entry)
+        return facts_of(self.read_traces(number))
 
     def read_drop(self, number: int) -> DropRecord:
         """Read the complete record of a drop with all its rebounds.
@@ -347,12 +335,32 @@ class Survey:
     def _from_journal(self, entry: DropEntry) -> DropRecord:
         data, arrays = decode_payload(self._frame(entry).payload)
         record = drop_from_parts(data, arrays)
-        expected = (entry.number, entry.point, entry.drop)
-        require_drop(expected, data.get("number"), record.point, record.drop.number)
+        _require_drop(entry, data.get("number"), record.point, record.drop.number)
+        return record
+
+    def _facts(self, entry: DropEntry) -> DropFacts:
+        payload = self._frame(entry).payload
+        data, peaks_or_arrays = decode_payload_unless(payload, recorded_peaks, is_trace)
+        if not isinstance(peaks_or_arrays, Peaks):
+            return facts_of(self._traces(entry, data, peaks_or_arrays))
+        _require_drop(entry, data.get("number"), data.get("point"), data.get("drop"))
+        declared, metadata = data.get("declared"), data.get("metadata")
+        if not isinstance(declared, dict) or not isinstance(metadata, dict):
+            raise RecordingError(f"expected the declarations of drop {entry.number}")
+        return DropFacts(declared, metadata, peaks_or_arrays, None)
+
+    def _traces(
+        self, entry: DropEntry, data: Mapping[str, Any], arrays: Mapping[str, Array]
+    ) -> DropRecord:
+        record = drop_from_parts({**data, "rebounds": []}, arrays)
+        _require_drop(entry, data.get("number"), record.point, record.drop.number)
         return record
 
     def _frame(self, entry: DropEntry) -> Frame:
-        return drop_frame(self._layout, entry.entry, entry.number)
+        frame = read_record(self._layout, entry.entry.segment, entry.entry.offset)
+        if (frame.kind, frame.sequence) != (Kind.DROP, entry.entry.sequence):
+            raise RecordingError(f"expected drop {entry.number}, got another record")
+        return frame
 
     def _rebounds(self, entries: list[Entry]) -> tuple[Rebound, ...]:
         rebounds = []
@@ -403,6 +411,12 @@ def read_survey(folder: str | os.PathLike[str]) -> Survey:
         states = None
     with no_collections():
         return Survey(layout, read_index(layout), states)
+
+
+def _require_drop(entry: DropEntry, *actual: object) -> None:
+    """Raise RecordingError unless number, point and number within the point are those of a drop."""
+    if actual != (entry.number, entry.point, entry.drop):
+        raise RecordingError(f"expected drop {entry.number}, got another drop")
 
 
 def _last(path: str) -> tuple[bool, int, str]:

@@ -19,13 +19,7 @@ from pfwd.files.importing import import_files
 from pfwd.files.opening import survey_content
 from pfwd.files.reading import read_points
 from pfwd.files.upkeep import check_survey
-from pfwd_device.recording import (
-    Rebound,
-    SurveyWriter,
-    drop_place,
-    read_survey,
-    survey_reader,
-)
+from pfwd_device.recording import Rebound, SurveyWriter, read_survey, survey_reader
 from pfwd_device.recording.framing import Frame, Kind
 from pfwd_device.recording.layout import Layout
 from tests.pfwd.export.conftest import BELONGS, FORMULA, rows_of
@@ -341,8 +335,7 @@ def test_a_row_of_the_table_reads_a_drop_without_its_later_rebounds(
         read.append(frame.kind)
         return frame
 
-    for module in (survey_reader, drop_place):
-        monkeypatch.setattr(module, "read_record", noted)
+    monkeypatch.setattr(survey_reader, "read_record", noted)
     export_survey(survey, "table", tmp_path / "t.csv")
     assert read.count(Kind.DROP) == 4, "once for the verdict of its point and for its row"
     assert Kind.REBOUND not in read
