@@ -5,8 +5,6 @@ computer, and they run the code that is sent to them. With a ``tls://`` address 
 which computers take part; see docs/security.md.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ipaddress
 import re
@@ -14,14 +12,12 @@ import socket
 import ssl
 from collections.abc import Iterator
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from pfwd.analysis.options import AnalysisOptions
 from pfwd.archive.work import Batch, SourceOutcome, invert_batch
 from pfwd.errors import OptionError, SurveyError, quote, refusal
 from pfwd_device.recording.drop_file import software_version
-
-if TYPE_CHECKING:
-    from pfwd.analysis.options import AnalysisOptions
 
 _CONNECT_TIMEOUT_S = 20.0
 _FIRST_WORKER_TIMEOUT_S = 60.0

@@ -233,7 +233,7 @@ class _StoredFile:
     mtime_ns: int = 0
     stored: int = 0
     """Bit n is set if the results of piece n are stored."""
-    has_failures: bool = False
+    failures: int = 0
 
 
 class StoredSources:
@@ -264,7 +264,7 @@ class StoredSources:
                 self.stale.discard(digest)
             file.size, file.mtime_ns = row["size_bytes"], row["mtime_ns"]
             file.stored |= 1 << row["piece"]
-            file.has_failures |= row["failures"] > 0
+            file.failures += row["failures"]
 
     def is_complete(self, source: Source) -> bool:
         """Return whether all pieces are stored; path, size and time have to agree."""
@@ -291,9 +291,13 @@ class StoredSources:
         file = self._files[source.path]
         file.size, file.mtime_ns = source.size, source.mtime_ns
 
+    def n_failures(self, path: str) -> int:
+        """Return the number of failures of a stored file."""
+        return self._files[path].failures
+
     def n_refused(self) -> int:
         """Return the number of files with at least one failure."""
-        return sum(file.has_failures for file in self._files.values())
+        return sum(file.failures > 0 for file in self._files.values())
 
 
 class _Run:
@@ -313,9 +317,8 @@ class _Run:
         self._part_rows, self._part_seconds = part_rows, part_seconds
         self._summary = Summary(str(dataset.folder), dataset.key)
         self._buffer = _Buffer()
-        # Sources whose results are not stored yet: sent to a worker, or in memory.
+        # Sources that were sent to a worker, each with its copies.
         self._pending: dict[str, list[Source]] = {}
-        self._settled: dict[str, tuple[str, int]] = {}
         self._unfinished = _Unfinished(dataset.folder / "unfinished" / f"{dataset.key}.jsonl")
 
     def go(self, paths: Sequence[str], workers: Workers) -> Summary:
@@ -368,14 +371,10 @@ class _Run:
             if piece.path not in {each.path for each in self._pending[piece.key]}:
                 self._pending[piece.key].append(piece)
             return False
-        if piece.key in self._settled:
-            self._add_duplicate(piece, *self._settled[piece.key])
-            return False
         file = self._stored.file_with(piece)
         if file is not None:
-            self._add_duplicate(piece, file, 0)
-            return False
-        return True
+            self._add_duplicate(piece, file)
+        return file is None
 
     def _add_outcomes(self, outcomes: Sequence[SourceOutcome]) -> None:
         batch_failures: list[Failure] = []
@@ -391,25 +390,28 @@ class _Run:
                 self._fail(source, outcome.failures)
                 continue
             summary.failed += len(outcome.failures)
-            failures = len(outcome.failures)
             rows = _SourceRows(
-                _source_row(source, len(outcome.results), failures, None),
+                _source_row(source, len(outcome.results), len(outcome.failures), None),
                 [result_row(result, source.digest) for result in outcome.results],
                 [diagnosis_row(result, source.digest) for result in outcome.diagnoses],
                 [_failure_row(source, failure) for failure in outcome.failures],
             )
-            self._buffer.sources.append(rows)
+            self._add_rows(rows)
             self._buffer.result_rows += len(rows.results) + len(rows.diagnoses)
-            self._settled[source.key] = (source.path, failures)
             for duplicate in duplicates:
-                self._add_duplicate(duplicate, source.path, failures)
+                self._add_duplicate(duplicate, source.path)
         self._report_progress(batch_failures)
 
-    def _add_duplicate(self, piece: Source, file: str, failures: int) -> None:
+    def _add_duplicate(self, piece: Source, file: str) -> None:
         if piece.path == file:  # named twice
             return
         self._summary.duplicates += 1
-        self._buffer.sources.append(_SourceRows(_source_row(piece, 0, failures, file)))
+        failures = self._stored.n_failures(file)
+        self._add_rows(_SourceRows(_source_row(piece, 0, failures, file)))
+
+    def _add_rows(self, rows: _SourceRows) -> None:
+        self._buffer.sources.append(rows)
+        self._stored.add([rows.source])
 
     def _fail(self, source: Source, failures: Sequence[Failure]) -> None:
         """Record failures that have no cause in the content, so that the next run tries again."""
@@ -432,17 +434,14 @@ class _Run:
             if buffer.number is None:
                 buffer.number = self._next_number
                 self._next_number += 1
-            sources = [each.source for each in buffer.sources]
             self._dataset.write(
                 buffer.number,
                 [row for each in buffer.sources for row in each.results],
                 [row for each in buffer.sources for row in each.diagnoses],
                 [row for each in buffer.sources for row in each.failures],
-                sources,
+                [each.source for each in buffer.sources],
             )
-            self._stored.add(sources)
             self._summary.parts += 1
-        self._settled.clear()
         self._buffer = _Buffer()
 
     def _remove_stale(self) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, lru_cache
 from typing import Literal, Protocol
 
 from inversion import InversionError, SurrogateLibrary
@@ -195,9 +195,6 @@ class LocalWorkers:
         self._pool.shutdown(cancel_futures=True)
 
 
-_last_survey: tuple[Source, Survey] | None = None
-
-
 def invert_batch(sources: list[Source], options: AnalysisOptions) -> list[SourceOutcome]:
     """Return the outcomes of sources, in their order; an error of a source is in its outcome."""
     return [_invert(source, options) for source in sources]
@@ -276,7 +273,7 @@ def _points(source: Source, options: AnalysisOptions) -> Iterator[TracePoint | F
 
 def _survey_points(source: Source, options: AnalysisOptions) -> Iterator[TracePoint | Failure]:
     """Yield the points of a survey; damage to one point does not affect the others."""
-    content = _content(source)
+    content = _content(source.path, source.size, source.mtime_ns)
     if source.piece == 0:
         for text in content.damage:
             yield Failure("damage", f"{source.path}: damaged survey: {text}")
@@ -291,16 +288,10 @@ def _survey_points(source: Source, options: AnalysisOptions) -> Iterator[TracePo
             yield Failure("refused", str(error), point.title)
 
 
-def _content(source: Source) -> Survey:
+@lru_cache(maxsize=1)
+def _content(path: str, _size: int, _mtime_ns: int) -> Survey:
     """Return the content of a survey; cached because its pieces follow one another."""
-    global _last_survey
-    if _last_survey is not None:
-        last, content = _last_survey
-        if (last.path, last.size, last.mtime_ns) == (source.path, source.size, source.mtime_ns):
-            return content
-    content = survey_content(source.path)
-    _last_survey = (source, content)
-    return content
+    return survey_content(path)
 
 
 def _results(source: Source, point: TracePoint, options: AnalysisOptions) -> list[DropResult]:

@@ -14,8 +14,7 @@ from collections.abc import Iterator, Sequence
 from pfwd.export.columns import POINT_COLUMNS
 from pfwd.export.maps import without_position
 from pfwd.export.output import new_file
-from pfwd.export.point_rows import PointValues, place_of_row, point_rows
-from pfwd.export.rows import Order
+from pfwd.export.rows import Order, PointValues, place_of_row, point_rows
 from pfwd.judging.places import Place
 
 LAYER_NAME = "points"

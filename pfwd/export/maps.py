@@ -11,8 +11,7 @@ from xml.etree import ElementTree
 
 from pfwd.export.json_text import json_text
 from pfwd.export.output import new_file, new_text_file
-from pfwd.export.point_rows import PointValues, place_of_row, point_rows
-from pfwd.export.rows import Order, Row
+from pfwd.export.rows import Order, PointValues, Row, place_of_row, point_rows
 from pfwd.judging.job import target_text
 from pfwd.judging.places import Place
 from pfwd.procedures import Quantity

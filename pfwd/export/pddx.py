@@ -22,20 +22,10 @@ from pfwd_device.recording.drop_file import software_version
 VERSION = "2.0"
 DELIMITER = ","
 
-_ENGLISH_MONTHS = [
-    "Jan",
-    "Feb",
-    "Mar",
-    "Apr",
-    "May",
-    "Jun",
-    "Jul",
-    "Aug",
-    "Sep",
-    "Oct",
-    "Nov",
-    "Dec",
-]
+_ENGLISH_MONTHS = (
+    *("Jan", "Feb", "Mar", "Apr", "May", "Jun"),
+    *("Jul", "Aug", "Sep", "Oct", "Nov", "Dec"),
+)
 _REMARKS = (
     "Sections and keys as in public files of PDDX 1.0; not verified against the text of the "
     "standard 2.0 (FHWA-HRT-07-040, appendix C).",
@@ -158,7 +148,9 @@ def _location(index: int, rows: list[Row]) -> Iterator[str]:
     if place is not None:
         degrees = f"{place.latitude:.8f}{DELIMITER}{place.longitude:.8f}"
         where = f"{degrees}{DELIMITER}{place.altitude or 0:g}"
-    chainage = _chainage(rows[0])
+    # The chainage in the imported file, m.
+    imported = (rows[0].drop.declared or {}).get("imported")
+    chainage = number(imported.get("chainage_m")) if isinstance(imported, dict) else None
     drops: dict[str, str | None] = {}
     kinds = dict(rows[0].point.progress.kinds)
     for count, row in enumerate(rows, start=1):
@@ -220,12 +212,6 @@ def _configuration(where: str, row: Row) -> tuple[float, tuple[float, ...]]:
         hint = "pfwd edit --set plate_radius_m=..."
         raise SurveyError(refusal(where, "a plate radius", f"none in {row.point.title}", hint))
     return radius, tuple(offset for offset, _ in peaks.displacements)
-
-
-def _chainage(row: Row) -> float | None:
-    """Return the chainage in the imported file, m; None: not in the file."""
-    imported = (row.drop.declared or {}).get("imported")
-    return number(imported.get("chainage_m")) if isinstance(imported, dict) else None
 
 
 def _moment(row: Row) -> datetime.datetime | None:

@@ -4,7 +4,7 @@ folder of traces.
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import count, groupby
 from typing import Any
@@ -85,16 +85,14 @@ def write_csv(order: Order, path: str | os.PathLike[str]) -> list[str]:
         if discarded:
             notes.append(f"{discarded} discarded drops are left out")
         if next(numbers) == 1:
-            raise SurveyError(_empty_export(order.content.path, notes))
+            where = order.content.path
+            if any(ONLY_PEAKS in note for note in notes):
+                raise SurveyError(
+                    f"{where}: expected drops with traces for the format csv, got peaks only; "
+                    "export them with --format table, jsonl or pddx"
+                )
+            raise SurveyError(refusal(where, "drops to export", "none"))
     return notes
-
-
-def _empty_export(path: str, notes: Sequence[str]) -> str:
-    """Return the message that no drop has traces, with the formats for drops that have peaks."""
-    if any(ONLY_PEAKS in note for note in notes):
-        expected = "drops with traces for the format csv, got peaks only"
-        return f"{path}: expected {expected}; export them with --format table, jsonl or pddx"
-    return refusal(path, "drops to export", "none")
 
 
 def safe_name(text: str) -> str:

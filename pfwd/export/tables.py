@@ -12,8 +12,7 @@ from pfwd.errors import OptionError, refusal
 from pfwd.export.columns import DROP_COLUMNS, POINT_COLUMNS
 from pfwd.export.json_text import json_text
 from pfwd.export.output import new_file, new_text_file
-from pfwd.export.point_rows import point_rows
-from pfwd.export.rows import Order
+from pfwd.export.rows import Order, point_rows
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
 """Characters with which a text begins that a spreadsheet would evaluate as a formula."""

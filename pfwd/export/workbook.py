@@ -21,8 +21,7 @@ from openpyxl.utils import get_column_letter
 from pfwd.analysis.result_columns import ResultColumn
 from pfwd.export.columns import DROP_COLUMNS, POINT_COLUMNS
 from pfwd.export.output import new_file
-from pfwd.export.point_rows import PointValues, point_rows
-from pfwd.export.rows import MAX_CELL_CHARACTERS, Order
+from pfwd.export.rows import MAX_CELL_CHARACTERS, Order, PointValues, point_rows
 from pfwd.export.tables import FORMULA_STARTS
 from pfwd.judging.job import JobChange, target_text
 from pfwd_device.recording import Survey

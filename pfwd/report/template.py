@@ -18,7 +18,7 @@ from typing import Any
 from zipfile import BadZipFile, ZipFile
 
 from pfwd.errors import OptionError, quote, refusal
-from pfwd.export.point_rows import judged_values
+from pfwd.export.rows import judged_values
 from pfwd.export.tables import FORMULA_STARTS
 from pfwd.export.workbook import as_date
 from pfwd.judging import DropView, PointView

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, overload
 
 from pfwd.errors import OptionError, quote, refusal
 from pfwd.export.json_text import without_nan
-from pfwd.export.point_rows import point_rows
-from pfwd.export.rows import Order, Row
+from pfwd.export.rows import Order, Row, point_rows
 from pfwd.files.opening import survey_content
 from pfwd.procedures import unit_of
 from pfwd.scripting.display import ScriptObject, axes_or_new, count, data_frame, html_table, text_of

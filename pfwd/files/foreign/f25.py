@@ -148,7 +148,9 @@ class _Reader:
         elif kind == 5031:
             self._common["site"] = _text(cells, 1)
         elif kind == 5280:
-            self._read_position(cells)
+            # The first field is an error code of the receiver, 0 with a valid position.
+            failed = len(cells) < 6 or finite(cells[1]) != 0
+            self._position = {} if failed else position_of(cells[3], cells[4])
         elif kind == 5301:
             self._add_station(cells)
         elif kind == 5302 and self._stations:
@@ -182,11 +184,6 @@ class _Reader:
                 return index
         self._offsets.append(offset)
         return len(self._offsets) - 1
-
-    def _read_position(self, cells: Sequence[str]) -> None:
-        # The first field is an error code of the receiver, 0 with a valid position.
-        failed = len(cells) < 6 or finite(cells[1]) != 0
-        self._position = {} if failed else position_of(cells[3], cells[4])
 
     def _add_station(self, cells: Sequence[str]) -> None:
         station = _text(cells, 5) or "?"

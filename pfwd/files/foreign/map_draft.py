@@ -181,7 +181,9 @@ def _as_table(
     ]
     above = [i for i in range(first) if any(cell.strip() for cell in rows[i])]
     fitting = [i for i in above if len(rows[i]) == width]
-    units_line = len(fitting) > 1 and _has_units(rows[fitting[-1]])
+    last = rows[fitting[-1]] if fitting else ()
+    n_units = sum(_unit_of(cell.strip("[]() "), None) is not None for cell in last if cell)
+    units_line = len(fitting) > 1 and n_units >= 2
     head = fitting[-2] if units_line else fitting[-1] if fitting else None
     names = rows[head] if head is not None else [""] * width
     units = rows[fitting[-1]] if units_line else [""] * width
@@ -216,10 +218,6 @@ def _is_numeric(row: Sequence[str], decimal: str) -> bool:
     return len(cells) > 1 and all(
         _NUMBER_CELL.fullmatch(cell) is not None and grouping_sign not in cell for cell in cells
     )
-
-
-def _has_units(row: Sequence[str]) -> bool:
-    return sum(_unit_of(cell.strip("[]() "), None) is not None for cell in row if cell) >= 2
 
 
 def _column(position: int, name: str, unit: str, before: Sequence[DraftColumn]) -> DraftColumn:

@@ -173,7 +173,7 @@ class _TableReader:
         self.parser.EntityDeclHandler = self._refuse_type
         self.parser.StartElementHandler = self._start
         self.parser.EndElementHandler = self._end
-        self.parser.CharacterDataHandler = self._characters
+        self.parser.CharacterDataHandler = self._text.append
 
     def _refuse_type(self, *_: object) -> None:
         raise TraceError(refusal(self._where, "XML without a document type", "one with entities"))
@@ -199,9 +199,6 @@ class _TableReader:
             self.tables.setdefault(name, []).append({})
         self._path.append(name)
         self._text.clear()
-
-    def _characters(self, text: str) -> None:
-        self._text.append(text)
 
     def _end(self, _name: str) -> None:
         if len(self._path) >= 3:

@@ -17,7 +17,7 @@ from pfwd.analysis.results import DropResult, LayerResult
 from pfwd.archive import dataset, work
 from pfwd.archive import run as running
 from pfwd.archive.dataset import RESULT_COLUMNS, result_row
-from pfwd.archive.run import StoredSources, invert_archive, invert_stream
+from pfwd.archive.run import invert_archive, invert_stream
 from pfwd.archive.sources import find_sources, pieces_of
 from pfwd.archive.work import Batch, Failure, SourceOutcome
 from pfwd.errors import OptionError, SurveyError
@@ -241,16 +241,16 @@ def test_an_interrupt_right_after_a_part_leaves_no_row_twice(
     drops: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
-    add = StoredSources.add
+    write = dataset.Dataset.write
     interrupted = []
 
-    def late(self: StoredSources, found: Any) -> None:
-        add(self, found)
+    def late(self: dataset.Dataset, number: int, *tables: Any) -> None:
+        write(self, number, *tables)
         if not interrupted:
-            interrupted.append(True)
+            interrupted.append(number)
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(StoredSources, "add", late)
+    monkeypatch.setattr(dataset.Dataset, "write", late)
     with pytest.raises(KeyboardInterrupt):
         invert_archive([str(drops)], out, options, QuickWorkers(options), part_rows=1)
     assert interrupted

@@ -11,7 +11,7 @@ from inversion.notices import Notice, Value, templates
 from pfwd.analysis.result_store import PLATES, basis_of
 from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
 from pfwd.digits import with_ends
-from pfwd.export.point_rows import judged_values
+from pfwd.export.rows import judged_values
 from pfwd.files.header import PointSetup
 from pfwd.judging import DropView, Job, PointView, Station, drop_from_traces
 from pfwd.judging.drops import classify_drops
