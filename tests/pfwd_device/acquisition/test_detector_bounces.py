@@ -308,6 +308,13 @@ def test_a_bounce_with_the_trigger_in_its_fall_is_recorded_with_its_peak():
     assert bounce.first < 10_764 < bounce.trigger
 
 
+def test_a_pulse_after_the_record_of_a_load_that_is_put_on_is_reported():
+    counts = stream_of(pulses_at((0.6, 7459.0), (0.8813, 2492.0)), 2.0)
+    person = 957 * np.clip((np.arange(len(counts)) / RATE - 0.8363) / 0.05, 0, 1)
+    detections, _ = feed(counts + np.rint(person).astype(np.int32)[:, None])
+    assert triggers(detections, PulseReport) == pytest.approx([8870], abs=5)
+
+
 def test_a_missing_part_of_a_pulse_is_no_second_pulse():
     detections, _ = feed(stream_of(pulses_at((1.0, 8000.0)), 4.0), gaps=[(10_070, 15)])
     assert reasons(detections) == []
