@@ -21,7 +21,7 @@ from pfwd.procedures import Kind, PointDrop
 from pfwd_device import Drop
 from pfwd_device.drop import Peaks
 from pfwd_device.recording.record import copy_fault
-from pfwd_device.recording.survey_content import SurveyDrop
+from pfwd_device.recording.survey_reader import SurveyDrop
 
 RATE_DEVIATION = "rate_deviation"
 """Key of a drop's metadata, and kind of a drop's edit: true over declared sampling rate minus 1."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from pfwd.files.header import is_position
 from pfwd.judging.drops import DropView
-from pfwd_device.recording.survey_content import SurveyPoint
+from pfwd_device.recording.survey_reader import SurveyPoint
 
 
 @dataclass(frozen=True, slots=True)

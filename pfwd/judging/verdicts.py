@@ -27,7 +27,7 @@ from pfwd.procedures.judging import is_target_for
 from pfwd.procedures.point import in_force_as_dict
 from pfwd.procedures.profile import OUR_TOLERANCES
 from pfwd.procedures.values import moduli_of, residual_fault, unsupported_records, value_of
-from pfwd_device.recording.survey_content import SurveyPoint
+from pfwd_device.recording.survey_reader import SurveyPoint
 
 DEFAULT_RADIUS = 0.15
 """Plate radius, m, where no drop declares one; a placeholder with which nothing is computed."""

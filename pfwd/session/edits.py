@@ -4,7 +4,7 @@ from pfwd.files.editing import Edit
 from pfwd.files.moving import MOVED_TO, move_with, point_called, restore_with
 from pfwd.session.events import Edited
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording.survey_content import SurveyDrop
+from pfwd_device.recording.survey_reader import SurveyDrop
 from pfwd_device.recording.survey_writer import SurveyWriter
 
 

@@ -12,7 +12,7 @@ from pfwd.judging import Job, point_view
 from pfwd.judging.view import NO_SETUP
 from pfwd.session.events import PointReported, SavedDrop
 from pfwd_device.recording import Survey, SurveyDrop, SurveyWriter, read_survey
-from pfwd_device.recording.survey_content import SurveyPoint
+from pfwd_device.recording.survey_reader import SurveyPoint
 
 
 def stored_results(folder: str | os.PathLike[str], record: int) -> list[DropResult]:

@@ -41,8 +41,7 @@ from pfwd_device.recording.storage_reports import (
     SurveyFilesRemoved,
     SurveyMovedAway,
 )
-from pfwd_device.recording.survey_content import SurveyDrop, SurveyPoint
-from pfwd_device.recording.survey_reader import Survey, read_survey
+from pfwd_device.recording.survey_reader import Survey, SurveyDrop, SurveyPoint, read_survey
 from pfwd_device.recording.survey_writer import SurveyWriter
 
 __all__ = [

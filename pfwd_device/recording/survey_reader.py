@@ -4,9 +4,10 @@ The journal of a survey contains all records; each drop also has an HDF5 file.
 """
 
 import contextlib
+import hashlib
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,13 +36,145 @@ from pfwd_device.recording.index import (
 from pfwd_device.recording.journal import read_record
 from pfwd_device.recording.layout import Layout, refuse_special_files
 from pfwd_device.recording.ledger import Entry
-from pfwd_device.recording.payload import Array, decode_payload, decode_payload_unless, payload_data
+from pfwd_device.recording.payload import (
+    Array,
+    decode_json,
+    decode_payload,
+    decode_payload_unless,
+    payload_data,
+)
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.recording.recovery import lost_texts
-from pfwd_device.recording.survey_content import Result, ResultFile, SurveyDrop, SurveyPoint
 from pfwd_device.text import clean
 
+Result = Mapping[str, Any]
+
 _MAX_NOTE_LENGTH = 4096
+
+
+@dataclass(slots=True)
+class SurveyDrop:
+    """Drop of a survey with its later edits; its traces and results are read on request."""
+
+    number: int
+    """Survey-wide number, from 1."""
+    point: str
+    """Name of the test point."""
+    drop: int
+    """Number within the point, from 1."""
+    discarded: bool
+    """True if the user has discarded the drop."""
+    notes: tuple[str, ...]
+    """Notes of the user, in order."""
+    position: Any
+    """Position after the last edit; None: as recorded."""
+    target: Any
+    """Target value after the last edit; None: as recorded."""
+    edits: tuple[dict[str, Any], ...]
+    """All edits, in order."""
+    source: str
+    """Source of the record: "journal", or "file" if the journal is damaged there."""
+    _origin: "Survey" = field(repr=False)
+
+    @property
+    def key(self) -> str | None:
+        """Text that identifies the drop on its instrument; None without one."""
+        return self._origin.key_of(self.number)
+
+    @property
+    def results(self) -> tuple[Path, ...]:
+        """Files with stored results: trials first, the valid result last."""
+        return self._origin.results_of(self.number)
+
+    @property
+    def result_count(self) -> int:
+        """Number of stored results, without reading them."""
+        return self._origin.result_count_of(self.number)
+
+    @property
+    def file(self) -> Path | None:
+        """HDF5 file of the drop; None if it has not been made."""
+        return self._origin.file_of(self.number)
+
+    def read(self) -> DropRecord:
+        """Read the complete record of the drop with all its rebounds.
+
+        Raises
+        ------
+        RecordingError
+            If there is no undamaged record of it.
+        """
+        return self._origin.read_drop(self.number)
+
+    def read_traces(self) -> DropRecord:
+        """Read the record without rebounds and without raw counts; errors as in :meth:`read`."""
+        return self._origin.read_traces(self.number)
+
+    def read_facts(self) -> DropFacts:
+        """Read declarations and recorded peaks, or the traces where no peaks are recorded.
+
+        It is the fastest access to the values of a row in a table; errors as in :meth:`read`.
+        """
+        return self._origin.read_facts(self.number)
+
+    def read_results(self) -> tuple[Result, ...]:
+        """Read the stored results: trials first, the valid result last.
+
+        Raises
+        ------
+        RecordingError
+            If the file of a result is damaged.
+        """
+        return self._origin.read_results(self.number)
+
+    def readable_results(self) -> Iterator[Result]:
+        """Yield the undamaged stored results: the valid result first, trials last."""
+        return self._origin.readable_results(self.number)
+
+    def read_last_result(self) -> Result | None:
+        """Read the valid result of the drop; None without a stored result.
+
+        The errors are those of `read_results`.
+        """
+        return self._origin.read_last_result(self.number)
+
+    def read_diagnosis(self) -> Result | None:
+        """Read the latest diagnosis of the point that was stored with this drop; None without one.
+
+        A diagnosis is stored with the drop that was the last one of its point at that time.
+
+        Raises
+        ------
+        RecordingError
+            If the file of the diagnosis is damaged.
+        """
+        return self._origin.read_diagnosis(self.number)
+
+
+@dataclass(slots=True)
+class SurveyPoint:
+    """Test point of a survey with its drops and later edits."""
+
+    name: str
+    """Name in the records of its drops."""
+    title: str
+    """Name after the last edit."""
+    order: int
+    """Position in the order of the points, from 1."""
+    declared: dict[str, Any]
+    """Declared values, including edits."""
+    discarded: bool
+    """True if the user has discarded the point."""
+    notes: tuple[str, ...]
+    """Notes of the user, in order."""
+    position: Any
+    """Position after the last edit; None without one."""
+    target: Any
+    """Target value after the last edit; None without one."""
+    edits: tuple[dict[str, Any], ...]
+    """All edits, in order."""
+    drops: tuple[SurveyDrop, ...]
+    """Drops in the order of recording, including discarded ones."""
 
 
 class Survey:
@@ -208,9 +341,9 @@ class Survey:
             key = None if record is None else record.metadata.get("key")
         return key if isinstance(key, str) else None
 
-    def results_of(self, number: int) -> tuple[ResultFile, ...]:
+    def results_of(self, number: int) -> tuple[Path, ...]:
         """Return the files with stored results of a drop: trials first, the valid result last."""
-        return tuple(map(self._result_file, self._result_paths(number)))
+        return tuple(self.folder / path for path in self._result_paths(number))
 
     def result_count_of(self, number: int) -> int:
         """Return the number of stored results of a drop."""
@@ -244,16 +377,32 @@ class Survey:
     def _result_paths(self, number: int) -> list[str]:
         return sorted(self._results.get(number, ()), key=_last)
 
-    def _result_file(self, path: str) -> ResultFile:
-        listed = self._index.files[path]
-        return ResultFile(f"{self.folder}/{path}", listed.size, listed.sha256)
-
     def _read_result(self, path: str) -> Result:
         try:
-            return self._result_file(path).read()
+            return self._parse_result(path)
         except RecordingError as err:
             self.damaged_results[path] = str(err).removeprefix(f"{self.folder}/")
             raise
+
+    def _parse_result(self, path: str) -> Result:
+        file, listed = f"{self.folder}/{path}", self._index.files[path]
+        try:
+            with open(file, "rb") as stream:
+                data = stream.read(listed.size + 1)
+        except OSError as err:
+            data = str(err.strerror).encode()
+        if len(data) != listed.size or hashlib.sha256(data).hexdigest() != listed.sha256:
+            raise RecordingError(
+                f"{file} is damaged: expected the stored result, got another or no content; "
+                "it does not count; run pfwd recover, or compute it again"
+            )
+        try:
+            result = decode_json(data)
+        except RecordingError as err:
+            raise RecordingError(f"{file}: stored result: {err}; try pfwd recover") from err
+        if not isinstance(result, dict):
+            raise RecordingError(f"{file}: expected a result, got {type(result).__name__}")
+        return result
 
     def _read_drops(self) -> dict[int, SurveyDrop]:
         """Return the drops of the journal, and lost drops from their HDF5 files."""

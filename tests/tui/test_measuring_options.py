@@ -38,7 +38,7 @@ def test_layers_reach_the_analysis(command: list[str]) -> None:
 
 def given_thickness(survey: Path) -> list[float | None]:
     (drop,) = read_survey(survey).drops
-    result = DropResult.from_json(drop.result_files[-1].read())
+    result = DropResult.from_json(drop.read_results()[-1])
     assert len(result.layers or ()) == 2
     return [layer.thickness_m for layer in result.layers or () if layer.thickness_sd_m is None]
 
