@@ -12,7 +12,7 @@ PARTS = {
     "screen": "the live screen: first paint, updates, processor time, lost samples (a minute)",
     "opened": "pfwd open on 5,000 points: first paint, response to every key (two minutes)",
     "scale": "commands on surveys of 2,500 and 10,000 drops (ten minutes; --short)",
-    "faults": "kills, truncations, full disks, unplugged cables (half an hour; --short; --below)",
+    "faults": "kills, damaged or replaced files, full disks, cables (half an hour; --short)",
     "power_loss": "recording under kills at every call and power loss (some minutes)",
     "wire": "cables pulled, instruments killed, bytes damaged, 115200 baud (half an hour; --short)",
     "firmware": "sizes of the instrument's core on a Cortex-M3; fuzzing with --fuzz SECONDS",

@@ -25,6 +25,8 @@ from pfwd_device.errors import RecordingError
 from pfwd_device.recording import check, read_survey, recover
 from simulators.instrument import serve
 from tests.campaigns.hasty_instrument import HASTY, RATE, hasty_instrument
+from tests.campaigns.judge import ACKNOWLEDGED, judge
+from tests.campaigns.replaced_files import REPLACEMENTS, impossible, trial
 
 # Ten drops a second: every 2 s, twenty times real time, without bounces.
 START = 30.0  # s that a logger may take for its first drop on a busy machine
@@ -322,6 +324,35 @@ def bit_errors(count: int, rng: np.random.Generator, folder: Path) -> Tally:
     return tally
 
 
+def replaced_files(count: int, rng: np.random.Generator, folder: Path) -> Tally:
+    """Replace, delete, move or damage files of a survey that `pfwd log` records.
+
+    Drops may be lost only after the program has reported it.
+    """
+    tally = Tally()
+    cannot = impossible()
+    tally.notes += [f"{name}: SKIPPED: {reason}" for name, reason in cannot.items()]
+    names = [name for name in REPLACEMENTS if name not in cannot]
+    order = rng.permutation(len(names))
+    with contextlib.ExitStack() as stack:
+        seeds = rng.integers(2**31, size=2)
+        one, two = (stack.enter_context(hasty_instrument(int(seed))) for seed in seeds)
+        for number in range(count):
+            name = names[int(order[number % len(names)])]
+            place = folder / "replaced"
+            place.mkdir(exist_ok=True)
+            outcome = trial((one.url, two.url), place, name, rng, killed=number % 5 == 4)
+            verdict = judge(outcome)
+            tally.faults += 1
+            tally.acknowledged += sum(said.what == ACKNOWLEDGED for said in outcome.said)
+            tally.lost += "lost" in verdict.faults
+            tally.twice += "twice" in verdict.faults
+            tally.unreadable += "unreadable" in verdict.faults
+            tally.missed += not verdict.good
+            tally.notes += [f"{name}: {text}" for text in verdict.details]
+    return tally
+
+
 NEAR = 300  # samples: a trigger that was lost is found within the pulse, 30 ms
 
 
@@ -330,19 +361,12 @@ def _trigger(record: Any) -> int:
 
 
 def run(arguments: list[str]) -> int:
-    """The whole campaign; ``--short`` for one that takes a minute or two.
-
-    With ``--below`` the one below all code, see :mod:`tests.campaigns.below`.
-    """
-    if "--below" in arguments:
-        from tests.campaigns.below.campaign import run as run_below
-
-        return run_below([text for text in arguments if text != "--below"])
+    """Run the whole campaign; ``--short`` for one that takes a minute or two."""
     parser = argparse.ArgumentParser(prog="pfwd bench faults")
-    parser.add_argument("--below", action="store_true", help="another campaign, below all code")
     parser.add_argument("--short", action="store_true")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--part", action="append", help="only this part; may be repeated")
     args = parser.parse_args(arguments)
     report = Reporter(arguments)
     rng = np.random.default_rng(args.seed)
@@ -353,9 +377,14 @@ def run(arguments: list[str]) -> int:
         "full disks": (full_disks, 50, 4, {}),
         "unplugged": (unplugs, 100, 4, {}),
         "bit errors": (bit_errors, 300, 40, {}),
+        "replaced files": (replaced_files, 2 * len(REPLACEMENTS), 4, {}),
     }
+    for name in args.part or ():
+        if name not in parts:
+            parser.error(f"--part: expected one of {', '.join(parts)}, got {name}")
     good = True
-    for name, (part, count, short, options) in parts.items():
+    for name in args.part or parts:
+        part, count, short, options = parts[name]
         with tempfile.TemporaryDirectory(prefix="pfwd-faults-") as folder:
             began = time.monotonic()
             tally = part(short if args.short else count, rng, Path(folder), **options)  # type: ignore[operator]

@@ -1,24 +1,20 @@
-"""The real command, `pfwd log`, as a process whose every line is kept in its order."""
+"""`pfwd log` as a process whose lines are stored in their order, and the records of its survey."""
 
 import contextlib
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pfwd_device.errors import RecordingError
-from tests.campaigns.below.finding import add_second_places, found_names
-from tests.campaigns.below.judge import ACKNOWLEDGED, WARNED, Outcome, Said, is_warning
-from tests.campaigns.below.planted import VARIABLE
-from tests.campaigns.below.shim import Counted, Fault, environment, read_state
+from pfwd_device.recording import read_survey
+from tests.campaigns.judge import ACKNOWLEDGED, WARNED, Outcome, Said, is_warning
 
 DROPS = 7
 """Saved or refused, then the session is told to end."""
@@ -30,7 +26,6 @@ LAST_WORDS = 45.0
 """s that it may take to end when it was told to; one that waits for a publisher waits 30."""
 
 _PFWD = "import sys; from tui.cli import main; sys.exit(main())"
-_PLANTED = f"from tests.campaigns.below.planted import plant; plant(); {_PFWD}"
 
 
 class Command:
@@ -54,9 +49,8 @@ class Command:
         self.dealt_with: set[str] = set()
         """Drops that were acknowledged, or named as not saved."""
         self._news = threading.Condition()
-        code = _PLANTED if env.get(VARIABLE) else _PFWD
         self._process = subprocess.Popen(
-            [*before, sys.executable, "-c", code, *arguments],
+            [*before, sys.executable, "-c", _PFWD, *arguments],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -144,76 +138,6 @@ def own_places(folder: Path) -> dict[str, str]:
     return {**here, "XDG_DATA_HOME": str(folder / "data")}
 
 
-def trial(
-    library: Path, url: str, folder: Path, fault: Fault, plan: str
-) -> tuple[Outcome, Counted]:
-    """One session of `pfwd log` with one fault, and what is found of it."""
-    survey, state = folder / "survey", folder / "state"
-    armed = fault.text((survey,), state, folder / "fired")
-    env = {**own_places(folder), **_below(library, armed)}
-    log = ["log", url, "-o", str(survey), "--no-invert", "--json"]
-    command = Command([*log, "--capture"] if "capture" in plan else log, env)
-    outcome = Outcome(killed="kill" in plan)
-    in_time = command.wait_for(DROPS, LONGEST)
-    if outcome.killed:
-        outcome.killed = command.running  # one that ended by itself had its chance to speak
-        command.kill()
-    else:
-        command.stop()
-    outcome.status = command.wait()
-    if not in_time and outcome.status is None:
-        outcome.output += "it said nothing more, and did not end\n"
-    outcome.said = command.said
-    outcome.output += command.text
-    look(outcome, survey, folder)
-    counted = read_state(state)
-    shutil.rmtree(folder)
-    folder.mkdir()
-    return outcome, counted
-
-
-@dataclass(frozen=True, slots=True)
-class Killed:
-    """A survey whose program was killed."""
-
-    survey: Path
-    said: tuple[Said, ...]
-
-
-def killed_session(url: str, folder: Path) -> Killed:
-    """A survey to be recovered: acknowledged drops, some without a file, a torn end maybe."""
-    survey = folder / "killed"
-    log = ["log", url, "-o", str(survey), "--no-invert", "--json", "--capture"]
-    command = Command(log, own_places(folder))
-    command.wait_for(DROPS, LONGEST)
-    command.kill()
-    command.wait()
-    return Killed(survey, tuple(command.said))
-
-
-def recovery_trial(
-    library: Path, folder: Path, killed: Killed, fault: Fault
-) -> tuple[Outcome, Counted]:
-    """One `pfwd recover` with one fault, and what is found when it was done again without."""
-    survey, state = folder / "survey", folder / "state"
-    shutil.copytree(killed.survey, survey)
-    armed = fault.text((survey,), state, folder / "fired")
-    env = {**own_places(folder), **_below(library, armed)}
-    command = Command(["recover", str(survey), "--json"], env)
-    outcome = Outcome(status=command.wait(LONGEST), said=list(killed.said))
-    outcome.output = command.text
-    look(outcome, survey, folder)
-    counted = read_state(state)
-    shutil.rmtree(folder)
-    folder.mkdir()
-    return outcome, counted
-
-
-def _below(library: Path, text: str) -> dict[str, str]:
-    whole = environment(library, text)
-    return {key: value for key, value in whole.items() if os.environ.get(key) != value}
-
-
 def look(outcome: Outcome, survey: Path, folder: Path) -> None:
     """Recover and check a survey by the commands, and read what is there and in second places."""
     env = own_places(folder)
@@ -226,7 +150,29 @@ def look(outcome: Outcome, survey: Path, folder: Path) -> None:
     outcome.later_statuses = tuple(statuses)
     outcome.whole = statuses[1] == 0
     try:
-        outcome.found = found_names(survey, with_content=False)
+        outcome.found = found_names(survey)
     except RecordingError as err:
         outcome.refusal, outcome.whole = str(err), None
-    add_second_places(outcome.found, folder / "data", with_content=False)
+    add_other_surveys(outcome.found, folder / "data")
+
+
+def found_names(folder: Path) -> list[str]:
+    """Return the name of each drop of a survey, for example ``drop 1/3``.
+
+    Raises
+    ------
+    RecordingError
+        If there is no survey, or a drop of it cannot be read.
+    """
+    names = []
+    for drop in read_survey(folder).drops:
+        drop.read()
+        names.append(f"drop {drop.point}/{drop.drop}")
+    return names
+
+
+def add_other_surveys(names: list[str], folder: Path) -> None:
+    """Add the names of drops that are only in surveys, or parts of surveys, below a folder."""
+    for place in sorted({path.parent for path in folder.rglob("journal") if path.is_dir()}):
+        with contextlib.suppress(RecordingError):  # drops that cannot be read are not found
+            names += [name for name in found_names(place) if name not in names]

@@ -1,4 +1,4 @@
-"""What was acknowledged against what is found again; nothing else says what counts as a fault.
+"""Comparison of the acknowledged records with those that are found again.
 
 A program says, in this order, what it has acknowledged and that something is not safe. Afterwards
 the survey is recovered, with what is in the second place for unsafe drops. When an acknowledged

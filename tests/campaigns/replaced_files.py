@@ -1,7 +1,7 @@
-"""What people and their programs do to the files of a survey that is being recorded.
+"""Replacement, deletion and damage of the files of a survey while `pfwd log` records it.
 
 Programs that synchronise folders, restore backups or edit files write a copy and rename it over the
-original; a program that holds the original open goes on writing into a file that has no name.
+original. A program that has the original open continues to write into a file without a name.
 """
 
 import contextlib
@@ -18,9 +18,15 @@ import numpy as np
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Storage, recover
 from pfwd_device.recording.publishing import InlinePublisher
-from tests.campaigns.below.command import DROPS, LONGEST, Command, look, own_places
-from tests.campaigns.below.finding import add_second_places
-from tests.campaigns.below.judge import REPLACED, Outcome, Said
+from tests.campaigns.judge import REPLACED, Outcome, Said
+from tests.campaigns.log_process import (
+    DROPS,
+    LONGEST,
+    Command,
+    add_other_surveys,
+    look,
+    own_places,
+)
 
 AFTER = 4
 """Drops that are saved or refused after the replacement, before the session is told to end."""
@@ -401,10 +407,9 @@ def _as_usual_person() -> list[str]:
 
 
 def trial(
-    urls: tuple[str, str], folder: Path, name: str, seed: int, *, killed: bool
-) -> tuple[Outcome, int]:
-    """One session of `pfwd log` whose files are replaced; what is found, and 1 if it was done."""
-    rng = np.random.default_rng(seed)
+    urls: tuple[str, str], folder: Path, name: str, rng: np.random.Generator, *, killed: bool
+) -> Outcome:
+    """Run `pfwd log`, replace its files, and return what is found afterwards."""
     replacement = REPLACEMENTS[name]
     survey = folder / "work" / "survey"
     survey.parent.mkdir()
@@ -449,7 +454,7 @@ def trial(
     _unmount_all(survey.parent)
     shutil.rmtree(folder)
     folder.mkdir()
-    return outcome, int(done)
+    return outcome
 
 
 def _replace(
@@ -477,4 +482,4 @@ def _status(status: int | None) -> int:
 def _look_elsewhere(outcome: Outcome, place: Path) -> None:
     with contextlib.suppress(RecordingError):
         recover(place, publisher=InlinePublisher(Storage()))
-    add_second_places(outcome.found, place, with_content=False)
+    add_other_surveys(outcome.found, place)
