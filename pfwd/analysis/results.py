@@ -144,9 +144,13 @@ class DiagnosisResult(StoredRecord):
     def explained_to(self) -> float | None:
         """Discrepancy of the point over its peak: model error beyond the noise.
 
-        The value is None if nothing was fitted.
+        For a record without it, the whole residual, which is larger. The value is None if nothing
+        was fitted.
         """
-        return None if self.after is None else self.after.discrepancy_over_peak
+        after = self.after
+        if after is None or after.discrepancy_over_peak is None:
+            return None if after is None else after.residual_rms_over_peak
+        return after.discrepancy_over_peak
 
     @property
     def use(self) -> Use:

@@ -204,11 +204,11 @@ def test_records_that_support_nothing_support_no_diagnosed_modulus(
 PEAKS: dict[str, Any] = {"peak_load": 8e3, "peak_deflection": 5e-4, "pulse_duration": 0.018}
 
 
-def test_what_is_explained_is_the_residual_beyond_the_noise() -> None:
-    after = FittedState(residual_rms_over_peak=0.05, residual_over_noise=1.25)
-    assert DiagnosisResult(after=after).explained_to == pytest.approx(0.03)
-    quiet = FittedState(residual_rms_over_peak=0.05, residual_over_noise=0.9)
-    assert DiagnosisResult(after=quiet).explained_to == 0.0
+def test_what_is_explained_is_the_discrepancy_and_without_it_the_residual() -> None:
+    after = FittedState(residual_rms_over_peak=0.05, discrepancy_over_peak=0.03)
+    assert DiagnosisResult(after=after).explained_to == 0.03
+    unknown = FittedState(residual_rms_over_peak=0.05)
+    assert DiagnosisResult(after=unknown).explained_to == 0.05
     assert DiagnosisResult().explained_to is None
     assert DiagnosisResult().use == "do-not-use"
 
