@@ -71,7 +71,7 @@ CASES = (
         lambda survey, _: ["edit", str(survey), "--point", "P 1", "--note", "wet"],
         1.5,
     ),
-    Case("export table", lambda survey, out: _export(survey, out, "table"), 3.0),
+    Case("export table", lambda survey, out: _export(survey, out, "table"), 5.0),
     Case("check", lambda survey, _: ["check", str(survey)], 8.0),
     Case("export h5", lambda survey, out: _export(survey, out, "h5"), 60.0, 200.0, 1),
 )

@@ -98,7 +98,7 @@ def test_the_limits_are_those_that_were_promised() -> None:
     assert limits == {
         "edit, list": (1.0, None),
         "edit --note": (1.5, None),
-        "export table": (3.0, None),
+        "export table": (5.0, None),
         "check": (8.0, None),
         "export h5": (60.0, 200.0),
     }
