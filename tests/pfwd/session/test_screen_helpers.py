@@ -192,7 +192,7 @@ def test_a_recorded_drop_comes_with_its_setup_and_its_judgement(tmp_path: Path) 
 
 
 def test_no_survey_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(SurveyError, match="expected the folder of a survey"):
+    with pytest.raises(SurveyError, match="expected a survey, its folder or one file"):
         read_points(tmp_path / "none")
 
 

@@ -61,7 +61,7 @@ def story(items: Sequence[Item]) -> list[object]:
 
 
 def status(overruns: int = 0, clock: int = 0, *, sampling: bool = True) -> Status:
-    return Status(clock, None, None, overruns, sampling)
+    return Status(clock, None, None, overruns, sampling, drops_waiting=0, drops_lost=0)
 
 
 def test_a_recorded_session() -> None:
