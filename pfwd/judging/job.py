@@ -360,6 +360,7 @@ def target_fault(target: float, procedure: Procedure, unit: tuple[str, float] | 
 
     Examples
     --------
+    >>> from pfwd.procedures import find_procedure
     >>> target_fault(0.045, find_procedure("mndot")).partition(";")[0]
     'expected a deflection of 0.01 to 10 mm, got 45 mm'
     >>> target_fault(4500e6, find_procedure("tp-bf-stb-b8.3")).partition(";")[0]

@@ -45,8 +45,9 @@ class DetectionSettings:
     rebound_window: float = 1.5
     """Time after the trigger of a drop in which its bounces are detected, s; no bounce extends it.
     A weight from 1 m that keeps 0.6 of its speed at each bounce is at rest after 1.36 s."""
-    rebound_pre_trigger: float = 0.005
-    """Length of the record of a rebound before its trigger, s."""
+    rebound_pre_trigger: float = 0.008
+    """Length of the record of a rebound before its trigger, s: half a pulse of 15 ms. If the load
+    at rest changes, the trigger may lie in the fall of the pulse; its peak is then recorded too."""
     rebound_post_trigger: float = 0.030
     """Length of the record of a rebound after its trigger, s."""
 

@@ -380,7 +380,7 @@ class Detector:
             load = self._sign * load
             fall = np.maximum.accumulate(load) - load
             ended = int((fall > self.settings.hysteresis * trigger.threshold).argmax())
-            since = max(ended or int(load.argmax()), load.size - REACH_QUANTA * self._quantum)
+            since = max(ended, load.size - REACH_QUANTA * self._quantum)
             self._watch.begin(self._sign * trigger.at_rest.load + float(load[since:].min()))
 
     def _classify_by_time(self, trigger: _Trigger | None) -> Iterator[DetectedItem]:

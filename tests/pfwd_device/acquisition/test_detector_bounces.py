@@ -299,6 +299,22 @@ def test_a_second_pulse_over_the_end_of_the_record_of_a_bounce_is_reported(after
     assert triggers(detections, PulseReport) == pytest.approx([15_351], abs=5)
 
 
+def test_a_bounce_with_the_trigger_in_its_fall_is_recorded_with_its_peak():
+    counts = stream_of(pulses_at((0.8, 5061.0), (0.9719, 1523.0), (1.0689, 521.0)), 2.0)
+    times, loads = [0.454, 0.5, 0.509, 0.779, 0.8, 1.079], [0, 798, 987, 2150, 2150, 950]
+    person = np.interp(np.arange(len(counts)) / RATE, times, loads)
+    detections, _ = feed(counts + np.rint(person).astype(np.int32)[:, None])
+    bounce = [each for each in detections if isinstance(each, RawRebound)][-1]
+    assert bounce.first < 10_764 < bounce.trigger
+
+
+def test_a_pulse_after_the_record_of_a_load_that_is_put_on_is_reported():
+    counts = stream_of(pulses_at((0.6, 7459.0), (0.8813, 2492.0)), 2.0)
+    person = 957 * np.clip((np.arange(len(counts)) / RATE - 0.8363) / 0.05, 0, 1)
+    detections, _ = feed(counts + np.rint(person).astype(np.int32)[:, None])
+    assert triggers(detections, PulseReport) == pytest.approx([8870], abs=5)
+
+
 def test_a_missing_part_of_a_pulse_is_no_second_pulse():
     detections, _ = feed(stream_of(pulses_at((1.0, 8000.0)), 4.0), gaps=[(10_070, 15)])
     assert reasons(detections) == []
