@@ -95,18 +95,6 @@ def _text(file: Any, text: str) -> None:
     file["declared"] = text
 
 
-def a_length_of_gigabytes(folder: Path) -> Path:
-    """One bit: the length of a text, the name of the point or another one as long."""
-    path = drop_file(folder)
-    data = bytearray(path.read_bytes())
-    name = "Köln 1".encode()
-    heap = data.rindex(b"GCOL", 0, data.index(name))
-    place = data.index(struct.pack("<IQ", len(name), heap))
-    data[place + 3] |= 0x80
-    path.write_bytes(data)
-    return path
-
-
 def a_pipe_as_storage(folder: Path) -> Path:
     pipe = folder / "pipe"
     os.mkfifo(pipe)  # type: ignore[attr-defined, unused-ignore]
@@ -392,7 +380,6 @@ ATTACKS = (
     Attack("a gigabyte of time", a_gigabyte_of_time, READING),
     Attack("a gigabyte in a chunk", a_gigabyte_in_a_chunk, READING, slow=True),
     Attack("a text of two gigabytes", a_text_of_two_gigabytes, READING),
-    Attack("a length of gigabytes", a_length_of_gigabytes, READING),
     Attack("a pipe as storage", a_pipe_as_storage, READING),
     Attack("a view of itself", a_view_of_itself, READING),
     Attack("groups without end", groups_without_end, READING, slow=True),

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pfwd.errors import OptionError, refusal
 from pfwd.files.output_path import replaced_at_once, require_writable
+from pfwd.files.survey_file import survey_folder
 from pfwd.report.blocks import Heading
 from pfwd.report.certificate_blocks import read_logo
 from pfwd.report.composing import compose
@@ -39,7 +40,7 @@ def write_report(
 
     Parameters
     ----------
-    survey : path of a survey
+    survey : path of a survey, its folder or one file
     output : path ending in .html or .pdf; in .xlsx with a workbook as template
     options : ReportOptions, optional
     progress : callable, optional
@@ -84,9 +85,10 @@ def write_report(
         raise OptionError(refusal(where, kind, "no such file"))
     if options.template is not None and target.exists() and target.samefile(options.template):
         raise OptionError(refusal("--output", "another file than the template", str(target)))
-    report = gather(Path(survey), options, progress, target.name)
-    data = _filled(report, options) if ending == WORKBOOK else None
-    _write(target, _rendered(report, options, texts, ending) if data is None else data)
+    with survey_folder(survey) as folder:
+        report = gather(Path(folder), options, progress, target.name)
+        data = _filled(report, options) if ending == WORKBOOK else None
+        _write(target, _rendered(report, options, texts, ending) if data is None else data)
     return report
 
 

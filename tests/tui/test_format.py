@@ -32,6 +32,7 @@ RESULT = DropResult.from_json(
         "plate_radius_m": 0.15,
         "plate": "rigid-rough",
         "load": "measured",
+        "peak_load_n": 9749.8,
         "half_sine": {"peak_pressure_pa": 137932.0, "duration_s": 0.0182, "rms_over_peak": 0.03},
         "peak_modulus_pa": 38.2e6,
         "peak_factor": 1.5708,

@@ -140,15 +140,6 @@ def _first_page_settings() -> dict[str, str]:
 
 def run(args: argparse.Namespace) -> int:
     """Write the report, then print the verdict of each point."""
-    from pfwd.files.output_path import require_writable
-    from pfwd.files.survey_file import survey_folder
-
-    require_writable(args.output, "--output")  # before the work of unpacking
-    with survey_folder(args.survey) as folder:
-        return _run(args, folder)
-
-
-def _run(args: argparse.Namespace, folder: str) -> int:
     from pfwd.report.gathering import TARGET_OF_REPORT
     from pfwd.report.report import ReportOptions, write_report
 
@@ -176,7 +167,7 @@ def _run(args: argparse.Namespace, folder: str) -> int:
     )
     start = time.monotonic()
     with report_progress() as show_progress:
-        report = write_report(folder, args.output, options, progress=show_progress)
+        report = write_report(args.survey, args.output, options, progress=show_progress)
     for text in (*report.otherwise, *report.damage):
         say(f"report: {text}")
     for point in report.points:
