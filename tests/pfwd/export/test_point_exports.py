@@ -439,7 +439,8 @@ def test_the_ending_names_the_format(name: str, form: str, judged: Path, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("name", "hint"), [("p.csv", "table, points or csv"), ("p", "one of h5"), ("p.xls", "xlsx")]
+    ("name", "hint"),
+    [("p.csv", "table, points or csv"), ("p", "one of survey, h5"), ("p.xls", "xlsx")],
 )
 def test_an_ending_that_names_no_format_is_refused(
     name: str, hint: str, judged: Path, tmp_path: Path
