@@ -46,6 +46,7 @@ RESULT = {
     "plate_radius_m": 0.15,
     "poisson_ratio": 0.35,
     "half_sine": {"peak_pressure_pa": 100e3},
+    "peak_load_n": 7068.6,
     "residual_rms_over_peak": 0.01,
     "explained": True,
     "at_bound": [],

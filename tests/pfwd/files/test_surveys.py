@@ -192,10 +192,9 @@ def test_an_edited_survey_is_shown_without_being_read_again(
 
         monkeypatch.setattr(index, name, noted)
 
-    note("verified_records")
     note("scan_journal")
     shown = overview_of(edit_survey(survey, [Edit("note", "wet")], drop=2))
-    assert readings == ["verified_records"]  # to see what the edit is about, and to write it
+    assert readings == ["scan_journal"]  # to see what the edit is about, and to write it
     assert shown == survey_overview(survey)
     assert shown[0]["drops"][1]["notes"] == ["wet"]
 
