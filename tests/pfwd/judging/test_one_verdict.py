@@ -36,6 +36,7 @@ from tui.screen.session.state import SessionState
 
 WITHOUT_VERDICT = {
     "csv": "a folder of trace files, which other programs read",
+    "h5": "records of drops and their stored results, which other programs read",
 }
 """Formats that have no room for a verdict, and why."""
 
