@@ -117,3 +117,15 @@ def test_procedures_are_listed_with_their_sources() -> None:
     assert "average of the fourth, fifth and sixth drops" in one
     assert "NOT VERIFIED, not enforced" in one
     assert pfwd("procedures", "none").returncode == 2
+
+
+def test_a_survey_in_one_file_is_reported_with_a_target(tmp_path: Path) -> None:
+    with serve(PLAIN, drops=1, rate=RATE, seed=1) as instrument:
+        done = pfwd("log", instrument.url, "-o", tmp_path / "s", "--drops", 1, "--no-invert")
+    assert done.returncode == 0, done.stderr
+    file = tmp_path / "s.pfwdz"
+    done = pfwd("export", tmp_path / "s", "--format", "pfwdz", "-o", file)
+    assert done.returncode == 0, done.stderr
+    done = pfwd("report", file, "-o", tmp_path / "r.html", "--target", 45)
+    assert done.returncode == 0, done.stderr
+    assert "s.pfwdz --target 45" in done.stderr

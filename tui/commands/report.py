@@ -90,16 +90,16 @@ def _target(args: argparse.Namespace) -> float | None:
     """Return the target in Pa or m; the options have it in MPa or mm."""
     if args.target is None and args.target_deflection is None:
         return None
-    from pfwd.files.folders import refuse_no_survey
+    from pfwd.files.survey_file import survey_folder
     from pfwd.judging import target_si
     from pfwd.procedures import Quantity, find_procedure
     from tui.measuring_options import survey_job
 
     if args.target is not None and args.target_deflection is not None:
         raise OptionError(refusal("--target and --target-deflection", "one of them", "both"))
-    refuse_no_survey(args.survey)
     chosen = None if args.procedure is None else find_procedure(args.procedure)
-    procedure = chosen or survey_job(args.survey).procedure_in_force
+    with survey_folder(args.survey) as folder:
+        procedure = chosen or survey_job(folder).procedure_in_force
     if args.target is not None:
         return target_si(args.target, procedure)
     if procedure.quantity is not Quantity.DEFLECTION:
