@@ -14,7 +14,8 @@ from pfwd_device.acquisition.probing import PROBE_TIMEOUT_S, probe_all
 from pfwd_device.acquisition.probing import Probe as Probe
 from pfwd_device.conformance import Result as Result
 from pfwd_device.conformance import conform as _conform
-from pfwd_device.conformance.requirements import DROP_TIMEOUT_S, TITLES
+from pfwd_device.conformance.instrument_link import DROP_TIMEOUT_S
+from pfwd_device.conformance.requirements import REQUIREMENTS
 from pfwd_device.transport.opening import BAUD_RATE, open_transport
 from pfwd_device.transport.ports import Adapter as Adapter
 from pfwd_device.transport.ports import Port as Port
@@ -134,9 +135,9 @@ def conform(
     SurveyError
         If `only` has an unknown number.
     """
-    wrong = [number for number in only if number not in TITLES]
+    wrong = [number for number in only if number not in REQUIREMENTS]
     if wrong:
-        last = list(TITLES)[-1]
+        last = list(REQUIREMENTS)[-1]
         raise SurveyError(refusal("--only", f"numbers from P-1 to {last}", ", ".join(wrong)))
     return _conform(
         lambda: open_transport(url, baud_rate), drop_wait=drop_wait, announce=announce, only=only

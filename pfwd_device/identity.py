@@ -148,6 +148,11 @@ class Identity:
         """True if the instrument detects drops itself and stores them until the host saved them."""
         return self.drop_samples > 0 and self.drop_slots > 0
 
+    @property
+    def has_shunt(self) -> bool:
+        """True if a channel has a calibration shunt."""
+        return any(channel.shunt is not None for channel in self.channels)
+
 
 def _require(holds: bool, where: str, expected: str, value: object) -> None:
     if not holds:

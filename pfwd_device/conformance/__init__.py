@@ -6,6 +6,6 @@ raises `Failed` if the requirement is not met, or `NotSupported` if the instrume
 function. `pfwd_device.wire.messages` explains the messages (Hello, Identity, Offer, ...).
 """
 
-from pfwd_device.conformance.requirements import Result, conform
+from pfwd_device.conformance.run import Result, conform
 
 __all__ = ["Result", "conform"]

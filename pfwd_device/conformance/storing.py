@@ -10,7 +10,7 @@ from pfwd_device.errors import DeviceRefused
 from pfwd_device.identity import Identity
 from pfwd_device.transport.base import Transport
 from pfwd_device.wire.fields import day
-from pfwd_device.wire.messages import Calibrate, Hello, Refusal, RefusalCode
+from pfwd_device.wire.messages import Calibrate, Refusal, RefusalCode
 
 _HINTS: dict[int, str] = {
     RefusalCode.UNKNOWN: "the instrument has no permanent memory, or an older firmware",
@@ -28,16 +28,9 @@ def calibration_of(identity: Identity, channel: int) -> Calibrate:
         Index of the channel, from 0.
     """
     source = identity.channels[channel]
-    return Calibrate(
-        channel,
-        source.sensitivity,
-        source.zero,
-        source.natural_frequency,
-        source.damping,
-        source.shunt,
-        day(source.calibrated),
-        day(source.due),
-    )
+    resonance = source.natural_frequency, source.damping
+    days = day(source.calibrated), day(source.due)
+    return Calibrate(channel, source.sensitivity, source.zero, *resonance, source.shunt, *days)
 
 
 def store_calibration(
@@ -66,9 +59,16 @@ def store_calibration(
     """
     link = InstrumentLink(open_port)
     try:
-        identity = link.request(Hello(), Identity)
+        identity = link.identify()
         for calibration in calibrations:
-            identity = _store(link, calibration)
+            response = send_calibration(link, calibration)
+            if isinstance(response, Refusal):
+                hint = _HINTS.get(response.code, "test the instrument with `pfwd conform`")
+                raise DeviceRefused(
+                    f"calibration of channel {calibration.channel}: expected the instrument to "
+                    f"store it, got a refusal (code {response.code}): {response.text}; {hint}"
+                )
+            identity = response
     except Failed as err:
         raise DeviceRefused(
             f"calibration: {err}; try again, or test the instrument with `pfwd conform`"
@@ -92,14 +92,3 @@ def send_calibration(link: InstrumentLink, calibration: Calibrate) -> Identity |
         if isinstance(response, Identity | Refusal):
             return response
     raise Failed(f"expected Identity or Refusal of Calibrate, got {link.latest_kinds()}")
-
-
-def _store(link: InstrumentLink, calibration: Calibrate) -> Identity:
-    response = send_calibration(link, calibration)
-    if isinstance(response, Identity):
-        return response
-    hint = _HINTS.get(response.code, "test the instrument with `pfwd conform`")
-    raise DeviceRefused(
-        f"calibration of channel {calibration.channel}: expected the instrument to store it, got a "
-        f"refusal (code {response.code}): {response.text}; {hint}"
-    )
