@@ -19,9 +19,8 @@ if TYPE_CHECKING:
     from inversion.errors import InversionError
     from pfwd.errors import OptionError, SurveyError
     from pfwd.scripting.diagnosing import Diagnoses, Diagnosis, diagnose
-    from pfwd.scripting.inverting import invert
     from pfwd.scripting.measured import Drop, Point, Points, drop, read
-    from pfwd.scripting.results import Result, Results
+    from pfwd.scripting.results import Result, Results, invert
     from pfwd.scripting.surveys import Survey, example, open
 
 __all__ = [
@@ -60,7 +59,7 @@ _HOMES = {
     "diagnose": "pfwd.scripting.diagnosing",
     "drop": "pfwd.scripting.measured",
     "example": "pfwd.scripting.surveys",
-    "invert": "pfwd.scripting.inverting",
+    "invert": "pfwd.scripting.results",
     "open": "pfwd.scripting.surveys",
     "read": "pfwd.scripting.measured",
 }

@@ -160,10 +160,10 @@ def store_drop_results(
     for number, result in new:
         if number not in by_number:
             continue
-        counts = counting or _counts(by_number[number], result)
-        label = None if counts else result.settings or "other"
+        is_in_force = counting or counts(by_number[number], result)
+        label = None if is_in_force else result.settings or "other"
         plain = dataclasses.replace(result, refit=label, diagnosis=None)  # kept by itself
-        to_store.append(ResultToStore(number, "drop" if counts else "trial", plain.to_json()))
+        to_store.append(ResultToStore(number, "drop" if is_in_force else "trial", plain.to_json()))
     return store_results(folder, to_store, survey)
 
 
@@ -185,9 +185,17 @@ def stored_results_text(folder: str, results: Sequence[DropResult]) -> str | Non
     )
 
 
-def _counts(drop: SurveyDrop, result: DropResult) -> bool:
+def counts(drop: SurveyDrop | None, result: DropResult) -> bool:
+    """Return whether a new result is in force once it is stored, see `store_drop_results`.
+
+    Parameters
+    ----------
+    drop : SurveyDrop or None
+        Drop with the results stored before; None: the drop is not of a survey.
+    result : DropResult
+    """
     try:
-        before = result_that_counts(drop)
+        before = None if drop is None else result_that_counts(drop)
     except (RecordingError, SurveyError):
         before = None  # damaged: the new one is better
     settings = None if before is None else before.settings

@@ -16,7 +16,7 @@ import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,7 @@ from pfwd.files.header import (
     Declarations,
     PointSetup,
     declared_lines,
+    declared_values,
     parse_declaration,
     read_header_file,
     setup_from,
@@ -122,6 +123,16 @@ class TracePoint:
     """Warnings that concern all drops of the point."""
     survey_drops: tuple[SurveyDrop, ...] = field(default=(), compare=False, repr=False)
     """The same drops as entries of their survey; empty: the point was not read from a survey."""
+
+    @property
+    def name(self) -> str | None:
+        """Declared name; None: not declared."""
+        return None if self.setup.point is None else str(self.setup.point)
+
+    @property
+    def declared(self) -> dict[str, Any]:
+        """Declared values of instrument and ground, by header key (docs/traces.md)."""
+        return declared_values(self.setup)
 
 
 def read_traces(

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from inversion import notices
 from inversion.notices import Notice
 from pfwd.analysis.drop_facts import unbroken_peaks
-from pfwd.analysis.options import OPTION_OF_KEY
+from pfwd.analysis.options import OPTION_OF_KEY, AnalysisOptions
 from pfwd.errors import OptionError, TraceError, quote, refusal
 from pfwd.export.json_text import without_nan
-from pfwd.files.header import PointSetup, declared_values
+from pfwd.files.header import PointSetup, setup_warnings
 from pfwd.files.importing import Kind, kind_of
 from pfwd.files.plausible_units import refuse_wrong_units
 from pfwd.files.reading import read_points
@@ -29,9 +29,9 @@ from pfwd.files.traces import (
     TracePoint,
     sensor_name,
 )
-from pfwd.scripting.display import ScriptObject, axes_or_new, count, data_frame, html_table, text_of
-from pfwd.scripting.options import analysis_options, reading
-from pfwd_device.drop import Channel, Peaks
+from pfwd.scripting import display
+from pfwd.scripting.options import Header, analysis_options, reading
+from pfwd_device.drop import Channel
 from pfwd_device.drop import Drop as DeviceDrop
 from pfwd_device.signals import displacement_of
 
@@ -44,48 +44,27 @@ ARRAYS_FILE = "arrays"
 """Text in place of the file name, for a drop that was made from arrays."""
 
 
-class Drop(ScriptObject):
+class Drop(display.Displayable):
     """One impact with its recorded traces; returned by `read`, `open` and `drop`."""
 
-    __slots__ = ("_index", "_point")
+    __slots__ = ("_drop", "_index", "_point")
 
     def __init__(self, point: TracePoint, index: int) -> None:
-        self._point = point
-        self._index = index
+        self._point, self._index, self._drop = point, index, point.drops[index]
 
-    @property
-    def _drop(self) -> DeviceDrop:
-        return self._point.drops[self._index]
+    number: int = display.alias("_drop.number")
+    """Number of the drop within its point, from 1."""
+    file: str = display.alias("_point.file")
+    """Path of the file or survey from which the drop was read."""
+    time: NDArray[np.float64] = display.alias("_drop.time")
+    """Time, (n,), s; 0 is the trigger."""
+    load: NDArray[np.float64] = display.alias("_drop.load")
+    """Load, (n,), N, downward positive."""
 
-    @property
-    def number(self) -> int:
-        """Number of the drop within its point, from 1."""
-        return self._drop.number
-
-    @property
-    def file(self) -> str:
-        """Path of the file or survey from which the drop was read."""
-        return self._point.file
-
-    @property
-    def point(self) -> str | None:
-        """Name of the test point; None: not declared."""
-        return _name(self._point.setup)
-
-    @property
-    def declared(self) -> dict[str, Any]:
-        """Declared values of instrument and ground, by header key (docs/traces.md)."""
-        return declared_values(self._point.setup)
-
-    @property
-    def time(self) -> NDArray[np.float64]:
-        """Time, (n,), s; 0 is the trigger."""
-        return self._drop.time
-
-    @property
-    def load(self) -> NDArray[np.float64]:
-        """Load, (n,), N, downward positive."""
-        return self._drop.load
+    point: str | None = display.alias("_point.name")
+    """Name of the test point; None: not declared."""
+    declared: dict[str, Any] = display.alias("_point.declared")
+    """Declared values of instrument and ground, by header key (docs/traces.md)."""
 
     @property
     def values(self) -> NDArray[np.float64]:
@@ -107,53 +86,50 @@ class Drop(ScriptObject):
     @property
     def displacement(self) -> NDArray[np.float64]:
         """Displacements, (n_sensors, n), m: velocities are integrated, offsets at rest removed."""
-        drop = self._drop
-        return np.array([displacement_of(channel, drop.time) for channel in drop.channels])
+        return np.array([displacement_of(c, self.time) for c in self._drop.channels])
 
     @property
     def peak_load(self) -> float | None:
         """Peak load above the load at rest, N; None: samples around the trigger are missing."""
-        peaks = self._peaks()
-        return None if peaks is None else peaks.load
+        return None if (peaks := unbroken_peaks(self._drop)) is None else peaks.load
 
     @property
     def peak_displacement(self) -> float | None:
         """Peak displacement in the centre, m; None: no sensor there, or samples are missing."""
-        peaks = self._peaks()
-        return None if peaks is None else peaks.centre
+        return None if (peaks := unbroken_peaks(self._drop)) is None else peaks.centre
+
+    @property
+    def peak_displacements(self) -> NDArray[np.float64] | None:
+        """Peak displacement of every sensor, (n_sensors,), m; None: samples are missing."""
+        peaks = unbroken_peaks(self._drop)
+        return None if peaks is None else np.array([peak for _, peak in peaks.displacements])
 
     @property
     def kind(self) -> Kind:
         """``traces``; ``peaks``, if the file has no traces; ``stiffness``, on a rig of springs."""
         return kind_of(self._drop, self.declared)
 
-    @property
-    def peak_displacements(self) -> NDArray[np.float64] | None:
-        """Peak displacement of every sensor, (n_sensors,), m; None: samples are missing."""
-        peaks = self._peaks()
-        return None if peaks is None else np.array([peak for _, peak in peaks.displacements])
-
-    def _peaks(self) -> Peaks | None:
-        return unbroken_peaks(self._drop)
-
     def __repr__(self) -> str:
-        drop = self._drop
-        where = "" if self.point is None else f" of {text_of(self.point)}"
-        peak = (
-            "samples missing" if self.peak_load is None else f"peak {self.peak_load / 1e3:.3g} kN"
-        )
+        drop, load = self._drop, self.peak_load
+        where = "" if self.point is None else f" of {display.text_of(self.point)}"
+        peak = "samples missing" if load is None else f"peak {load / 1e3:.3g} kN"
         places = ", ".join(f"{offset:g}" for offset in self.offsets)
         length = "no time history"
         if drop.only_peaks is None:
             duration = 1e3 * (drop.time[-1] - drop.time[0])
             length = f"{duration:.3g} ms at {drop.sampling_rate / 1e3:.3g} kHz"
-        return (
-            f"Drop({self.number}{where}: {peak}, {length}, "
-            f"{count(len(self.offsets), 'sensor')} at {places} m)"
-        )
+        sensors = f"{display.count(len(self.offsets), 'sensor')} at {places} m"
+        return f"Drop({self.number}{where}: {peak}, {length}, {sensors})"
 
-    def _repr_html_(self) -> str:
-        return html_table(repr(self), _DROP_TABLE_COLUMNS, [_row(self)])
+    def _rows(self) -> Sequence[Mapping[str, Any]]:
+        row = {
+            "file": self.file,
+            "point": self.point,
+            "drop": self.number,
+            "peak_load_n": self.peak_load,
+            "peak_displacement_m": self.peak_displacement,
+        }
+        return [row | {key: value for key, value in self.declared.items() if key != "point"}]
 
     def to_dict(self) -> dict[str, Any]:
         """Return declared values and traces (as lists), by header key and column name."""
@@ -163,16 +139,15 @@ class Drop(ScriptObject):
 
     def _columns(self) -> dict[str, NDArray[np.float64]]:
         """Return the traces by the column names of a trace file."""
-        drop = self._drop
-        sensors = {sensor_name(c.quantity, c.offset): c.values for c in drop.channels}
-        return {TIME_COLUMN: drop.time, LOAD_COLUMN: drop.load, **sensors}
+        sensors = {sensor_name(c.quantity, c.offset): c.values for c in self._drop.channels}
+        return {TIME_COLUMN: self.time, LOAD_COLUMN: self.load, **sensors}
 
     def to_dataframe(self) -> DataFrame:
         """Return the traces as a table with the columns of a trace file; needs pandas."""
-        columns = self._columns()
-        rows = zip(*(values.tolist() for values in columns.values()), strict=True)
-        return data_frame(
-            {DROP_COLUMN: self.number, **dict(zip(columns, row, strict=True))} for row in rows
+        names = (DROP_COLUMN, *self._columns())
+        rows = zip(*(values.tolist() for values in self._columns().values()), strict=True)
+        return display.data_frame(
+            dict(zip(names, (self.number, *row), strict=True)) for row in rows
         )
 
     def to_xarray(self) -> Dataset:
@@ -187,25 +162,21 @@ class Drop(ScriptObject):
         OptionError
             If xarray is not installed.
         """
-        try:
-            import xarray
-        except ImportError as err:
-            hint = "python -m pip install xarray, or to_dict()"
-            raise OptionError(refusal("to_xarray()", "the package xarray", "none", hint)) from err
-        is_velocity = np.array([quantity == "velocity" for quantity in self.quantities])
-        velocity = np.where(is_velocity[:, None], self.values, np.nan)
+        xarray = display.imported("xarray", "to_xarray")
         traces = ("sensor", "time")
+        is_velocity = np.array(self.quantities)[:, None] == "velocity"
         variables = {
-            "load": ("time", self.load, {"units": "N"}),
-            "displacement": (traces, self.displacement, {"units": "m"}),
-            "velocity": (traces, velocity, {"units": "m/s"}),
+            "load": ("time", self.load),
+            "displacement": (traces, self.displacement),
+            "velocity": (traces, np.where(is_velocity, self.values, np.nan)),
         }
-        coordinates = {
-            "time": ("time", self.time, {"units": "s"}),
-            "offset": ("sensor", np.array(self.offsets), {"units": "m"}),
-        }
+        coordinates = {"time": self.time, "offset": ("sensor", np.array(self.offsets))}
         attributes = {"file": self.file, **self.declared, DROP_COLUMN: self.number}
-        return xarray.Dataset(variables, coordinates, attributes)
+        dataset: Dataset = xarray.Dataset(variables, coordinates, attributes)
+        units = {"load": "N", "displacement": "m", "velocity": "m/s", "time": "s", "offset": "m"}
+        for name, unit in units.items():
+            dataset[name].attrs["units"] = unit
+        return dataset
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the displacement of every sensor, in µm over ms.
@@ -219,67 +190,44 @@ class Drop(ScriptObject):
         -------
         Axes
         """
-        ax = axes_or_new(ax)
-        for offset, values in zip(self.offsets, self.displacement, strict=True):
-            label = f"drop {self.number}, {offset:g} m"
-            ax.plot(1e3 * self.time, 1e6 * values, label=label)
-        ax.set_xlabel("time after the trigger, ms")
-        ax.set_ylabel("displacement, µm, downward positive")
-        ax.legend()
-        return ax
+        return _plot([self], ax, "")
 
 
-class Point(ScriptObject, Sequence[Drop]):
+class Point(display.Displayable, tuple[Drop, ...]):
     """One test point with its declared values and its drops; a sequence of drops."""
 
-    __slots__ = ("_drops", "_point")
+    _point: TracePoint
 
-    def __init__(self, point: TracePoint) -> None:
+    def __new__(cls, point: TracePoint) -> Self:
+        self = super().__new__(cls, (Drop(point, index) for index in range(len(point.drops))))
         self._point = point
-        self._drops = tuple(Drop(point, index) for index in range(len(point.drops)))
+        return self
 
-    @property
-    def name(self) -> str | None:
-        """Declared name; None: not declared."""
-        return _name(self._point.setup)
+    def __getnewargs__(self) -> Any:
+        return (self._point,)
 
-    @property
-    def file(self) -> str:
-        """Path of the file or survey from which the point was read."""
-        return self._point.file
+    file: str = display.alias("_point.file")
+    """Path of the file or survey from which the point was read."""
+    warnings: tuple[Notice, ...] = display.alias("_point.warnings")
+    """Warnings that concern all drops of the point."""
 
-    @property
-    def declared(self) -> dict[str, Any]:
-        """Declared values of instrument and ground, by header key (docs/traces.md)."""
-        return declared_values(self._point.setup)
-
-    @property
-    def warnings(self) -> tuple[Notice, ...]:
-        """Warnings that concern all drops of the point."""
-        return self._point.warnings
+    name: str | None = display.alias("_point.name")
+    """Declared name; None: not declared."""
+    declared: dict[str, Any] = display.alias("_point.declared")
+    """Declared values of instrument and ground, by header key (docs/traces.md)."""
 
     @property
     def drops(self) -> tuple[Drop, ...]:
         """Drops in the order of the file."""
-        return self._drops
-
-    def __len__(self) -> int:
-        return len(self._drops)
-
-    @overload
-    def __getitem__(self, index: int) -> Drop: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[Drop]: ...
-    def __getitem__(self, index: int | slice) -> Drop | Sequence[Drop]:
-        return self._drops[index]
+        return tuple(self)
 
     def __repr__(self) -> str:
-        name = text_of(self.name if self.name is not None else self.file)
+        name = display.text_of(self.name if self.name is not None else self.file)
         radius = self._point.setup.plate_radius
-        return f"Point({name}: {count(len(self), 'drop')}, plate of radius {radius:g} m)"
+        return f"Point({name}: {display.count(len(self), 'drop')}, plate of radius {radius:g} m)"
 
-    def _repr_html_(self) -> str:
-        return html_table(repr(self), _DROP_TABLE_COLUMNS, [_row(drop) for drop in self])
+    def _rows(self) -> Sequence[Mapping[str, Any]]:
+        return [row for drop in self for row in drop._rows()]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the declared values and warnings by their keys, and ``drops`` as `Drop.to_dict`
@@ -289,78 +237,55 @@ class Point(ScriptObject, Sequence[Drop]):
         record: dict[str, Any] = without_nan(values)
         return {**record, "drops": [drop.to_dict() for drop in self]}
 
-    def to_dataframe(self) -> DataFrame:
-        """Return a table with peaks (N, m) and declared values of each drop; needs pandas."""
-        return data_frame(map(_summary, self))
-
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the displacements of all drops, in µm over ms; parameter and return as for
         `Drop.plot`.
         """
-        return _plot_drops(self, ax, self)
+        return _plot(self, ax, repr(self))
 
 
-class Points(ScriptObject, Sequence[Point]):
-    """Test points of one file; a sequence of points."""
+class Points(display.ObjectSequence[Point]):
+    """Test points of one file; a sequence of points, which can be chosen by name as well."""
 
-    __slots__ = ("_file", "_points")
-
-    def __init__(self, file: str, points: Sequence[Point]) -> None:
-        self._file = file
-        self._points = tuple(points)
+    KEY, NAME = "points", "name"
 
     @property
     def file(self) -> str:
         """Path of the file or survey from which the points were read."""
-        return self._file
+        return self[0].file if self else ""
 
     @property
     def drops(self) -> tuple[Drop, ...]:
         """Drops of all points, point by point."""
-        return tuple(drop for point in self._points for drop in point)
-
-    def __len__(self) -> int:
-        return len(self._points)
-
-    @overload
-    def __getitem__(self, index: int) -> Point: ...
-    @overload
-    def __getitem__(self, index: slice) -> Points: ...
-    def __getitem__(self, index: int | slice) -> Point | Points:
-        if isinstance(index, slice):
-            return Points(self._file, self._points[index])
-        return self._points[index]
-
-    def __iter__(self) -> Iterator[Point]:
-        return iter(self._points)
+        return tuple(drop for point in self for drop in point)
 
     def __repr__(self) -> str:
-        drops = count(len(self.drops), "drop")
-        name = text_of(os.path.basename(self._file) or self._file)
-        return f"Points({name}: {count(len(self), 'point')}, {drops})"
-
-    def _repr_html_(self) -> str:
-        return html_table(repr(self), _DROP_TABLE_COLUMNS, [_row(drop) for drop in self.drops])
+        drops = display.count(len(self.drops), "drop")
+        name = display.text_of(os.path.basename(self.file) or self.file)
+        return f"Points({name}: {display.count(len(self), 'point')}, {drops})"
 
     def to_dict(self) -> dict[str, Any]:
         """Return ``file`` and ``points``, each as `Point.to_dict` has it."""
-        return {"file": self._file, "points": [point.to_dict() for point in self]}
-
-    def to_dataframe(self) -> DataFrame:
-        """Return a table with peaks (N, m) and declared values of each drop; needs pandas."""
-        return data_frame(map(_summary, self.drops))
+        return {"file": self.file, **super().to_dict()}
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the displacements of all drops, in µm over ms; parameter and return as for
         `Drop.plot`.
         """
-        return _plot_drops(self.drops, ax, self)
+        return _plot(self.drops, ax, repr(self))
+
+
+class HasPoints(Protocol):
+    """Object with points, such as a survey."""
+
+    @property
+    def points(self) -> Points: ...
 
 
 def read(
     path: str | os.PathLike[str],
     *,
-    header: str | os.PathLike[str] | Mapping[str, object] | None = None,
+    header: Header = None,
     map: str | os.PathLike[str] | None = None,
     channels: Literal["raw", "stored"] | None = None,
     **declared: float,
@@ -395,13 +320,14 @@ def read(
     >>> pfwd.read(pfwd.example("layer").file)
     Points(layer.csv: 1 point, 3 drops)
     """
-    _check_path(path)
+    if not isinstance(path, str | os.PathLike):
+        raise OptionError(refusal("path", "the path of a file or folder", type(path).__name__))
     if channels not in (None, "raw", "stored"):
         raise OptionError(refusal("channels", "raw or stored", quote(channels)))
     options = analysis_options(tuple(OPTION_OF_KEY.values()), declared)
     file, overrides = reading(header, options)
     points = read_points(path, file, overrides, column_map=map, channels=channels)
-    return Points(os.fspath(path), [Point(point) for point in points])
+    return Points(Point(point) for point in points)
 
 
 def drop(
@@ -409,14 +335,11 @@ def drop(
     load: ArrayLike,
     values: ArrayLike,
     *,
-    plate_radius: float,
     quantity: Literal["displacement", "velocity"] = "displacement",
     offsets: float | Sequence[float] | None = None,
-    plate_mass: float | None = None,
-    poisson_ratio: float | None = None,
-    density: float | None = None,
     geophone_natural_frequency: float | None = None,
     geophone_damping: float | None = None,
+    **declared: float | None,
 ) -> Drop:
     """Make a drop from arrays.
 
@@ -425,15 +348,14 @@ def drop(
     time : (n,) s, uniform steps; 0 is the trigger, with some rest before it
     load : (n,) N, downward positive
     values : (n,) or (n_sensors, n), m or m/s, downward positive
-    plate_radius : float, m
     quantity : quantity of `values`, ``displacement`` (m) or ``velocity`` (m/s)
     offsets : distance of each sensor from the plate centre, m, negative on its opposite side;
         default for one sensor: 0
-    plate_mass : float, kg, between load cell and ground; default: 0, with a warning
-    poisson_ratio : float; default: 0.35
-    density : float, kg/m3; default: fitted
     geophone_natural_frequency, geophone_damping : float, Hz and -, response that velocities still
         carry; 0 Hz: corrected; default: no response, with a warning
+    **declared : plate_radius (m), required;
+        plate_mass (kg, between load cell and ground; default: 0, with a warning); poisson_ratio
+        (default: 0.35); density (kg/m3; default: fitted)
 
     Returns
     -------
@@ -452,21 +374,11 @@ def drop(
         expected = f"({axis.size},) or (n_sensors, {axis.size})"
         raise TraceError(refusal("values", expected, f"shape {table.shape}"))
     places = _offsets(offsets, len(table))
-    declared = {
-        "plate_radius": plate_radius,
-        "plate_mass": plate_mass,
-        "poisson_ratio": poisson_ratio,
-        "density": density,
-    }
     options = analysis_options(tuple(OPTION_OF_KEY.values()), declared)
-    radius = options.plate_radius
-    if radius is None:
+    if options.plate_radius is None:
         raise OptionError(refusal("plate_radius", "a number > 0, in m", "none"))
     setup = PointSetup(
-        plate_radius=radius,
-        plate_mass=options.plate_mass,
-        poisson_ratio=options.poisson_ratio,
-        density=options.density,
+        **{name: getattr(options, name) for name in OPTION_OF_KEY.values()},
         geophone_natural_frequency=geophone_natural_frequency,
         geophone_damping=geophone_damping,
     )
@@ -475,7 +387,7 @@ def drop(
     unit = "m" if quantity == "displacement" else "m/s"
     hint = f"is the time in s, the load in N, and are the values in {unit}?"
     refuse_wrong_units([made], setup, "arrays", hint)
-    return Drop(_with_warnings(setup, made), 0)
+    return Drop(TracePoint(ARRAYS_FILE, setup, (made,), setup_warnings(setup, [made])), 0)
 
 
 def time_and_load(
@@ -488,7 +400,10 @@ def time_and_load(
     TraceError
         If they differ in length, have too few samples, or the time steps are not uniform.
     """
-    axis, force = _vector("time", time), _vector("load", load)
+    axis, force = _numbers("time", time), _numbers("load", load)
+    for name, vector in (("time", axis), ("load", force)):
+        if vector.ndim != 1:
+            raise TraceError(refusal(name, "one dimension", f"shape {vector.shape}"))
     if axis.size < MIN_SAMPLES:
         raise TraceError(refusal("time", f"at least {MIN_SAMPLES} samples", str(axis.size)))
     if force.size != axis.size:
@@ -501,31 +416,15 @@ def time_and_load(
     return axis, force
 
 
-def _with_warnings(setup: PointSetup, drop: DeviceDrop) -> TracePoint:
-    from pfwd.files.header import setup_warnings
-
-    return TracePoint(ARRAYS_FILE, setup, (drop,), setup_warnings(setup, [drop]))
-
-
 def _offsets(offsets: float | Sequence[float] | None, sensors: int) -> list[float]:
     if offsets is None and sensors == 1:
         return [0.0]
-    if offsets is None:
-        expected = f"the distances of {sensors} sensors from the plate centre, in m"
-        raise OptionError(refusal("offsets", expected, "none"))
-    places = np.atleast_1d(_numbers("offsets", offsets))
+    places = np.empty(0) if offsets is None else np.atleast_1d(_numbers("offsets", offsets))
     if places.shape != (sensors,) or np.unique(places).size != sensors:
-        expected = f"{count(sensors, 'different distance')}, in m"
-        raise OptionError(refusal("offsets", expected, quote(offsets)))
-    distances: list[float] = places.tolist()
-    return distances
-
-
-def _vector(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    vector = _numbers(name, values)
-    if vector.ndim != 1:
-        raise TraceError(refusal(name, "one dimension", f"shape {vector.shape}"))
-    return vector
+        expected = f"the distances of {sensors} sensors from the plate centre, all different, in m"
+        got = "none" if offsets is None else quote(offsets)
+        raise OptionError(refusal("offsets", expected, got))
+    return [float(place) for place in places]
 
 
 def _numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
@@ -536,10 +435,8 @@ def _numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
         raise TraceError(refusal(name, "numbers", "masked values", hint))
     try:
         array = np.asarray(values)
-        casting: Literal["unsafe", "same_kind"] = (
-            "unsafe" if array.dtype.kind in "OSU" else "same_kind"
-        )
-        numbers = array.astype(np.float64, casting=casting)
+        is_text = array.dtype.kind in "OSU"
+        numbers = array.astype(np.float64, casting="unsafe" if is_text else "same_kind")
     except (TypeError, ValueError) as err:
         raise TraceError(refusal(name, "real numbers", quote(values))) from err
     if not np.all(np.isfinite(numbers)):
@@ -547,11 +444,48 @@ def _numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
     return numbers
 
 
-def points_of(
-    data: object,
-    header: str | os.PathLike[str] | Mapping[str, object] | None,
-    overrides: Mapping[str, float],
-) -> list[TracePoint]:
+def requested(
+    names: tuple[str, ...], data: Any, arrays: tuple[Any, ...], options: dict[str, Any]
+) -> tuple[Any, AnalysisOptions, Header]:
+    """Return the data of a request, its options and its header.
+
+    Arrays become a drop.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Names of the permitted options.
+    data : object
+        Data, or the time axis of arrays.
+    arrays : tuple
+        The arrays ``load`` and ``values``; empty: no arrays are given.
+    options : dict
+        Options by name, with ``header``, ``quantity`` and ``offsets``.
+
+    Raises
+    ------
+    SurveyError
+        If an option is wrong, or the arrays do not fit together.
+    """
+    header = options.pop("header", None)
+    of_arrays = {key: options.pop(key, None) for key in ("offsets", "quantity")}
+    of_arrays = {key: value for key, value in of_arrays.items() if value is not None}
+    settings = analysis_options(names, options)
+    is_number_list = isinstance(data, list | tuple) and data and isinstance(data[0], int | float)
+    if not (arrays or is_number_list or hasattr(data, "__array__")):
+        for name in of_arrays:
+            raise OptionError(refusal(name, "none unless arrays are given", "one"))
+        return data, settings, header
+    if len(arrays) != 2:
+        got = f"{1 + len(arrays)}"
+        raise OptionError(refusal("arrays", "three: time, load, values", got))
+    if header is not None:
+        raise OptionError(refusal("header", "none for arrays", "one", "give plate_radius=..."))
+    declared = {name: getattr(settings, name) for name in OPTION_OF_KEY.values()}
+    return drop(data, arrays[0], arrays[1], **of_arrays, **declared), settings, None
+
+
+def points_of(data: object, header: Header, overrides: Mapping[str, float]) -> list[TracePoint]:
     """Return the test points of a path, a survey, points, a point, or drops.
 
     Parameters
@@ -573,7 +507,9 @@ def points_of(
         hint = "give it to pfwd.read"
         raise OptionError(refusal("header", "none for what was read already", "one", hint))
     if isinstance(data, Drop):
-        return [_declared(replace(data._point, drops=(data._drop,)), overrides)]
+        point, place = data._point, slice(data._index, data._index + 1)
+        part = replace(point, drops=point.drops[place], survey_drops=point.survey_drops[place])
+        return [_declared(part, overrides)]
     if isinstance(data, Point):
         return [_declared(data._point, overrides)]
     points = getattr(data, "points", data)
@@ -591,49 +527,12 @@ def _declared(point: TracePoint, overrides: Mapping[str, float]) -> TracePoint:
     return replace(point, setup=replace(point.setup, **changes)) if changes else point
 
 
-def _check_path(path: object) -> None:
-    if not isinstance(path, str | os.PathLike):
-        raise OptionError(refusal("path", "the path of a file or folder", type(path).__name__))
-
-
-def _name(setup: PointSetup) -> str | None:
-    return None if setup.point is None else str(setup.point)
-
-
-_DROP_TABLE_COLUMNS = (
-    "point",
-    "drop",
-    "peak load, kN",
-    "peak displacement in the centre, µm",
-    "sensors at, m",
-)
-
-
-def _row(drop: Drop) -> tuple[object, ...]:
-    load, centre = drop.peak_load, drop.peak_displacement
-    return (
-        drop.point or "",
-        drop.number,
-        "" if load is None else f"{load / 1e3:.3f}",
-        "" if centre is None else f"{centre * 1e6:.1f}",
-        ", ".join(f"{offset:g}" for offset in drop.offsets),
-    )
-
-
-def _summary(drop: Drop) -> dict[str, Any]:
-    return {
-        "file": drop.file,
-        "point": drop.point,
-        "drop": drop.number,
-        "peak_load_n": drop.peak_load,
-        "peak_displacement_m": drop.peak_displacement,
-        **{key: value for key, value in drop.declared.items() if key != "point"},
-    }
-
-
-def _plot_drops(drops: Sequence[Drop], ax: Axes | None, source: Point | Points) -> Axes:
-    ax = axes_or_new(ax)
+def _plot(drops: Sequence[Drop], ax: Axes | None, title: str) -> Axes:
+    ax = display.axes_or_new(ax)
     for drop_ in drops:
-        drop_.plot(ax)
-    ax.set_title(repr(source), fontsize="small", parse_math=False)
-    return ax
+        for offset, values in zip(drop_.offsets, drop_.displacement, strict=True):
+            label = f"drop {drop_.number}, {offset:g} m"
+            ax.plot(1e3 * drop_.time, 1e6 * values, label=label)
+    return display.label_axes(
+        ax, "time after the trigger, ms", "displacement, µm, downward positive", title
+    )

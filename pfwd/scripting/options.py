@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Mapping, Sequence
-from numbers import Integral, Real
-from typing import Any, TypedDict, get_args
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, TypedDict, get_args
 
 from pfwd.analysis.options import (
     OPTION_OF_KEY,
@@ -23,20 +22,15 @@ from pfwd.analysis.options import (
 from pfwd.errors import OptionError, quote, refusal
 from pfwd.files.header import HEADER_KEYS
 
-_CHOICES = {
-    "model": get_args(Model),
-    "load": get_args(Load),
-    "plate": get_args(Plate),
-    "sensors": get_args(Sensors),
-    "method": get_args(Method),
-}
-_FLAGS = ("elastic", "joint", "published", "priors")
-_DECLARED = {option: key for key, option in OPTION_OF_KEY.items()}
+Header = str | os.PathLike[str] | Mapping[str, object] | None
 
 
-class DiagnoseOptions(TypedDict, total=False):
-    """Options of `pfwd.diagnose`; None stands for the default."""
+class CommonOptions(TypedDict, total=False):
+    """Options of `pfwd.invert` and of `pfwd.diagnose`; None stands for the default."""
 
+    header: Header
+    quantity: Literal["displacement", "velocity"]
+    offsets: float | Sequence[float] | None
     elastic: bool
     load: Load | None
     plate_radius: float | None
@@ -45,8 +39,16 @@ class DiagnoseOptions(TypedDict, total=False):
     density: float | None
 
 
-class InvertOptions(DiagnoseOptions, total=False):
-    """Options of `pfwd.invert`; None stands for the default."""
+class DiagnoseOptions(CommonOptions, total=False):
+    """Options of `pfwd.diagnose`."""
+
+    device: str | os.PathLike[str] | None
+    jobs: int
+    refit: bool
+
+
+class InvertOptions(CommonOptions, total=False):
+    """Options of `pfwd.invert`."""
 
     model: Model | None
     bedrock_depth: Depth | None
@@ -61,8 +63,38 @@ class InvertOptions(DiagnoseOptions, total=False):
     seed: int
 
 
-INVERT_OPTIONS = tuple(InvertOptions.__annotations__)
-DIAGNOSE_OPTIONS = tuple(DiagnoseOptions.__annotations__)
+_WORDS = {"model": Model, "load": Load, "plate": Plate, "sensors": Sensors, "method": Method}
+_DECLARED = {option: key for key, option in OPTION_OF_KEY.items()}
+_OPTION_CHECKS: dict[str, tuple[str, Callable[[Any], bool]]] = {
+    **{
+        name: (f"one of {', '.join(get_args(words))}", get_args(words).__contains__)
+        for name, words in _WORDS.items()
+    },
+    **dict.fromkeys(
+        ("elastic", "joint", "published", "priors"),
+        ("True or False", lambda value: isinstance(value, bool)),
+    ),
+    "seed": ("a whole number >= 0", lambda value: type(value) is int),
+    "bedrock_depth": (
+        "a number > 0, in m, or 'unknown' or 'none'",
+        lambda value: value in ("unknown", "none") or (type(value) in (int, float) and value > 0),
+    ),
+    "layers": (
+        "a whole number from 1 to 4, or 'auto'",
+        lambda value: value == "auto" or type(value) is int,
+    ),
+    "thickness": (
+        "a list of numbers in m, from the top, or 'unknown'",
+        lambda value: (
+            value == "unknown"
+            or (isinstance(value, list) and all(type(part) in (int, float) for part in value))
+        ),
+    ),
+}
+"""Expected value and check of each option that no file declares."""
+
+INVERT_OPTIONS = tuple({**_DECLARED, **_OPTION_CHECKS})
+DIAGNOSE_OPTIONS = ("elastic", "load", *_DECLARED)
 
 
 def analysis_options(names: tuple[str, ...], options: Mapping[str, Any]) -> AnalysisOptions:
@@ -81,62 +113,31 @@ def analysis_options(names: tuple[str, ...], options: Mapping[str, Any]) -> Anal
         If an option is unknown, of the wrong type, outside its range, or contradicts another.
     """
     values: dict[str, Any] = {}
-    for name, array_or_value in options.items():
+    for name, raw in options.items():
         if name not in names:
             close = difflib.get_close_matches(name, names, 1)
             hint = f"did you mean {close[0]}?" if close else ""
             raise OptionError(refusal(name, f"one of {', '.join(names)}", quote(name), hint))
-        value = _as_list(array_or_value)
+        value = _plain(raw)
         if value is None:
             continue
-        _check(name, value)
-        if name == "thickness" and not isinstance(value, str):
-            value = tuple(map(_as_number, value))
-        elif isinstance(value, Real) and name not in _FLAGS:
-            value = _as_number(value)
-        values[name] = value
+        if name in _DECLARED:
+            HEADER_KEYS[_DECLARED[name]].check(value, name, OptionError)
+        elif not _OPTION_CHECKS[name][1](value):
+            raise OptionError(refusal(name, _OPTION_CHECKS[name][0], quote(value)))
+        values[name] = tuple(value) if isinstance(value, list) else value
     return AnalysisOptions(**values)
 
 
-def _check(name: str, value: object) -> None:
-    if name in _CHOICES and value not in _CHOICES[name]:
-        raise OptionError(refusal(name, f"one of {', '.join(_CHOICES[name])}", quote(value)))
-    if name in _FLAGS and not isinstance(value, bool):
-        raise OptionError(refusal(name, "True or False", quote(value)))
-    if name == "seed" and (isinstance(value, bool) or not isinstance(value, Integral)):
-        raise OptionError(refusal(name, "a whole number >= 0", quote(value)))
-    if name == "bedrock_depth":
-        plain = _as_number(value)
-        number = isinstance(plain, int | float) and not isinstance(plain, bool) and plain > 0
-        if not number and value not in ("unknown", "none"):
-            expected = "a number > 0, in m, or 'unknown' or 'none'"
-            raise OptionError(refusal(name, expected, quote(value)))
-    is_integer = isinstance(value, Integral) and not isinstance(value, bool)
-    if name == "layers" and value != "auto" and not is_integer:
-        raise OptionError(refusal(name, "a whole number from 1 to 4, or 'auto'", quote(value)))
-    if name == "thickness" and value != "unknown":
-        parts = value if isinstance(value, Sequence) and not isinstance(value, str) else [None]
-        if not all(isinstance(_as_number(part), int | float) for part in parts):
-            expected = "a list of numbers in m, from the top, or 'unknown'"
-            raise OptionError(refusal(name, expected, quote(value)))
-    if name in _DECLARED:
-        HEADER_KEYS[_DECLARED[name]].check(_as_number(value), name, OptionError)
-
-
-def _as_number(value: Any) -> Any:
-    """Convert a numpy scalar to a Python number; return any other value unchanged."""
-    return value.item() if hasattr(value, "item") and getattr(value, "ndim", 0) == 0 else value
-
-
-def _as_list(value: Any) -> Any:
-    """Convert an array to a list, so that it can be compared with a word; return other values
-    unchanged.
-    """
-    return value.tolist() if hasattr(value, "tolist") and getattr(value, "ndim", 0) > 0 else value
+def _plain(value: Any) -> Any:
+    """Convert numpy scalars to Python numbers, and arrays and tuples to lists."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return list(map(_plain, value)) if isinstance(value, list | tuple) else value
 
 
 def reading(
-    header: str | os.PathLike[str] | Mapping[str, object] | None, options: AnalysisOptions
+    header: Header, options: AnalysisOptions
 ) -> tuple[str | os.PathLike[str] | None, dict[str, object]]:
     """Return the header file to read, and the header keys that override those of files.
 
@@ -160,8 +161,8 @@ def reading(
     if isinstance(header, Mapping):
         for key, value in header.items():
             if key in HEADER_KEYS:
-                HEADER_KEYS[key].check(_as_number(value), f"header key {key}", OptionError)
-        return None, {**{str(k): _as_number(v) for k, v in header.items()}, **options.overrides()}
+                HEADER_KEYS[key].check(_plain(value), f"header key {key}", OptionError)
+        return None, {**{str(k): _plain(v) for k, v in header.items()}, **options.overrides()}
     if header is not None and not (
         isinstance(header, str | os.PathLike) and os.path.isfile(header)
     ):

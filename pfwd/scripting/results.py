@@ -1,36 +1,36 @@
-"""Results of inversions: modulus with its uncertainty, assumptions and warnings."""
+"""Function `pfwd.invert`, and its results: modulus with uncertainty, assumptions, warnings."""
 
 from __future__ import annotations
 
+import functools
 import os
-from collections.abc import Iterator, Sequence
-from dataclasses import fields
-from typing import TYPE_CHECKING, Any, Self, overload
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, ClassVar, Self, Unpack, overload
 
-import numpy as np
+from numpy.typing import ArrayLike
 
 from inversion.notices import Notice
+from inversion.records import not_stored
+from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult
-from pfwd.digits import modulus_text
-from pfwd.errors import SurveyError, refusal
+from pfwd.digits import modulus_text, significant
+from pfwd.errors import OptionError, SurveyError, refusal
 from pfwd.export.json_text import without_nan
-from pfwd.scripting.display import (
-    ScriptObject,
-    axes_or_new,
-    count,
-    data_frame,
-    flatten,
-    html_table,
-    megapascal,
-    text_of,
-)
+from pfwd.scripting import display
+from pfwd.scripting.measured import Drop, HasPoints, Point, points_of, requested
+from pfwd.scripting.options import INVERT_OPTIONS, Header, InvertOptions
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from pandas import DataFrame
+
+    from inversion import SurrogateLibrary
+    from pfwd.analysis.results import DropAnalysis
+    from pfwd.files.traces import TracePoint
 
 
-class Result(DropResult, ScriptObject):
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Result(display.Displayable, DropResult):
     """Properties of the ground under one drop, or the reason why the drop has none.
 
     Each key of ``pfwd invert --json`` is an attribute, with its SI unit: ``result.viscosity_pa_s``.
@@ -38,48 +38,30 @@ class Result(DropResult, ScriptObject):
     has measured and fitted traces; it is None for a rejected drop and for a stored result.
     """
 
-    __slots__ = ()
+    in_force: bool = not_stored(False)
+    """True: the result is in force for its drop, or would be if it were stored; False: it has other
+    settings, its declarations have changed since, or there is no modulus."""
+
+    number: ClassVar[int | None] = display.alias("drop")
+    """Number of the drop within its point, also as ``drop``."""
+    modulus: ClassVar[float | None] = display.alias("modulus_pa")
+    """Young's modulus of the ground, Pa, also as ``modulus_pa``; None: no modulus."""
+    modulus_interval: ClassVar[tuple[float, float] | None] = display.alias("modulus_interval_pa")
+    """95 % interval of the modulus, Pa, also as ``modulus_interval_pa``; None: no modulus."""
+    viscosity: ClassVar[float | None] = display.alias("viscosity_pa_s")
+    """Viscosity of the ground, Pa s, also as ``viscosity_pa_s``; None: not in the model."""
+    density: ClassVar[float | None] = display.alias("density_kg_m3")
+    """Density of the ground, kg/m3, also as ``density_kg_m3``; None: no modulus."""
+    bedrock_depth: ClassVar[float | None] = display.alias("bedrock_depth_m")
+    """Depth of the bedrock, m, also as ``bedrock_depth_m``; None: not in the model."""
+    plate_radius: ClassVar[float | None] = display.alias("plate_radius_m")
+    """Radius of the plate, m, also as ``plate_radius_m``; None: no modulus."""
 
     @classmethod
     def of(cls, record: DropResult, **changes: Any) -> Self:
         """Return a result for scripts from that of an analysis, with some fields replaced."""
         values = {field.name: getattr(record, field.name) for field in fields(record)}
         return cls(**values | changes)
-
-    @property
-    def number(self) -> int | None:
-        """Number of the drop within its point, also as ``drop``."""
-        return self.drop
-
-    @property
-    def modulus(self) -> float | None:
-        """Young's modulus of the ground, Pa, also as ``modulus_pa``; None: no modulus."""
-        return self.modulus_pa
-
-    @property
-    def modulus_interval(self) -> tuple[float, float] | None:
-        """95 % interval of the modulus, Pa, also as ``modulus_interval_pa``; None: no modulus."""
-        return self.modulus_interval_pa
-
-    @property
-    def viscosity(self) -> float | None:
-        """Viscosity of the ground, Pa s, also as ``viscosity_pa_s``; None: not in the model."""
-        return self.viscosity_pa_s
-
-    @property
-    def density(self) -> float | None:
-        """Density of the ground, kg/m3, also as ``density_kg_m3``; None: no modulus."""
-        return self.density_kg_m3
-
-    @property
-    def bedrock_depth(self) -> float | None:
-        """Depth of the bedrock, m, also as ``bedrock_depth_m``; None: not in the model."""
-        return self.bedrock_depth_m
-
-    @property
-    def plate_radius(self) -> float | None:
-        """Radius of the plate, m, also as ``plate_radius_m``; None: no modulus."""
-        return self.plate_radius_m
 
     def __getitem__(self, key: str) -> Any:
         record = self.to_dict()
@@ -90,29 +72,24 @@ class Result(DropResult, ScriptObject):
     def __repr__(self) -> str:
         return f"Result({self._name()}: {self._line()})"
 
-    def __str__(self) -> str:
-        return "\n".join([repr(self), *_warning_lines(self.warnings or ())])
-
-    def _repr_html_(self) -> str:
-        return html_table(repr(self), _RESULT_TABLE_COLUMNS, [_row(self)])
-
     def _name(self) -> str:
-        where = "" if self.point is None else f" of {text_of(self.point)}"
-        return f"drop {self.number}{where}"
+        return f"drop {self.drop}" + (
+            "" if self.point is None else f" of {display.text_of(self.point)}"
+        )
 
     def _line(self) -> str:
         if self.modulus is None:
-            return f"{self.status}, {text_of(self.reason or 'no modulus')}"
-        return f"E {_with_interval(self)}; {_conditions(self)}; {_warning_count([self])}"
+            return f"{self.status}, {display.text_of(self.reason or 'no modulus')}"
+        warned = display.warning_count(self.warnings or ())
+        return f"E {_with_interval(self)}; {_conditions(self)}; {warned}"
+
+    def _rows(self) -> Sequence[Mapping[str, Any]]:
+        return [{**self.to_dict(), "in_force": self.in_force}]
 
     def to_dict(self) -> dict[str, Any]:
         """Return all values of the result, with the keys of ``pfwd invert --json``."""
         record: dict[str, Any] = without_nan(self.to_json())
         return record
-
-    def to_dataframe(self) -> DataFrame:
-        """Return a table of one row with all values; needs pandas."""
-        return data_frame([flatten(self.to_dict())])
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the measured and the fitted displacement, in µm over ms.
@@ -140,93 +117,54 @@ class Result(DropResult, ScriptObject):
         if history is None:
             hint = self.reason or "make a new one with pfwd.invert"
             expected = "a result with traces to draw"
-            raise SurveyError(refusal(f"drop {self.number}", expected, "one without", hint))
-        ax = axes_or_new(ax)
+            raise SurveyError(refusal(f"drop {self.drop}", expected, "one without", hint))
+        ax = display.axes_or_new(ax)
         time = 1e3 * history.time
         for row, offset in enumerate(history.offsets.tolist()):
-            (dots,) = ax.plot(
-                time,
-                1e6 * history.observed[row],
-                ".",
-                markersize=6,
-                alpha=0.4,
-                label=f"measured, {offset:g} m",
-            )
-            label = f"fitted, {offset:g} m"
-            ax.plot(time, 1e6 * history.predicted[row], color=dots.get_color(), label=label)
-        ax.set_xlabel("time after the trigger, ms")
-        ax.set_ylabel("displacement, µm, downward positive")
-        ax.set_title(
-            f"{self._name()}\n{self._line()}", fontsize="small", parse_math=False, wrap=True
+            style: dict[str, Any] = {"color": f"C{row}", "label": f"measured, {offset:g} m"}
+            ax.plot(time, 1e6 * history.observed[row], ".", markersize=6, alpha=0.4, **style)
+            style["label"] = f"fitted, {offset:g} m"
+            ax.plot(time, 1e6 * history.predicted[row], **style)
+        title = f"{self._name()}\n{self._line()}"
+        return display.label_axes(
+            ax, "time after the trigger, ms", "displacement, µm, downward positive", title
         )
-        ax.legend()
-        return ax
 
 
-class Results(ScriptObject, Sequence[Result]):
+class Results(display.ObjectSequence[Result]):
     """Results of several drops, in the order of the drops."""
 
-    __slots__ = ("_results",)
-
-    def __init__(self, results: Sequence[Result]) -> None:
-        self._results = tuple(results)
+    KEY = "results"
 
     @property
     def measured(self) -> Results:
         """Results with a modulus of drops that are neither seating nor rejected."""
-        return Results([drop for drop in self if drop.status == "measured" and drop.modulus])
+        return Results(drop for drop in self if drop.status == "measured" and drop.modulus)
 
     @property
     def warnings(self) -> tuple[Notice, ...]:
         """Warnings of all drops, equal ones once."""
         return tuple(dict.fromkeys(text for drop in self for text in drop.warnings or ()))
 
-    def __len__(self) -> int:
-        return len(self._results)
-
-    def __iter__(self) -> Iterator[Result]:
-        return iter(self._results)
-
-    @overload
-    def __getitem__(self, index: int) -> Result: ...
-    @overload
-    def __getitem__(self, index: slice) -> Results: ...
-    def __getitem__(self, index: int | slice) -> Result | Results:
-        return Results(self._results[index]) if isinstance(index, slice) else self._results[index]
-
     def __repr__(self) -> str:
         used = self.measured
-        parts = [f"{count(len(self), 'drop')}, {len(used)} measured"]
+        parts = [f"{display.count(len(self), 'drop')}, {len(used)} measured"]
         if len(used) == 1:
             parts.append(f"E {_with_interval(used[0])}")
         elif used:
             moduli = [drop.modulus or 0.0 for drop in used]
             ends = [end for drop in used for end in drop.modulus_interval or ()]
-            parts.append(
-                f"E {megapascal(min(moduli))} to {megapascal(max(moduli))} MPa, 95 % intervals "
-                f"within {megapascal(min(ends))} to {megapascal(max(ends))} MPa"
-            )
+            parts.append(f"E {_range(moduli)} MPa, 95 % intervals within {_range(ends)} MPa")
         if used:
-            parts += ["; ".join(dict.fromkeys(map(_conditions, used))), _warning_count(self)]
+            parts += [
+                "; ".join(dict.fromkeys(map(_conditions, used))),
+                display.warning_count(self.warnings),
+            ]
         return f"Results({'; '.join(parts)})"
 
     def __str__(self) -> str:
-        return "\n".join([*map(repr, self), *_warning_lines(self.warnings)])
-
-    def _repr_html_(self) -> str:
-        return html_table(repr(self), _RESULT_TABLE_COLUMNS, list(map(_row, self)))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return a dict with the key ``results``: one record of ``pfwd invert --json`` for each
-        drop.
-        """
-        return {"results": [drop.to_dict() for drop in self]}
-
-    def to_dataframe(self) -> DataFrame:
-        """Return a table with a row for each drop, columns as in ``pfwd invert --json``; needs
-        pandas.
-        """
-        return data_frame(flatten(drop.to_dict()) for drop in self)
+        warnings = [f"  warning: {display.text_of(text)}" for text in self.warnings]
+        return "\n".join([*map(repr, self), *warnings])
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the moduli of the drops with their 95 % intervals, in MPa.
@@ -240,91 +178,144 @@ class Results(ScriptObject, Sequence[Result]):
         -------
         Axes
         """
-        ax = axes_or_new(ax)
+        ax = display.axes_or_new(ax)
         drawn = [drop for drop in self if drop.modulus is not None and drop.modulus_interval]
         for status, marker in (("measured", "o"), ("seating", "x")):
-            places = [i for i, drop in enumerate(drawn) if drop.status == status]
-            if not places:
-                continue
-            values = np.array([drawn[i].modulus for i in places], dtype=float)
-            ends = np.array([drawn[i].modulus_interval for i in places], dtype=float)
-            reach = np.abs(ends - values[:, None]).T / 1e6
-            ax.errorbar(places, values / 1e6, reach, fmt=marker, capsize=3, label=status)
-        names = [text_of(f"{_place(drop)}, {drop.number}") for drop in drawn]
-        ax.set_xticks(range(len(drawn)), names, rotation=30, ha="right", parse_math=False)
-        ax.set_ylabel("modulus E with its 95 % interval, MPa")
-        conditions = "; ".join(dict.fromkeys(map(_conditions, drawn)))
-        title = f"{conditions}; {_warning_count(drawn)}" if drawn else "no modulus"
-        ax.set_title(title, fontsize="small", parse_math=False, wrap=True)
-        if drawn:
-            ax.legend()
-        return ax
+            values = {
+                place: (drop.modulus_pa or 0.0, drop.modulus_interval_pa)
+                for place, drop in enumerate(drawn)
+                if drop.status == status
+            }
+            if values:
+                display.draw_values(ax, values, 1e-6, fmt=marker, label=status)
+        places = (drop.point or os.path.basename(drop.file or "") for drop in drawn)
+        names = [f"{place}, {drop.drop}" for place, drop in zip(places, drawn, strict=True)]
+        stated = [
+            *dict.fromkeys(map(_conditions, drawn)),
+            display.warning_count(Results(drawn).warnings),
+        ]
+        title = "; ".join(stated) if drawn else "no modulus"
+        return display.label_axes(ax, names, "modulus E with its 95 % interval, MPa", title)
 
 
-_RESULT_TABLE_COLUMNS = (
-    "point",
-    "drop",
-    "status",
-    "E, MPa",
-    "95 %, MPa",
-    "model",
-    "plate",
-    "plate radius, m",
-    "Poisson's ratio",
-    "warnings",
-)
-
-
-def _row(result: Result) -> tuple[object, ...]:
-    name = (_place(result), result.number, result.status)
-    warnings = result.warnings or ()
-    if result.modulus is None or result.modulus_interval is None:
-        remarks = [text for text in (result.reason, *warnings) if text]
-        return (*name, *[""] * 6, "; ".join(remarks))
-    low, high = result.modulus_interval
-    return (
-        *name,
-        megapascal(result.modulus),
-        f"{megapascal(low)} to {megapascal(high)}",
-        _model(result),
-        result.plate,
-        f"{result.plate_radius:g}",
-        f"{result.poisson_ratio:g}",
-        "; ".join(warnings) or "none",
-    )
-
-
-def _place(result: Result) -> str:
-    """Return the name of the point of a drop; if none is declared, the name of its file."""
-    return str(result.point or os.path.basename(result.file or ""))
+def _range(values: Sequence[float]) -> str:
+    return f"{min(values) / 1e6:.4g} to {max(values) / 1e6:.4g}"
 
 
 def _with_interval(result: Result) -> str:
-    if result.modulus is None:
-        return "none"
     text = modulus_text(result.modulus, result.modulus_interval)
     if result.modulus_interval is None and result.modulus_sd_pa is not None:
-        return f"{text}, sd {megapascal(result.modulus_sd_pa)} MPa"
+        return f"{text}, sd {significant(result.modulus_sd_pa / 1e6)} MPa"
     return text
 
 
-def _model(result: Result) -> str:
-    depth = result.bedrock_depth
-    return str(result.model) if depth is None else f"{result.model} {depth:.3g} m deep"
-
-
 def _conditions(result: Result) -> str:
-    """Return the assumptions of a modulus as text: model, plate, its radius, Poisson's ratio."""
-    return (
-        f"{_model(result)}, {result.plate} plate of radius {result.plate_radius:g} m, "
-        f"Poisson's ratio {result.poisson_ratio:g}"
-    )
+    depth = "" if result.bedrock_depth is None else f" {result.bedrock_depth:.3g} m deep"
+    model = f"{result.model}{depth}"
+    return display.conditions(model, result.plate, result.plate_radius, result.poisson_ratio)
 
 
-def _warning_lines(warnings: Sequence[str]) -> list[str]:
-    return [f"  warning: {text_of(text)}" for text in warnings]
+@overload
+def invert(data: Drop, /, **options: Unpack[InvertOptions]) -> Result: ...
+@overload
+def invert(
+    time: ArrayLike, load: ArrayLike, values: ArrayLike, /, **options: Unpack[InvertOptions]
+) -> Result: ...
+@overload
+def invert(
+    data: str | os.PathLike[str] | HasPoints | Sequence[Drop | Point],
+    /,
+    **options: Unpack[InvertOptions],
+) -> Results: ...
+def invert(data: Any, /, *arrays: Any, **options: Any) -> Result | Results:
+    """Return the modulus of the ground under drops, with its uncertainty and assumptions.
+
+    ``invert(drop)`` and ``invert(time, load, values, plate_radius=0.15)`` return one `Result`;
+    a path, a survey, points, a point or several drops return `Results`, one for each drop.
+
+    Parameters
+    ----------
+    data : a drop, a point, points, a survey, several of these, or a path; or ``time, load, values``
+        with ``quantity`` and ``offsets`` as for `pfwd.drop`
+    header : path of a TOML file, or its keys as a dict, optional
+        Overrides the declarations of the file; with a path only.
+
+    Other Parameters
+    ----------------
+    model : "layer" or "half-space"; default: the layer, unless the depth excludes it
+    bedrock_depth : depth of the rigid base, m, or "unknown" or "none"; default: as declared
+    layers : number of media with a modulus, the lowest included, 1 to 4, or "auto"; default: 1
+    thickness : of all media but the lowest, m, from the top, or "unknown"; default: fitted
+    elastic : True: no viscosity
+    load : "measured" or "half-sine"
+    plate : "rigid-rough", "rigid-smooth", "published" or "uniform" (equal pressure)
+    sensors : "all" or "centre"
+    joint : True: one set of ground properties for all measured drops of a point
+    method : "mpga" (genetic search and polish) or "least-squares" (several starts)
+    published : True: the published method in all its parts
+    priors : False: no prior on the ground if the record does not determine the depth of rock
+    seed : int, random seed of the search
+    plate_radius, plate_mass, poisson_ratio, density : declared values, m, kg, -, kg/m3
+        Override the declarations of the file.
+
+    Returns
+    -------
+    Result or Results
+        A rebound, or a drop with a dead sensor, has the status ``rejected`` and a reason.
+
+    Raises
+    ------
+    SurveyError
+        If a file is refused, the arrays do not fit together, or an option is unknown or wrong.
+
+    Examples
+    --------
+    >>> pfwd.invert(pfwd.example("half-space"))
+    Results(1 drop, 1 measured; E 60... MPa (59... to 60...); half-space, ...; no warnings)
+    """
+    data, settings, header = requested(INVERT_OPTIONS, data, arrays, options)
+    results = _results(data, settings, header)
+    return results[0] if isinstance(data, Drop) else Results(results)
 
 
-def _warning_count(results: Sequence[Result]) -> str:
-    warnings = {text for result in results for text in result.warnings or ()}
-    return count(len(warnings), "warning") if warnings else "no warnings"
+def _results(data: Any, options: AnalysisOptions, header: Header) -> list[Result]:
+    from pfwd.analysis.analyse import analyse_drop, analyse_point
+    from pfwd.analysis.screening.bad_sensors import leave_out_bad_sensors
+    from pfwd.analysis.screening.drops import screen_point
+
+    if isinstance(data, Drop):
+        if options.joint:
+            hint = "give the point, or leave joint out"
+            raise OptionError(refusal("joint", "several drops of a point", "one drop", hint))
+        # Screened with all drops of its point, because a rebound is recognised by comparison.
+        all_drops = data._point
+        screening = leave_out_bad_sensors(all_drops, screen_point(all_drops))[data._index]
+        (point,) = points_of(data, header, options.overrides())
+        analysis = analyse_drop(point.drops[0], point.setup, screening, options, library())
+        return [_result(point, 0, analysis)]
+    several = isinstance(data, list | tuple) and not isinstance(data, Point)
+    if several and data and not options.joint:
+        return [result for item in data for result in _results(item, options, header)]
+    return [
+        _result(point, index, analysis)
+        for point in points_of(data, header, options.overrides())
+        for index, analysis in enumerate(analyse_point(point, options, library()))
+    ]
+
+
+def _result(point: TracePoint, index: int, analysis: DropAnalysis) -> Result:
+    from pfwd.analysis.drop_result import drop_result
+    from pfwd.analysis.result_store import counts
+
+    result = drop_result(point.file, analysis, point.warnings, point.setup.point)
+    stored = point.survey_drops[index] if point.survey_drops else None
+    in_force = result.modulus_pa is not None and counts(stored, result)
+    return Result.of(result, in_force=in_force)
+
+
+@functools.cache
+def library() -> SurrogateLibrary:
+    """Return the response tables of the model, which are read once and shared by all calls."""
+    from inversion import SurrogateLibrary
+
+    return SurrogateLibrary()

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args, overload
 
+import numpy as np
+
+from inversion.records import Interval
 from pfwd.errors import OptionError, quote, refusal
 from pfwd.export.json_text import without_nan
 from pfwd.export.rows import Order, Row, point_rows
 from pfwd.files.opening import survey_content
-from pfwd.procedures import unit_of
-from pfwd.scripting.display import ScriptObject, axes_or_new, count, data_frame, html_table, text_of
+from pfwd.procedures import Verdict, unit_of
+from pfwd.scripting import display
 from pfwd.scripting.measured import Drop, Points, read
 from pfwd.scripting.results import Result, Results
 
@@ -27,30 +31,22 @@ SURVEY: Literal["survey"] = "survey"
 DATA_FOLDER = Path(__file__).resolve().parent / "data"
 
 
-class Survey(ScriptObject):
+class Survey(display.Displayable):
     """Survey as it was when `open` read it."""
 
     def __init__(self, content: recording.Survey) -> None:
-        self._content = content
+        self._content, self._order = content, Order(content)
 
-    @property
-    def path(self) -> str:
-        """Path of the survey's folder, or of the file with the survey."""
-        return self._content.path
-
-    @property
-    def file(self) -> str:
-        """The same as `path`; points and drops have this attribute as well."""
-        return self._content.path
-
-    @property
-    def damage(self) -> tuple[str, ...]:
-        """Descriptions of lost data; empty: the survey is intact."""
-        return self._content.damage
+    path: str = display.alias("_content.path")
+    """Path of the survey's folder, or of the file with the survey."""
+    file: str = display.alias("_content.path")
+    """The same as `path`; points and drops have this attribute as well."""
+    damage: tuple[str, ...] = display.alias("_content.damage")
+    """Descriptions of lost data; empty: the survey is intact."""
 
     @cached_property
     def points(self) -> Points:
-        """Points with their drops; discarded ones are omitted.
+        """Points with their drops; discarded ones are omitted. `survey.points["name"]` is one.
 
         Raises
         ------
@@ -67,56 +63,35 @@ class Survey(ScriptObject):
     @cached_property
     def results(self) -> Results:
         """Last stored result of each drop that has one, without traces."""
-        stored = (_stored(self.path, row) for row in self._rows)
-        return Results([result for result in stored if result is not None])
-
-    @cached_property
-    def _order(self) -> Order:
-        return Order(self._content)
-
-    @property
-    def _rows(self) -> list[Row]:
-        return self._order.rows
+        return Results(_results(self.path, self._order.rows))
 
     def __repr__(self) -> str:
-        name = text_of(os.path.basename(os.path.normpath(self.path)))
-        drops = len(self._content.drops)
-        stored = sum(row.drop.last_result is not None for row in self._rows)
-        damage = f", {count(len(self.damage), 'damage')}" if self.damage else ""
-        return (
-            f"Survey({name}: {count(len(self._content.points), 'point')}, {count(drops, 'drop')}, "
-            f"{stored} with results{damage})"
+        name, content = (
+            display.text_of(os.path.basename(os.path.normpath(self.path))),
+            self._content,
         )
+        stored = sum(row.drop.last_result is not None for row in self._order.rows)
+        damage = f", {display.count(len(self.damage), 'damage')}" if self.damage else ""
+        points, drops = (
+            display.count(len(content.points), "point"),
+            display.count(len(content.drops), "drop"),
+        )
+        return f"Survey({name}: {points}, {drops}, {stored} with results{damage})"
 
-    def _repr_html_(self) -> str:
-        rows = [
-            (
-                point.title,
-                len(point.drops),
-                "yes" if point.discarded else "",
-                "; ".join(point.notes),
-            )
-            for point in self._content.points
-        ]
-        return html_table(repr(self), ("point", "drops", "discarded", "notes"), rows)
+    def _rows(self) -> Sequence[Mapping[str, Any]]:
+        return point_rows(self._order)
 
     def to_dict(self) -> dict[str, Any]:
         """Return ``survey`` (path), ``damage``, and ``drops``: the exported values of every drop.
 
         Discarded drops are included; the keys are the columns of ``pfwd export --format table``.
         """
-        rows: list[Any] = without_nan([dict(row.values) for row in self._rows])
+        rows: list[Any] = without_nan([dict(row.values) for row in self._order.rows])
         return {"survey": self.path, "damage": list(self.damage), "drops": rows}
 
     def to_dataframe(self) -> DataFrame:
         """Return a table of the drops as ``pfwd export --format table`` writes it; needs pandas."""
-        return data_frame(
-            {
-                name: "; ".join(map(str, value)) if isinstance(value, list) else value
-                for name, value in row.values.items()
-            }
-            for row in self._rows
-        )
+        return display.data_frame(row.values for row in self._order.rows)
 
     def points_dataframe(self) -> DataFrame:
         """Return a table with value, target, verdict and diagnosis of each point; needs pandas.
@@ -124,7 +99,7 @@ class Survey(ScriptObject):
         The columns are those of ``pfwd export --format points``; discarded points are marked. The
         modulus to use is ``modulus_in_force_pa``; ``use`` and ``use_reason`` state what for.
         """
-        return data_frame(point_rows(self._order))
+        return display.data_frame(self._rows())
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the judged value of each point with its 95 % interval.
@@ -143,64 +118,50 @@ class Survey(ScriptObject):
         -------
         Axes
         """
-        ax = axes_or_new(ax)
+        ax = display.axes_or_new(ax)
         points = [point for point, _ in self._order.points]
-        names = [text_of(point.shown_name) for point in points]
-        values = [None if point.discarded else point.progress.value for point in points]
-        if any(value is not None for value in values):
-            self._plot_values(ax)
-        else:
-            self._plot_peaks(ax)
-        ax.set_xticks(range(len(names)), names, rotation=30, ha="right", parse_math=False)
-        ax.set_title(repr(self), fontsize="small", parse_math=False)
-        if ax.get_legend_handles_labels()[0]:
-            ax.legend()
-        return ax
+        has_values = any(p.progress.value is not None and not p.discarded for p in points)
+        label = self._plot_values(ax) if has_values else self._plot_peaks(ax)
+        return display.label_axes(ax, [point.shown_name for point in points], label, repr(self))
 
-    def _plot_values(self, ax: Axes) -> None:
+    def _plot_values(self, ax: Axes) -> str:
+        """Draw the values of the points, and return the label of their axis."""
         from pfwd.report.drawing import VERDICT_COLOURS
 
         quantity = self._order.job.quantity
         unit, scale = ("mm", 1e3) if unit_of(quantity) == "m" else ("MPa", 1e-6)
-        labels: set[str] = set()
+        targets = []
+        groups: dict[tuple[Verdict, bool], dict[int, tuple[float, Interval | None]]] = {}
         for place, (point, _) in enumerate(self._order.points):
             value = None if point.discarded else point.progress.value
             if value is None:
                 continue
-            low, high = value.interval or (value.value, value.value)
-            reach = [[scale * (value.value - low)], [scale * (high - value.value)]]
-            label = point.progress.verdict.word
-            ax.errorbar(
-                [place],
-                [scale * value.value],
-                reach,
-                fmt="o",
-                capsize=3,
-                color=VERDICT_COLOURS[point.progress.verdict.value],
-                markerfacecolor="none" if value.not_supported else None,
-                label="_nolegend_" if label in labels else label,
-            )
-            labels.add(label)
+            group = groups.setdefault((point.progress.verdict, bool(value.not_supported)), {})
+            group[place] = value.value, value.interval
             if point.progress.target is not None:
-                target = scale * point.progress.target
-                name = "_nolegend_" if "target" in labels else "target"
-                ax.hlines(target, place - 0.4, place + 0.4, "0.4", "dashed", label=name)
-                labels.add("target")
-        ax.set_ylabel(f"{quantity} with its 95 % interval, {unit}")
+                targets.append((place, scale * point.progress.target))
+        for (verdict, is_hollow), values in groups.items():
+            face = {"markerfacecolor": "none"} if is_hollow else {}
+            label = verdict.word + (", not supported" if is_hollow else "")
+            colour = VERDICT_COLOURS[verdict.value]
+            display.draw_values(ax, values, scale, fmt="o", color=colour, label=label, **face)
+        if targets:
+            places, heights = np.transpose(targets)
+            ax.hlines(heights, places - 0.4, places + 0.4, "0.4", "dashed", label="target")
+        return f"{quantity} with its 95 % interval, {unit}"
 
-    def _plot_peaks(self, ax: Axes) -> None:
+    def _plot_peaks(self, ax: Axes) -> str:
+        """Draw the peaks of the drops, and return the label of their axis."""
         for used, marker, label in ((True, "o", "used"), (False, "x", "discarded")):
             peaks = [
                 (place, 1e3 * row.drop.peaks.centre)
                 for place, (_, rows) in enumerate(self._order.points)
                 for row in rows
-                if row.used == used
-                and row.drop.peaks is not None
-                and row.drop.peaks.centre is not None
+                if row.used == used and row.drop.peaks and row.drop.peaks.centre is not None
             ]
             if peaks:
                 ax.plot(*zip(*peaks, strict=True), marker, label=label)
-        ax.set_ylabel("peak displacement in the centre, mm")
+        return "peak displacement in the centre, mm"
 
 
 def open(path: str | os.PathLike[str]) -> Survey:
@@ -259,21 +220,23 @@ def example(name: str) -> Points | Survey:
     return read(DATA_FOLDER / f"{name}.csv")
 
 
-def _stored(path: str, row: Row) -> Result | None:
-    """Return the stored result of a drop; None: it has no result, or is discarded.
+def _results(path: str, rows: Sequence[Row]) -> Iterator[Result]:
+    """Yield the stored results of drops that have one and are not discarded.
 
     A modulus without its uncertainty or assumptions is left out, as in exports, with a warning.
     """
-    record = row.drop.last_result
-    if record is None or not row.used:
-        return None
-    changes = {
-        "file": path,
-        "point": row.point.title,
-        "drop": row.drop.number,
-        "modulus_pa": row.values["modulus_pa"],
-        "warnings": row.warnings,
-    }
-    # `more` holds unreadable values, which must not replace those of `changes`.
-    more = {key: value for key, value in record.more.items() if key not in changes}
-    return Result.of(record, more=more, **changes)
+    for row in rows:
+        record, modulus = row.drop.last_result, row.values["modulus_pa"]
+        if record is None or not row.used:
+            continue
+        changes = {
+            "file": path,
+            "point": row.point.title,
+            "drop": row.drop.number,
+            "modulus_pa": modulus,
+            "warnings": row.warnings,
+            "in_force": modulus is not None and row.drop.result == record,
+        }
+        # `more` holds unreadable values, which must not replace those of `changes`.
+        more = {key: value for key, value in record.more.items() if key not in changes}
+        yield Result.of(record, more=more, **changes)

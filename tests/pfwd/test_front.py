@@ -31,19 +31,21 @@ def axes() -> Any:
     return Figure().subplots()
 
 
-def everything() -> list[Any]:
+@pytest.fixture(scope="module")
+def objects() -> list[Any]:
     points, survey = pfwd.example("layer"), pfwd.example("survey")
     results = pfwd.invert(points, method="least-squares")
-    return [points, points[0], points.drops[0], survey, survey.results, results, results[0]]
+    diagnoses = pfwd.diagnose(pfwd.example("unexplained"))
+    of_survey = [survey, survey.results, survey.results.measured[0]]
+    return [points, points[0], points.drops[0], *of_survey, results, results[0], *diagnoses]
 
 
-def test_completion_shows_the_public_names_alone() -> None:
+def test_completion_shows_the_public_names_alone(objects: list[Any]) -> None:
     assert dir(pfwd) == sorted(pfwd.__all__)
-    assert [name for name in dir(pfwd) if name.startswith("_")] == []
+    for names in [dir(pfwd), *map(dir, objects)]:
+        assert [name for name in names if name.startswith("_")] == []
     for name in pfwd.__all__:
         assert getattr(pfwd, name).__doc__
-    for one in everything():
-        assert [name for name in dir(one) if name.startswith("_")] == []
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:
@@ -51,38 +53,36 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
         pfwd.opne  # type: ignore[attr-defined]  # noqa: B018
 
 
-def test_the_import_brings_nothing_heavy_along() -> None:
-    heavy = ["numpy", "scipy", "h5py", "matplotlib", "pandas", "textual", "rich"]
-    code = f"import sys, pfwd; print(*(set({heavy}) & set(sys.modules)))"
+@pytest.mark.parametrize(
+    ("use", "heavy"),
+    [
+        ("", {"numpy", "scipy", "h5py", "matplotlib", "pandas", "textual", "rich"}),
+        (
+            "repr(pfwd.invert(pfwd.example('half-space'), method='least-squares'))",
+            {"matplotlib", "pandas", "textual", "simulators", "tui"},
+        ),
+    ],
+)
+def test_the_import_brings_nothing_heavy_along(use: str, heavy: set[str]) -> None:
+    code = f"import sys, pfwd\n{use}\nprint(*({heavy} & set(sys.modules)))"
     run = subprocess.run([sys.executable, "-c", code], cwd=TOP, capture_output=True, text=True)
     assert (run.returncode, run.stdout.split()) == (0, [])
 
 
-def test_matplotlib_and_pandas_come_with_what_needs_them_only() -> None:
-    code = (
-        "import sys, pfwd; repr(pfwd.invert(pfwd.example('half-space'), method='least-squares')); "
-        "print(*({'matplotlib', 'pandas', 'textual', 'simulators', 'tui'} & set(sys.modules)))"
-    )
-    run = subprocess.run([sys.executable, "-c", code], cwd=TOP, capture_output=True, text=True)
-    assert (run.returncode, run.stdout.split()) == (0, [])
-
-
-def test_everything_shows_itself_in_one_line_and_in_a_small_table() -> None:
-    for one in everything():
-        line = repr(one)
+def test_everything_shows_itself_as_text_table_values_and_picture(objects: list[Any]) -> None:
+    for one in objects:
+        line, values, frame, ax = repr(one), one.to_dict(), one.to_dataframe(), axes()
         assert "\n" not in line
         assert line.startswith(type(one).__name__ + "(")
-        assert "np." not in line + str(one)
         assert one._repr_html_().startswith("<table><caption>")
-
-
-def test_everything_becomes_plain_values_and_a_data_frame() -> None:
-    for one in everything():
-        said = one.to_dict()
-        assert json.loads(json.dumps(said, allow_nan=False)) == said
-        frame = one.to_dataframe()
+        assert json.loads(json.dumps(values, allow_nan=False)) == values
         assert len(frame) >= 1
-        assert "np." not in frame.head(1).to_dict("records").__repr__()
+        assert "np." not in line + str(one) + repr(frame.head(1).to_dict("records"))
+        assert one.plot(ax) is ax
+        assert ax.has_data()
+        assert ax.get_ylabel()
+        ax.figure.savefig(io.BytesIO())
+    assert "radius 0.15 m" in ax.get_title(), "of the diagnosis"
 
 
 def test_a_table_of_results_has_with_the_modulus_what_belongs_to_it() -> None:
@@ -94,19 +94,6 @@ def test_a_table_of_results_has_with_the_modulus_what_belongs_to_it() -> None:
         wanted = {"modulus_pa", "modulus_interval_low_pa", "modulus_interval_high_pa", "model"}
         wanted |= {"modulus_sd_pa", "plate", "plate_radius_m", "poisson_ratio", "warnings"}
         assert wanted <= set(frame.columns)
-
-
-def test_everything_draws_on_the_axes_it_is_given() -> None:
-    for one in everything():
-        ax = axes()
-        assert one.plot(ax) is ax
-        assert ax.has_data()
-        assert ax.get_ylabel()
-        ax.figure.savefig(io.BytesIO())
-    found = pfwd.diagnose(pfwd.example("unexplained").drops[0])
-    ax = axes()
-    assert found.plot(ax) is ax
-    assert "radius 0.15 m" in ax.get_title()
 
 
 def test_without_axes_a_new_figure_is_made() -> None:
@@ -175,7 +162,8 @@ def test_a_survey_draws_the_judged_values_in_the_unit_of_the_axis() -> None:
     survey = pfwd.open(DATA_FOLDER / "survey.pfwdz")
     ax = survey.plot(axes())
     assert ax.get_ylabel() == "modulus with its 95 % interval, MPa"
-    drawn = [float(bars.lines[0].get_ydata()[0]) for bars in ax.containers]
+    (bars,) = ax.containers
+    drawn = bars.lines[0].get_ydata()
     assert drawn == pytest.approx([drop.modulus / 1e6 for drop in survey.results.measured])
     assert [text.get_text() for text in ax.get_legend().get_texts()] == ["no verdict"]
     assert [tick.get_text() for tick in ax.get_xticklabels()] == [p.name for p in survey.points]
@@ -211,7 +199,12 @@ def test_a_survey_has_its_points_drops_and_results() -> None:
     survey = pfwd.open(DATA_FOLDER / "survey.pfwdz")
     assert repr(survey) == "Survey(survey.pfwdz: 4 points, 8 drops, 8 with results)"
     assert [point.name for point in survey.points][:2] == ["km 0+000", "km 0+025"]
+    assert survey.points["km 0+025"].drops == survey.points[1].drops == tuple(survey.points[1])
+    for named, name in ((survey.points, "km 1"), (pfwd.Results(survey.results[:2]), "km 0+000")):
+        with pytest.raises(KeyError, match=r"expected a name that occurs once of km 0\+000, "):
+            named[name]
     assert len(survey.drops) == 8
+    assert all(one.in_force for one in survey.results)
     assert [one.status for one in survey.results][:2] == ["seating", "measured"]
     # pfwd/scripting/data/README.md: what was simulated.
     truths = [62e6, 48e6, 31e6, 55e6]
@@ -319,7 +312,7 @@ def test_the_examples_are_what_their_command_makes(tmp_path: Path) -> None:
 
 
 def test_a_table_is_bounded_and_escaped() -> None:
-    text = html_table("<b>", ("a",), [("<script>",)] * (MAX_NOTEBOOK_ROWS + 3))
+    text = html_table("<b>", [{"point": "<script>"}] * (MAX_NOTEBOOK_ROWS + 3))
     assert text.count("&lt;script&gt;") == MAX_NOTEBOOK_ROWS
     assert "<script>" not in text
     assert "and 3 rows more" in text

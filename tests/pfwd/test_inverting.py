@@ -30,6 +30,7 @@ def test_the_examples_are_inverted_to_their_truth(name: Any, truth: float) -> No
         low, high = result.modulus_interval or (math.nan, math.nan)
         assert low < truth < high
         assert result.warnings == ()
+        assert result.in_force
 
 
 def test_a_result_says_with_its_modulus_what_belongs_to_it() -> None:
@@ -118,6 +119,7 @@ def test_the_options_are_those_of_the_command_line() -> None:
         drop, model="half-space", sensors="centre", plate="rigid-smooth", seed=3, elastic=True
     )
     assert (result.model, result.plate, result["seed"]) == ("half-space", "rigid-smooth", 3)
+    assert not result.in_force, "it has other settings"
     assert result.viscosity == 0.0
     assert result.history.offsets.tolist() == [0.0]
     with_depth = pfwd.invert(drop, bedrock_depth=np.float64(1.4), method="least-squares")
@@ -160,94 +162,79 @@ WAVE = np.sin(np.linspace(0, np.pi, 100))
 TIME = np.arange(100) * 1e-4
 
 
+MASKED = np.ma.masked_greater(WAVE, 0.9)
+DATES = np.arange(100).astype("datetime64[us]")
+
+
 @pytest.mark.parametrize(
-    ("arguments", "options", "message"),
+    ("data", "message"),
     [
-        ((3,), {}, r"data: expected a path, a survey, .* got int"),
-        ((None,), {}, r"data: expected .* got NoneType"),
-        (([],), {}, r"data: expected .* got an empty one"),
-        ((["layer.csv", 3],), {}, r"layer.csv: expected a readable trace file"),
-        (("no such file.csv",), {}, r"no such file.csv: expected a readable trace file"),
-        ((TIME,), {}, r"arrays: expected three: time, load, values, got 1$"),
-        ((TIME, WAVE, WAVE), {}, r"plate_radius: expected a number > 0, in m, got none"),
-        ((TIME, WAVE[:50], WAVE), {"plate_radius": 0.1}, r"load: expected 100 samples .* got 50"),
-        ((TIME, WAVE, WAVE[:50]), {"plate_radius": 0.1}, r"values: expected \(100,\) or"),
-        (
-            (TIME, WAVE, [WAVE, WAVE]),
-            {"plate_radius": 0.1},
-            r"offsets: expected the distances of 2",
-        ),
-        ((TIME**2, WAVE, WAVE), {"plate_radius": 0.1}, r"time: expected uniform, rising steps"),
-        ((TIME, np.nan * WAVE, WAVE), {"plate_radius": 0.1}, r"load: expected finite numbers"),
-        (
-            (TIME, np.ma.masked_greater(WAVE, 0.9), WAVE),
-            {"plate_radius": 0.1},
-            r"load: expected numbers, got masked values; interpolate the missing values",
-        ),
-        (
-            (TIME, WAVE, [WAVE, np.ma.masked_greater(WAVE, 0.9)]),
-            {"plate_radius": 0.1, "offsets": [0, 1]},
-            r"values: expected numbers, got masked values",
-        ),
-        (
-            (TIME, WAVE, WAVE + 1j),
-            {"plate_radius": 0.1},
-            r"values: expected real numbers, got array\(\[",
-        ),
-        (
-            (np.arange(100).astype("datetime64[us]"), WAVE, WAVE),
-            {"plate_radius": 0.1},
-            r"time: expected real numbers, got array\(\['1970-01-01T00:00",
-        ),
-        (
-            (np.arange(100).astype("timedelta64[us]"), WAVE, WAVE),
-            {"plate_radius": 0.1},
-            r"time: expected real numbers, got array\(\[",
-        ),
-        ((TIME, "abc", WAVE), {"plate_radius": 0.1}, r"load: expected real numbers, got 'abc'"),
-        (
-            (TIME, WAVE, WAVE),
-            {"plate_radius": 0.1, "quantity": "speed"},
-            r"quantity: expected displacement or velocity, got 'speed'",
-        ),
-        (
-            ("f",),
-            {"bedrok_depth": 1},
-            r"bedrok_depth: expected one of .*; did you mean bedrock_dep",
-        ),
-        (("f",), {"model": "soil"}, r"model: expected one of layer, half-space, got 'soil'"),
-        (("f",), {"bedrock_depth": -1}, r"bedrock_depth: expected a number > 0, .* got -1"),
-        (("f",), {"bedrock_depth": "deep"}, r"bedrock_depth: expected a number > 0, .* 'deep'"),
-        (("f",), {"layers": 2.0}, r"layers: expected a whole number from 1 to 4, .* got 2.0"),
-        (("f",), {"layers": True}, r"layers: expected a whole number from 1 to 4, .* got True"),
-        (("f",), {"layers": "two"}, r"layers: expected .* or 'auto', got 'two'"),
-        (("f",), {"layers": 5}, r"layers: expected a whole number from 1 to 4, .* got 5"),
-        (("f",), {"layers": 2, "thickness": 0.2}, r"thickness: expected a list of .* got 0.2"),
-        (("f",), {"layers": 2, "thickness": "0.2"}, r"thickness: expected a list .* got '0.2'"),
-        (("f",), {"layers": 2, "thickness": [None]}, r"thickness: expected a list of numbers"),
-        (("f",), {"layers": 2, "thickness": 1 + WAVE[:2]}, r"thickness: expected a value for each"),
-        (("f",), {"layers": WAVE[:2]}, r"layers: expected a whole number from 1 to 4, "),
-        (("f",), {"layers": 3, "thickness": [0.2]}, r"thickness: expected a value for each layer"),
-        (("f",), {"seed": 1.5}, r"seed: expected a whole number >= 0, got 1.5"),
-        (("f",), {"elastic": "yes"}, r"elastic: expected True or False, got 'yes'"),
-        (("f",), {"poisson_ratio": 0.5}, r"poisson_ratio: expected .* got 0.5"),
-        (("f",), {"plate_radius": "wide"}, r"plate_radius.*: expected .* got 'wide'"),
-        (("f",), {"header": 3}, r"header: expected the path of a TOML file, .* got 3"),
-        (("f",), {"header": "no.toml"}, r"header: expected the path of a TOML file"),
-        (("f",), {"offsets": 1.0}, r"offsets: expected none unless arrays are given"),
-        (
-            ("f",),
-            {"model": "half-space", "bedrock_depth": 1.0},
-            r"model half-space and --bedrock-depth 1.0: expected one of the two",
-        ),
+        ((3,), r"data: expected a path, a survey, .* got int"),
+        ((None,), r"data: expected .* got NoneType"),
+        (([],), r"data: expected .* got an empty one"),
+        ((["layer.csv", 3],), r"layer.csv: expected a readable trace file"),
+        (("no such file.csv",), r"no such file.csv: expected a readable trace file"),
+        ((TIME,), r"arrays: expected three: time, load, values, got 1$"),
+        ((TIME, WAVE[:50], WAVE), r"load: expected 100 samples .* got 50"),
+        ((TIME, WAVE, WAVE[:50]), r"values: expected \(100,\) or"),
+        ((TIME, WAVE, [WAVE, WAVE]), r"offsets: expected the distances of 2"),
+        ((TIME**2, WAVE, WAVE), r"time: expected uniform, rising steps"),
+        ((TIME, np.nan * WAVE, WAVE), r"load: expected finite numbers"),
+        ((TIME, MASKED, WAVE), r"load: expected numbers, got masked values; interpolate the miss"),
+        ((TIME, WAVE, [WAVE, MASKED]), r"values: expected numbers, got masked values"),
+        ((TIME, WAVE, WAVE + 1j), r"values: expected real numbers, got array\(\["),
+        ((DATES, WAVE, WAVE), r"time: expected real numbers, got array\(\['1970-01-01T00:00"),
+        ((DATES - DATES[0], WAVE, WAVE), r"time: expected real numbers, got array\(\["),
+        ((TIME, "abc", WAVE), r"load: expected real numbers, got 'abc'"),
     ],
 )
-def test_a_wrong_argument_gets_one_line(
-    arguments: tuple[Any, ...], options: dict[str, Any], message: str
-) -> None:
+def test_wrong_data_get_one_line(data: tuple[Any, ...], message: str) -> None:
     with pytest.raises(pfwd.SurveyError, match=message) as caught:
-        pfwd.invert(*arguments, **options)
+        pfwd.invert(*data, plate_radius=0.1)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({}, r"plate_radius: expected a number > 0, in m, got none"),
+        ({"quantity": "speed"}, r"quantity: expected displacement or velocity, got 'speed'"),
+        ({"header": "plate.toml"}, r"header: expected none for arrays, got one"),
+        ({"bedrok_depth": 1}, r"bedrok_depth: expected one of .*; did you mean bedrock_dep"),
+        ({"model": "soil"}, r"model: expected one of layer, half-space, got 'soil'"),
+        ({"bedrock_depth": -1}, r"bedrock_depth: expected a number > 0, .* got -1"),
+        ({"bedrock_depth": "deep"}, r"bedrock_depth: expected a number > 0, .* 'deep'"),
+        ({"layers": 2.0}, r"layers: expected a whole number from 1 to 4, .* got 2.0"),
+        ({"layers": True}, r"layers: expected a whole number from 1 to 4, .* got True"),
+        ({"layers": "two"}, r"layers: expected .* or 'auto', got 'two'"),
+        ({"layers": 5}, r"layers: expected a whole number from 1 to 4, .* got 5"),
+        ({"layers": 2, "thickness": 0.2}, r"thickness: expected a list of .* got 0.2"),
+        ({"layers": 2, "thickness": "0.2"}, r"thickness: expected a list .* got '0.2'"),
+        ({"layers": 2, "thickness": [None]}, r"thickness: expected a list of numbers"),
+        ({"layers": 2, "thickness": 1 + WAVE[:2]}, r"thickness: expected a value for each"),
+        ({"layers": WAVE[:2]}, r"layers: expected a whole number from 1 to 4, "),
+        ({"seed": 1.5}, r"seed: expected a whole number >= 0, got 1.5"),
+        ({"elastic": "yes"}, r"elastic: expected True or False, got 'yes'"),
+        ({"poisson_ratio": 0.5}, r"poisson_ratio: expected .* got 0.5"),
+        ({"plate_radius": "wide"}, r"plate_radius.*: expected .* got 'wide'"),
+    ],
+)
+def test_a_wrong_option_gets_one_line(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(pfwd.SurveyError, match=message) as caught:
+        pfwd.invert(TIME, WAVE, WAVE, **options)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("header", [3, "no.toml"])
+def test_a_wrong_header_gets_one_line(header: Any) -> None:
+    with pytest.raises(pfwd.SurveyError, match=r"header: expected the path of a TOML file"):
+        pfwd.invert("f", header=header)
+
+
+@pytest.mark.parametrize("option", [{"offsets": 1.0}, {"quantity": "velocity"}])
+def test_what_belongs_to_arrays_is_refused_with_a_path(option: dict[str, Any]) -> None:
+    with pytest.raises(pfwd.OptionError, match=r"expected none unless arrays are given, got one"):
+        pfwd.invert("f", **option)
 
 
 def test_joint_of_one_drop_is_refused() -> None:
@@ -288,6 +275,7 @@ def test_the_diagnosis_finds_the_effect_of_the_example() -> None:
     assert frame["in_force"].tolist() == [False, True]
     assert set(frame["use"]) == {"design"}
     assert (found.modulus, found.use) == (after["modulus_pa"], "design")
+    assert (found.in_force, found.modulus_source, found.stored) == (True, "diagnosed", None)
     assert found.modulus_interval == tuple(after["modulus_interval_pa"])
 
 
@@ -311,6 +299,10 @@ def test_a_diagnosis_that_is_not_to_be_used_says_what_is(
     assert "after: do not use (the interval of the modulus reaches" in repr(diagnosis)
     assert f", {advice}; " in repr(diagnosis)
     assert diagnosis.to_dataframe()["in_force"].tolist() == in_force
+    assert (diagnosis.in_force, diagnosis.modulus_source) == (
+        False,
+        "fitted" if in_force[0] else None,
+    )
     expected = record["before"]["modulus_pa"] if in_force[0] else None
     assert diagnosis.modulus == expected
     assert (diagnosis.modulus_interval is None) == (expected is None)

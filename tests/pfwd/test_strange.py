@@ -47,9 +47,12 @@ def test_a_stored_modulus_without_what_belongs_to_it_is_withheld(survey: Path) -
     with SurveyWriter.open(survey) as writer:
         writer.save_result(1, {**result.to_dict(), "model": None})
         writer.save_result(2, result.to_dict())
+        writer.save_result(3, {**result.to_dict(), "plate_radius_m": 0.1})
     opened = pfwd.open(survey)
-    assert repr(opened) == "Survey(site: 1 point, 3 drops, 2 with results)"
-    withheld, whole = opened.results
+    assert repr(opened) == "Survey(site: 1 point, 3 drops, 3 with results)"
+    withheld, whole, of_other_plate = opened.results
+    assert [one.in_force for one in opened.results] == [False, True, False]
+    assert "plate_radius_m" in of_other_plate.warnings[0]
     assert withheld.modulus is None
     assert "modulus withheld: the result lacks its model" in withheld.warnings[0]
     assert "MPa" not in repr(withheld)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from inversion.diagnosis import PointDiagnosis
 from inversion.diagnosis.findings import FittedState
 from inversion.records import known
 from pfwd.analysis.diagnosis.diagnose import Diagnosed
@@ -54,7 +55,11 @@ def plot_diagnoses(outcomes: Sequence[Diagnosed], path: str | os.PathLike[str]) 
     axes = figure.subplots(len(rows), 4, squeeze=False)
     for row, diagnosed in zip(axes, rows, strict=True):
         _draw_traces(row[0], diagnosed)
-        _draw_residual(row[1], diagnosed)
+        assert diagnosed.diagnosis is not None
+        draw_residual(row[1], diagnosed.diagnosis)
+        row[1].set_title("residual: base model (red), with all effects (blue)", fontsize=9)
+        row[1].set_ylabel("% of the peak", fontsize=8)
+        row[1].set_xlabel("ms", fontsize=8)
         _draw_spectrum(row[2], diagnosed)
         _draw_ladder(row[3], diagnosed)
     target = require_writable(path, "--plot")
@@ -80,20 +85,26 @@ def _draw_traces(axis: Any, diagnosed: Diagnosed) -> None:
     axis.set_xlabel("ms", fontsize=8)
 
 
-def _draw_residual(axis: Any, diagnosed: Diagnosed) -> None:
-    assert diagnosed.diagnosis is not None
-    for curves in diagnosed.diagnosis.curves:
+def draw_residual(axis: Any, diagnosis: PointDiagnosis) -> None:
+    """Draw the residuals of all drops and sensors before and after, in % of the peak over ms.
+
+    Parameters
+    ----------
+    axis : Axes of matplotlib
+    diagnosis : PointDiagnosis
+    """
+    labels = ("base model", "with all effects")
+    for curves in diagnosis.curves:
         time = curves.time * 1e3
-        for observed, before, after in zip(
-            curves.observed, curves.before, curves.after, strict=True
-        ):
+        for row, observed in enumerate(curves.observed):
             peak = np.abs(observed).max()
-            axis.plot(time, 100 * (before - observed) / peak, color=_BEFORE, lw=0.8)
-            axis.plot(time, 100 * (after - observed) / peak, color=_AFTER, lw=0.9)
+            for fitted, colour, label in zip(
+                (curves.before[row], curves.after[row]), (_BEFORE, _AFTER), labels, strict=True
+            ):
+                residual = 100 * (fitted - observed) / peak
+                axis.plot(time, residual, color=colour, lw=0.9, label=label)
+            labels = ("_nolegend_", "_nolegend_")
         axis.axvline(curves.contact_end * 1e3, color="0.7", lw=0.7)
-    axis.set_title("residual: base model (red), with all effects (blue)", fontsize=9)
-    axis.set_ylabel("% of the peak", fontsize=8)
-    axis.set_xlabel("ms", fontsize=8)
 
 
 def _draw_spectrum(axis: Any, diagnosed: Diagnosed) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+import pfwd
 from inversion import InversionError, SurrogateLibrary
 from inversion.inference.diagnose import diagnose_point
 from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_files
@@ -15,6 +16,7 @@ from pfwd.analysis.results import DiagnosisResult
 from pfwd.analysis.worker.process import outcome_of
 from pfwd.analysis.worker.tasks import DiagnosisTask
 from pfwd.analysis.worker.worker import end_process, request, start_process
+from pfwd.errors import SurveyError
 from pfwd.export.export import export_survey
 from pfwd.export.json_text import json_text
 from pfwd.files.editing import Edit, edit_survey
@@ -22,6 +24,7 @@ from pfwd.files.importing import import_files
 from pfwd.files.opening import survey_content
 from pfwd.files.reading import points_of
 from pfwd.judging import point_views
+from pfwd.scripting.measured import points_of as points_of_data
 from pfwd_device.recording import read_survey
 
 
@@ -61,6 +64,22 @@ def test_the_same_question_is_answered_from_the_survey(
     assert [it.result.file for it in found if it.result] == [str(survey)] * 2
     assert store_diagnoses(str(survey), told(found)) is None
     assert len(list((survey / "results").glob("diagnosis-*"))) == 2
+
+
+def test_a_script_gets_the_stored_diagnoses(survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pfwd.analysis.diagnosis.points.diagnose_point", None)
+    opened = pfwd.open(survey)
+    diagnoses = pfwd.diagnose(opened)
+    assert [diagnosis.stored for diagnosis in diagnoses] == [True, True]
+    name = str(opened.points[1].name)
+    assert diagnoses[name] is diagnoses[1]
+    with pytest.raises(SurveyError, match=r"a diagnosed drop to draw, got none; .* refit=True"):
+        diagnoses[name].plot()
+    # One of its drops is another request.
+    (point,) = points_of_data(opened.points[1].drops[-1], None, {})
+    entry = entry_of(point.file, point, AnalysisOptions())
+    assert entry.last is not None
+    assert entry.last.drop == opened.points[1].drops[-1].number
 
 
 def test_the_next_run_goes_on_where_one_was_stopped(
