@@ -5,7 +5,7 @@ JSON can express) and arrays. A rebound is a later impact of the same fall.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -251,16 +251,7 @@ def with_rebounds(record: DropRecord, later: tuple[Rebound, ...]) -> DropRecord:
     """Return the drop with further rebounds, which were recorded after it; skip those it has."""
     recorded_earlier = {(rebound.first_sample, rebound.delay) for rebound in record.rebounds}
     later = tuple(r for r in later if (r.first_sample, r.delay) not in recorded_earlier)
-    if not later:
-        return record
-    return DropRecord(
-        record.point,
-        record.drop,
-        record.counts,
-        record.declared,
-        record.metadata,
-        (*record.rebounds, *later),
-    )
+    return replace(record, rebounds=(*record.rebounds, *later)) if later else record
 
 
 def _rebound_data(rebound: Rebound) -> dict[str, Any]:

@@ -74,27 +74,43 @@ class SurveyDrop:
     """All edits, in order."""
     source: str
     """Source of the record: "journal", or "file" if the journal is damaged there."""
-    _origin: "Survey" = field(repr=False)
+    _survey: "Survey" = field(repr=False)
+
+    @property
+    def _entry(self) -> DropEntry | None:
+        """Entry of the drop in the index; None if the journal has no record of it."""
+        return self._survey._index.drops.get(self.number)
 
     @property
     def key(self) -> str | None:
         """Text that identifies the drop on its instrument; None without one."""
-        return self._origin.key_of(self.number)
+        survey, entry = self._survey, self._entry
+        key: object = None if entry is None else entry.key
+        if entry is not None and key is None:
+            try:
+                key = payload_data(survey._frame(entry).payload).get("key")
+            except RecordingError:
+                entry = None  # damaged since the survey was opened
+        if entry is None:
+            record = survey._from_file(self.number)
+            key = None if record is None else record.metadata.get("key")
+        return key if isinstance(key, str) else None
 
     @property
     def results(self) -> tuple[Path, ...]:
         """Files with stored results: trials first, the valid result last."""
-        return self._origin.results_of(self.number)
+        return tuple(self._survey.folder / path for path in self._result_paths())
 
     @property
     def result_count(self) -> int:
         """Number of stored results, without reading them."""
-        return self._origin.result_count_of(self.number)
+        return len(self._survey._results.get(self.number, ()))
 
     @property
     def file(self) -> Path | None:
         """HDF5 file of the drop; None if it has not been made."""
-        return self._origin.file_of(self.number)
+        name = self._survey._layout.drop_file_name(self.number)
+        return self._survey.folder / name if name in self._survey._index.files else None
 
     def read(self) -> DropRecord:
         """Read the complete record of the drop with all its rebounds.
@@ -104,18 +120,27 @@ class SurveyDrop:
         RecordingError
             If there is no undamaged record of it.
         """
-        return self._origin.read_drop(self.number)
+        return self._survey.read_drop(self.number)
 
     def read_traces(self) -> DropRecord:
         """Read the record without rebounds and without raw counts; errors as in :meth:`read`."""
-        return self._origin.read_traces(self.number)
+        survey, entry = self._survey, self._entry
+        if entry is not None:
+            with contextlib.suppress(RecordingError):  # damaged since the survey was opened
+                payload = survey._frame(entry).payload
+                return _traces(entry, *decode_payload(payload, is_trace))
+        return replace(self.read(), counts=None, rebounds=())
 
     def read_facts(self) -> DropFacts:
         """Read declarations and recorded peaks, or the traces where no peaks are recorded.
 
         It is the fastest access to the values of a row in a table; errors as in :meth:`read`.
         """
-        return self._origin.read_facts(self.number)
+        entry = self._entry
+        if entry is not None:
+            with contextlib.suppress(RecordingError):  # damaged since the survey was opened
+                return _facts(entry, self._survey._frame(entry).payload)
+        return facts_of(self.read_traces())
 
     def read_results(self) -> tuple[Result, ...]:
         """Read the stored results: trials first, the valid result last.
@@ -125,18 +150,21 @@ class SurveyDrop:
         RecordingError
             If the file of a result is damaged.
         """
-        return self._origin.read_results(self.number)
+        return tuple(map(self._survey._read_result, self._result_paths()))
 
     def readable_results(self) -> Iterator[Result]:
         """Yield the undamaged stored results: the valid result first, trials last."""
-        return self._origin.readable_results(self.number)
+        for path in reversed(self._result_paths()):
+            with contextlib.suppress(RecordingError):
+                yield self._survey._read_result(path)
 
     def read_last_result(self) -> Result | None:
         """Read the valid result of the drop; None without a stored result.
 
         The errors are those of `read_results`.
         """
-        return self._origin.read_last_result(self.number)
+        paths = self._result_paths()
+        return self._survey._read_result(paths[-1]) if paths else None
 
     def read_diagnosis(self) -> Result | None:
         """Read the latest diagnosis of the point that was stored with this drop; None without one.
@@ -148,7 +176,11 @@ class SurveyDrop:
         RecordingError
             If the file of the diagnosis is damaged.
         """
-        return self._origin.read_diagnosis(self.number)
+        paths = self._survey._diagnoses.get(self.number)
+        return self._survey._read_result(max(paths, key=_last)) if paths else None
+
+    def _result_paths(self) -> list[str]:
+        return sorted(self._survey._results.get(self.number, ()), key=_last)
 
 
 @dataclass(slots=True)
@@ -268,34 +300,6 @@ class Survey:
         paths = [path for path in self._index.files if path.startswith("captures/")]
         return tuple(self.folder / path for path in sorted(paths, key=_last))
 
-    def read_traces(self, number: int) -> DropRecord:
-        """Read the record of a drop without rebounds and raw counts; errors as in `read_drop`.
-
-        Parameters
-        ----------
-        number : int
-            Survey-wide number of the drop.
-        """
-        entry = self._index.drops.get(number)
-        if entry is not None:
-            with contextlib.suppress(RecordingError):  # damaged since the survey was opened
-                return self._traces(entry, *decode_payload(self._frame(entry).payload, is_trace))
-        return replace(self.read_drop(number), counts=None, rebounds=())
-
-    def read_facts(self, number: int) -> DropFacts:
-        """Read the declarations of a drop with its recorded peaks, or without these its traces.
-
-        Parameters
-        ----------
-        number : int
-            Survey-wide number of the drop.
-        """
-        entry = self._index.drops.get(number)
-        if entry is not None:
-            with contextlib.suppress(RecordingError):  # damaged since the survey was opened
-                return self._facts(entry)
-        return facts_of(self.read_traces(number))
-
     def read_drop(self, number: int) -> DropRecord:
         """Read the complete record of a drop with all its rebounds.
 
@@ -323,59 +327,6 @@ class Survey:
                 "undamaged record; try pfwd recover"
             )
         return with_rebounds(record, self._rebounds(later))
-
-    def key_of(self, number: int) -> str | None:
-        """Return the text that identifies a drop on its instrument, given its survey-wide number.
-
-        None if the drop has no such text or cannot be read.
-        """
-        entry = self._index.drops.get(number)
-        key: object = None if entry is None else entry.key
-        if entry is not None and key is None:
-            try:
-                key = payload_data(self._frame(entry).payload).get("key")
-            except RecordingError:
-                entry = None  # damaged since the survey was opened
-        if entry is None:
-            record = self._from_file(number)
-            key = None if record is None else record.metadata.get("key")
-        return key if isinstance(key, str) else None
-
-    def results_of(self, number: int) -> tuple[Path, ...]:
-        """Return the files with stored results of a drop: trials first, the valid result last."""
-        return tuple(self.folder / path for path in self._result_paths(number))
-
-    def result_count_of(self, number: int) -> int:
-        """Return the number of stored results of a drop."""
-        return len(self._results.get(number, ()))
-
-    def read_diagnosis(self, number: int) -> Result | None:
-        """Return the latest diagnosis that was stored with a drop; None without one."""
-        paths = self._diagnoses.get(number)
-        return self._read_result(max(paths, key=_last)) if paths else None
-
-    def read_results(self, number: int) -> tuple[Result, ...]:
-        """Return the stored results of a drop: trials first, the valid result last."""
-        return tuple(map(self._read_result, self._result_paths(number)))
-
-    def readable_results(self, number: int) -> Iterator[Result]:
-        """Yield the undamaged stored results of a drop: the valid result first, trials last."""
-        for path in reversed(self._result_paths(number)):
-            with contextlib.suppress(RecordingError):
-                yield self._read_result(path)
-
-    def read_last_result(self, number: int) -> Result | None:
-        """Return the valid result of a drop; None without a stored result."""
-        paths = self._results.get(number)
-        return self._read_result(max(paths, key=_last)) if paths else None
-
-    def file_of(self, number: int) -> Path | None:
-        """Return the HDF5 file of a drop, given its survey-wide number; None if it was not made."""
-        name = self._layout.drop_file_name(number)
-        return self.folder / name if name in self._index.files else None
-
-    def _result_paths(self, number: int) -> list[str]:
-        return sorted(self._results.get(number, ()), key=_last)
 
     def _read_result(self, path: str) -> Result:
         try:
@@ -467,7 +418,7 @@ class Survey:
             target=state.get("target"),
             edits=edits,
             source=source,
-            _origin=self,
+            _survey=self,
         )
 
     def _edits_of(self, key: str, value: object) -> tuple[dict[str, Any], ...]:
@@ -484,24 +435,6 @@ class Survey:
     def _from_journal(self, entry: DropEntry) -> DropRecord:
         data, arrays = decode_payload(self._frame(entry).payload)
         record = drop_from_parts(data, arrays)
-        _require_drop(entry, data.get("number"), record.point, record.drop.number)
-        return record
-
-    def _facts(self, entry: DropEntry) -> DropFacts:
-        payload = self._frame(entry).payload
-        data, peaks_or_arrays = decode_payload_unless(payload, recorded_peaks, is_trace)
-        if not isinstance(peaks_or_arrays, Peaks):
-            return facts_of(self._traces(entry, data, peaks_or_arrays))
-        _require_drop(entry, data.get("number"), data.get("point"), data.get("drop"))
-        declared, metadata = data.get("declared"), data.get("metadata")
-        if not isinstance(declared, dict) or not isinstance(metadata, dict):
-            raise RecordingError(f"expected the declarations of drop {entry.number}")
-        return DropFacts(declared, metadata, peaks_or_arrays, None)
-
-    def _traces(
-        self, entry: DropEntry, data: Mapping[str, Any], arrays: Mapping[str, Array]
-    ) -> DropRecord:
-        record = drop_from_parts({**data, "rebounds": []}, arrays)
         _require_drop(entry, data.get("number"), record.point, record.drop.number)
         return record
 
@@ -560,6 +493,23 @@ def read_survey(folder: str | os.PathLike[str]) -> Survey:
         states = None
     with no_collections():
         return Survey(layout, read_index(layout), states)
+
+
+def _facts(entry: DropEntry, payload: bytes) -> DropFacts:
+    data, peaks_or_arrays = decode_payload_unless(payload, recorded_peaks, is_trace)
+    if not isinstance(peaks_or_arrays, Peaks):
+        return facts_of(_traces(entry, data, peaks_or_arrays))
+    _require_drop(entry, data.get("number"), data.get("point"), data.get("drop"))
+    declared, metadata = data.get("declared"), data.get("metadata")
+    if not isinstance(declared, dict) or not isinstance(metadata, dict):
+        raise RecordingError(f"expected the declarations of drop {entry.number}")
+    return DropFacts(declared, metadata, peaks_or_arrays, None)
+
+
+def _traces(entry: DropEntry, data: Mapping[str, Any], arrays: Mapping[str, Array]) -> DropRecord:
+    record = drop_from_parts({**data, "rebounds": []}, arrays)
+    _require_drop(entry, data.get("number"), record.point, record.drop.number)
+    return record
 
 
 def _require_drop(entry: DropEntry, *actual: object) -> None:
