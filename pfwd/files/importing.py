@@ -18,7 +18,7 @@ from typing import Any, Literal
 from pfwd.errors import OptionError, SurveyError, quote, refusal
 from pfwd.files.folders import is_survey, is_survey_file, spare_folder
 from pfwd.files.foreign.common import Channels
-from pfwd.files.header import declared_values, remarks_of
+from pfwd.files.header import remarks_of
 from pfwd.files.output_path import refuse_inside_survey
 from pfwd.files.photos import is_sound_photo, moment_of, photos_of, store_photo
 from pfwd.files.reading import read_points
@@ -168,7 +168,7 @@ def _import_drop(
     before: Mapping[int, int],
 ) -> Imported:
     # As JSON data: what a survey returns when it is read again.
-    declared = dict(json.loads(json.dumps(declared_values(point.setup), default=str)))
+    declared = dict(json.loads(json.dumps(point.declared, default=str)))
     key = _fingerprint(drop, declared)
     kind, remarks = kind_of(drop, declared), remarks_of(declared)
     stored = writer.find_key(key)

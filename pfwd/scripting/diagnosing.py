@@ -25,7 +25,7 @@ from pfwd.scripting.options import DIAGNOSE_OPTIONS, DiagnoseOptions
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from inversion.diagnosis import PointDiagnosis, PointRecords
+    from inversion.diagnosis import PointDiagnosis
     from inversion.inference.instrument import Instrument
     from pfwd.analysis.diagnosis.entries import DiagnosisPoint
     from pfwd.analysis.diagnosis.points import DeviceValues
@@ -65,23 +65,13 @@ class Diagnosis(display.Displayable):
     """True: the diagnosis was stored with the survey; None: it was computed now."""
     warnings: tuple[Notice, ...] = display.alias("_result.warnings")
     """Warnings about the data and the limits of the diagnosis."""
-
-    @property
-    def modulus(self) -> float | None:
-        """Modulus to use, Pa: fitted with the effects, or without them if `use` is ``do-not-use``;
-        None: none.
-        """
-        return None if self._modulus is None else self._modulus.value
-
-    @property
-    def modulus_interval(self) -> tuple[float, float] | None:
-        """95 % interval of `modulus`, Pa; None: there is no modulus."""
-        return None if self._modulus is None else self._modulus.interval
-
-    @property
-    def modulus_source(self) -> str | None:
-        """Source of `modulus`: ``diagnosed`` (with the effects) or ``fitted``; None: none."""
-        return None if self._modulus is None else self._modulus.source
+    modulus: float | None = display.alias("_modulus.value")
+    """Modulus to use, Pa: fitted with the effects, or without them if `use` is ``do-not-use``;
+    None: none."""
+    modulus_interval: tuple[float, float] | None = display.alias("_modulus.interval")
+    """95 % interval of `modulus`, Pa; None: there is no modulus."""
+    modulus_source: str | None = display.alias("_modulus.source")
+    """Source of `modulus`: ``diagnosed`` (with the effects) or ``fitted``; None: none."""
 
     @property
     def in_force(self) -> bool:
@@ -341,17 +331,15 @@ def _places(
     from inversion.inference.instrument import Instrument
     from pfwd.analysis.diagnosis.entries import instrument_of
 
-    records: dict[object, list[PointRecords]] = {}
-    indices: list[int] = []
+    groups: dict[object, list[DiagnosisPoint]] = {}
     for entry in entries:
-        of_instrument = records.setdefault(instrument_of(entry), [])
-        indices.append(len(of_instrument))
-        of_instrument += [] if entry.records is None else [entry.records]
-    instruments = {key: Instrument(points, device_values) for key, points in records.items()}
-    return [
-        None if entry.records is None else (instruments[instrument_of(entry)], index)
-        for entry, index in zip(entries, indices, strict=True)
-    ]
+        groups.setdefault(instrument_of(entry), []).append(entry)
+    places: dict[DiagnosisPoint, tuple[Instrument, int]] = {}
+    for group in groups.values():
+        measured = {entry: entry.records for entry in group if entry.records is not None}
+        instrument = Instrument(list(measured.values()), device_values)
+        places |= {entry: (instrument, index) for index, entry in enumerate(measured)}
+    return [places.get(entry) for entry in entries]
 
 
 def _effect_line(effect: EffectResult) -> str:

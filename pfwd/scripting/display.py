@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import html
+import itertools
 import math
 import os
 from abc import abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib import import_module
-from operator import attrgetter
 from typing import TYPE_CHECKING, Any, ClassVar, Self, SupportsIndex, TypeVar, overload
 
 from pfwd.errors import OptionError, refusal
@@ -56,7 +56,7 @@ class Displayable:
         return html_table(repr(self), self._rows())
 
     @abstractmethod
-    def _rows(self) -> Sequence[Mapping[str, Any]]:
+    def _rows(self) -> Iterable[Mapping[str, Any]]:
         """Return the rows of the table, by columns whose names end in their SI unit."""
 
     @abstractmethod
@@ -93,8 +93,9 @@ class ObjectSequence(Displayable, tuple[_Item, ...]):
             raise KeyError(f"{self.KEY}: expected a name that occurs once of {listed}, got {key!r}")
         return self[names.index(key)]
 
-    def _rows(self) -> Sequence[Mapping[str, Any]]:
-        return [row for item in self for row in item._rows()]
+    def _rows(self) -> Iterator[Mapping[str, Any]]:
+        for item in self:
+            yield from item._rows()
 
     def to_dict(self) -> dict[str, Any]:
         """Return a dict with a list of the dicts of the objects."""
@@ -102,8 +103,17 @@ class ObjectSequence(Displayable, tuple[_Item, ...]):
 
 
 def alias(path: str) -> Any:
-    """Return a property with the value of another attribute, such as ``modulus_pa``."""
-    return property(attrgetter(path))
+    """Return a property with the value of another attribute, such as ``_peaks.load``.
+
+    The value is None if an object on the path is None.
+    """
+
+    def read(value: Any) -> Any:
+        for name in path.split("."):
+            value = None if value is None else getattr(value, name)
+        return value
+
+    return property(read)
 
 
 def text_of(value: object) -> str:
@@ -127,24 +137,21 @@ def conditions(model: object, plate: object, radius: float | None, ratio: float 
 
 
 def html_table(caption: str, rows: Iterable[Mapping[str, Any]]) -> str:
-    """Return `NOTEBOOK_COLUMNS` of rows as a table in HTML.
+    """Return `NOTEBOOK_COLUMNS` of the first rows as a table in HTML.
 
-    Rows beyond `MAX_NOTEBOOK_ROWS` are counted in a last line. A point without a name has that of
-    its file.
+    A last line states that there are more than `MAX_NOTEBOOK_ROWS`. A point without a name has that
+    of its file.
     """
-    flat = list(map(flatten, rows))
+    flat = list(map(flatten, itertools.islice(rows, MAX_NOTEBOOK_ROWS + 1)))
+    more = f"<p>first {MAX_NOTEBOOK_ROWS} rows</p>" if len(flat) > MAX_NOTEBOOK_ROWS else ""
     for row in flat:
         row["point"] = row.get("point") or os.path.basename(str(row.get("file") or ""))
-    columns = [
-        key for key in NOTEBOOK_COLUMNS if any(row.get(key) not in (None, "") for row in flat)
-    ]
+    columns = [key for key in NOTEBOOK_COLUMNS if any(r.get(key) not in (None, "") for r in flat)]
     head = "".join(f"<th>{html.escape(_heading(key))}</th>" for key in columns)
     body = "".join(
         "<tr>" + "".join(f"<td>{html.escape(_cell(key, row))}</td>" for key in columns) + "</tr>"
         for row in flat[:MAX_NOTEBOOK_ROWS]
     )
-    omitted = len(flat) - MAX_NOTEBOOK_ROWS
-    more = f"<p>and {count(omitted, 'row')} more</p>" if omitted > 0 else ""
     return (
         f"<table><caption>{html.escape(caption)}</caption>"
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{more}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
 
@@ -31,7 +31,7 @@ from pfwd.files.traces import (
 )
 from pfwd.scripting import display
 from pfwd.scripting.options import Header, analysis_options, reading
-from pfwd_device.drop import Channel
+from pfwd_device.drop import Channel, Peaks
 from pfwd_device.drop import Drop as DeviceDrop
 from pfwd_device.signals import displacement_of
 
@@ -88,20 +88,19 @@ class Drop(display.Displayable):
         """Displacements, (n_sensors, n), m: velocities are integrated, offsets at rest removed."""
         return np.array([displacement_of(c, self.time) for c in self._drop.channels])
 
-    @property
-    def peak_load(self) -> float | None:
-        """Peak load above the load at rest, N; None: samples around the trigger are missing."""
-        return None if (peaks := unbroken_peaks(self._drop)) is None else peaks.load
+    peak_load: float | None = display.alias("_peaks.load")
+    """Peak load above the load at rest, N; None: samples around the trigger are missing."""
+    peak_displacement: float | None = display.alias("_peaks.centre")
+    """Peak displacement in the centre, m; None: no sensor there, or samples are missing."""
 
     @property
-    def peak_displacement(self) -> float | None:
-        """Peak displacement in the centre, m; None: no sensor there, or samples are missing."""
-        return None if (peaks := unbroken_peaks(self._drop)) is None else peaks.centre
+    def _peaks(self) -> Peaks | None:
+        return unbroken_peaks(self._drop)
 
     @property
     def peak_displacements(self) -> NDArray[np.float64] | None:
         """Peak displacement of every sensor, (n_sensors,), m; None: samples are missing."""
-        peaks = unbroken_peaks(self._drop)
+        peaks = self._peaks
         return None if peaks is None else np.array([peak for _, peak in peaks.displacements])
 
     @property
@@ -226,8 +225,8 @@ class Point(display.Displayable, tuple[Drop, ...]):
         radius = self._point.setup.plate_radius
         return f"Point({name}: {display.count(len(self), 'drop')}, plate of radius {radius:g} m)"
 
-    def _rows(self) -> Sequence[Mapping[str, Any]]:
-        return [row for drop in self for row in drop._rows()]
+    def _rows(self) -> Iterable[Mapping[str, Any]]:
+        return (row for drop in self for row in drop._rows())
 
     def to_dict(self) -> dict[str, Any]:
         """Return the declared values and warnings by their keys, and ``drops`` as `Drop.to_dict`

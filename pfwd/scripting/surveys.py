@@ -66,16 +66,11 @@ class Survey(display.Displayable):
         return Results(_results(self.path, self._order.rows))
 
     def __repr__(self) -> str:
-        name, content = (
-            display.text_of(os.path.basename(os.path.normpath(self.path))),
-            self._content,
-        )
+        name = display.text_of(os.path.basename(os.path.normpath(self.path)))
+        content, count = self._content, display.count
+        points, drops = count(len(content.points), "point"), count(len(content.drops), "drop")
         stored = sum(row.drop.last_result is not None for row in self._order.rows)
-        damage = f", {display.count(len(self.damage), 'damage')}" if self.damage else ""
-        points, drops = (
-            display.count(len(content.points), "point"),
-            display.count(len(content.drops), "drop"),
-        )
+        damage = f", {count(len(self.damage), 'damage')}" if self.damage else ""
         return f"Survey({name}: {points}, {drops}, {stored} with results{damage})"
 
     def _rows(self) -> Sequence[Mapping[str, Any]]:

@@ -1,6 +1,7 @@
 """`import pfwd`: names, reading, surveys, tables, plots, and what the import costs."""
 
 import io
+import itertools
 import json
 import subprocess
 import sys
@@ -110,11 +111,6 @@ def test_a_plot_of_moduli_says_what_they_rest_on() -> None:
     assert "half-space, rigid-rough plate of radius 0.15 m, Poisson's ratio 0.35" in title
 
 
-def test_what_is_no_axes_is_refused() -> None:
-    with pytest.raises(pfwd.OptionError, match=r"ax: expected axes of matplotlib, .* got int"):
-        pfwd.example("layer").plot(3)  # type: ignore[arg-type]
-
-
 @pytest.mark.parametrize(
     ("package", "method"),
     [("pandas", "to_dataframe"), ("matplotlib", "plot"), ("xarray", "to_xarray")],
@@ -197,8 +193,6 @@ def test_a_survey_without_values_draws_peaks(tmp_path: Path) -> None:
 
 def test_a_survey_has_its_points_drops_and_results() -> None:
     survey = pfwd.open(DATA_FOLDER / "survey.pfwdz")
-    assert repr(survey) == "Survey(survey.pfwdz: 4 points, 8 drops, 8 with results)"
-    assert [point.name for point in survey.points][:2] == ["km 0+000", "km 0+025"]
     assert survey.points["km 0+025"].drops == survey.points[1].drops == tuple(survey.points[1])
     for named, name in ((survey.points, "km 1"), (pfwd.Results(survey.results[:2]), "km 0+000")):
         with pytest.raises(KeyError, match=r"expected a name that occurs once of km 0\+000, "):
@@ -213,7 +207,6 @@ def test_a_survey_has_its_points_drops_and_results() -> None:
     points = survey.points_dataframe()
     assert list(points.columns) == [column.name for column in POINT_COLUMNS]
     assert points["point"].tolist() == [point.name for point in survey.points]
-    assert points["verdict"].tolist() == ["none"] * 4, "no target is declared"
     in_force = [drop.modulus for drop in survey.results.measured]
     assert points["modulus_pa"].tolist() == pytest.approx(in_force)
 
@@ -232,15 +225,6 @@ def test_a_stored_result_draws_its_modulus_with_the_interval() -> None:
         without.plot()
 
 
-def test_what_is_no_survey_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(pfwd.SurveyError, match=r"expected a survey, .* got another folder"):
-        pfwd.open(tmp_path)
-    with pytest.raises(pfwd.SurveyError, match=r"expected a survey, .* got another file"):
-        pfwd.open(DATA_FOLDER / "layer.csv")
-    with pytest.raises(pfwd.OptionError, match="path: expected the path of a survey, got int"):
-        pfwd.open(3)  # type: ignore[arg-type]
-
-
 def test_reading_takes_what_the_command_line_takes(tmp_path: Path) -> None:
     header = tmp_path / "plate.toml"
     header.write_text("plate_radius_m = 0.1\n")
@@ -249,10 +233,6 @@ def test_reading_takes_what_the_command_line_takes(tmp_path: Path) -> None:
         assert points[0].declared["plate_radius_m"] == 0.1
     points = pfwd.read(DATA_FOLDER / "layer.csv", header=header, plate_radius=0.2)
     assert points.drops[0].declared["plate_radius_m"] == 0.2
-    with pytest.raises(pfwd.OptionError, match="path: expected the path of a file or folder"):
-        pfwd.read(None)  # type: ignore[arg-type]
-    with pytest.raises(pfwd.OptionError, match="channels: expected raw or stored, got 'all'"):
-        pfwd.read(DATA_FOLDER / "layer.csv", channels="all")  # type: ignore[arg-type]
 
 
 def test_a_drop_shows_what_was_measured() -> None:
@@ -274,13 +254,6 @@ def test_a_drop_shows_what_was_measured() -> None:
         "velocity_m_s@0.6",
     ]
     np.testing.assert_array_equal(frame["load_N"], drop.load)
-
-
-def test_an_unknown_example_is_refused() -> None:
-    with pytest.raises(
-        pfwd.OptionError, match=r"example: expected one of half-space, .* survey, got"
-    ):
-        pfwd.example("moon")  # type: ignore[call-overload]
 
 
 def test_the_examples_are_small_and_say_nothing_of_their_truth() -> None:
@@ -312,7 +285,7 @@ def test_the_examples_are_what_their_command_makes(tmp_path: Path) -> None:
 
 
 def test_a_table_is_bounded_and_escaped() -> None:
-    text = html_table("<b>", [{"point": "<script>"}] * (MAX_NOTEBOOK_ROWS + 3))
+    text = html_table("<b>", itertools.repeat({"point": "<script>"}))
     assert text.count("&lt;script&gt;") == MAX_NOTEBOOK_ROWS
     assert "<script>" not in text
-    assert "and 3 rows more" in text
+    assert "first 20 rows" in text

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import Any
 
@@ -18,6 +19,7 @@ from pfwd.files.traces import read_traces
 from pfwd.judging.verdicts import modulus_in_force
 from pfwd.procedures import PointModulus
 from pfwd.scripting.options import DIAGNOSE_OPTIONS, INVERT_OPTIONS
+from pfwd.scripting.surveys import DATA_FOLDER
 
 # As pfwd/scripting/data/README.md says them; a file says nothing of it.
 TRUE_MODULI = {"half-space": 60e6, "layer": 45e6, "three-sensors": 80e6}
@@ -206,8 +208,6 @@ def test_wrong_data_get_one_line(data: tuple[Any, ...], message: str) -> None:
         ({"bedrock_depth": "deep"}, r"bedrock_depth: expected a number > 0, .* 'deep'"),
         ({"layers": 2.0}, r"layers: expected a whole number from 1 to 4, .* got 2.0"),
         ({"layers": True}, r"layers: expected a whole number from 1 to 4, .* got True"),
-        ({"layers": "two"}, r"layers: expected .* or 'auto', got 'two'"),
-        ({"layers": 5}, r"layers: expected a whole number from 1 to 4, .* got 5"),
         ({"layers": 2, "thickness": 0.2}, r"thickness: expected a list of .* got 0.2"),
         ({"layers": 2, "thickness": "0.2"}, r"thickness: expected a list .* got '0.2'"),
         ({"layers": 2, "thickness": [None]}, r"thickness: expected a list of numbers"),
@@ -225,112 +225,94 @@ def test_a_wrong_option_gets_one_line(options: dict[str, Any], message: str) -> 
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("header", [3, "no.toml"])
-def test_a_wrong_header_gets_one_line(header: Any) -> None:
-    with pytest.raises(pfwd.SurveyError, match=r"header: expected the path of a TOML file"):
-        pfwd.invert("f", header=header)
+LAYER = DATA_FOLDER / "layer.csv"
+CALLS: list[tuple[Callable[[], object], str]] = [
+    (lambda: pfwd.invert("f", header=3), r"header: expected the path of a TOML file"),
+    (lambda: pfwd.invert("f", header="no.toml"), r"header: expected the path of a TOML file"),
+    (lambda: pfwd.invert("f", offsets=1.0), r"offsets: expected none unless arrays are given"),
+    (lambda: pfwd.invert("f", quantity="velocity"), r"quantity: expected none unless arrays are"),
+    (lambda: pfwd.invert(pfwd.read(LAYER), header={}), r"header: .*; give it to pfwd.read"),
+    (lambda: pfwd.invert(pfwd.read(LAYER)[0][0], joint=True), r"joint: expected several drops of"),
+    (lambda: pfwd.diagnose(LAYER, method="mpga"), r"method: expected one of elastic, load, plate_"),
+    (lambda: pfwd.diagnose(LAYER, jobs=0), r"jobs: expected a whole number >= 1, got 0"),
+    (lambda: pfwd.read(None), r"path: expected the path of a file or folder"),
+    (lambda: pfwd.read(LAYER, channels="all"), r"channels: expected raw or stored, got 'all'"),
+    (lambda: pfwd.read(LAYER).plot(3), r"ax: expected axes of matplotlib, .* got int"),
+    (lambda: pfwd.open(DATA_FOLDER), r"expected a survey, .* got another folder"),
+    (lambda: pfwd.open(LAYER), r"expected a survey, .* got another file"),
+    (lambda: pfwd.open(3), r"path: expected the path of a survey, got int"),
+    (lambda: pfwd.example("moon"), r"example: expected one of half-space, .* survey, got"),
+]
 
 
-@pytest.mark.parametrize("option", [{"offsets": 1.0}, {"quantity": "velocity"}])
-def test_what_belongs_to_arrays_is_refused_with_a_path(option: dict[str, Any]) -> None:
-    with pytest.raises(pfwd.OptionError, match=r"expected none unless arrays are given, got one"):
-        pfwd.invert("f", **option)
+@pytest.mark.parametrize(("call", "message"), CALLS)
+def test_a_wrong_call_gets_one_line(call: Callable[[], object], message: str) -> None:
+    with pytest.raises(pfwd.SurveyError, match=message) as caught:
+        call()
+    assert "\n" not in str(caught.value)
 
 
-def test_joint_of_one_drop_is_refused() -> None:
-    with pytest.raises(pfwd.OptionError, match="joint: expected several drops of a point, got one"):
-        pfwd.invert(pfwd.example("layer").drops[0], joint=True)
+@pytest.fixture(scope="module")
+def diagnosis() -> pfwd.Diagnosis:
+    return pfwd.diagnose(pfwd.example("unexplained")[0])
 
 
-def test_a_header_for_what_was_read_is_refused() -> None:
-    with pytest.raises(pfwd.OptionError, match=r"header: .*; give it to pfwd.read"):
-        pfwd.invert(pfwd.example("layer"), header={"plate_radius_m": 0.1})
-
-
-def test_the_diagnosis_finds_the_effect_of_the_example() -> None:
-    (found,) = pfwd.diagnose(pfwd.example("unexplained"))
-    # It moves by 4 %, and is known to 2.8 % either way: narrower than it moved it is not.
-    assert (found.verdict, found.corrected, found.effects) == ("explained", False, ("sensor_lag",))
+def test_the_diagnosis_finds_the_effect_of_the_example(diagnosis: pfwd.Diagnosis) -> None:
+    # Text, verdict and effects are those of docs/python.md, whose examples are run as a test.
     # The sensor comes 0.5 ms late, over a ground of 50 MPa (pfwd/scripting/data/README.md).
-    (effect,) = found["effects"]
+    (effect,) = diagnosis["effects"]
     assert effect["value"] == pytest.approx(5e-4, rel=0.02)
-    before, after = found.before, found.after
+    before, after = diagnosis.before, diagnosis.after
     assert before is not None
     assert after is not None
     assert after["modulus_pa"] == pytest.approx(50e6, rel=0.005)
     assert abs(before["modulus_pa"] - 50e6) > 1e6
-    line = repr(found)
-    for part in (
-        "explained by sensor_lag",
-        "E 48.6 MPa (46.7 to 50.6) before",
-        "half-space",
-        "radius 0.15 m",
-        "ratio 0.35",
-    ):
-        assert part in line
-    assert "np." not in str(found)
-    assert json.loads(json.dumps(found.to_dict())) == found.to_dict()
-    frame = found.to_dataframe()
+    frame = diagnosis.to_dataframe()
     assert frame["state"].tolist() == ["before", "after"]
     assert frame["in_force"].tolist() == [False, True]
     assert set(frame["use"]) == {"design"}
-    assert (found.modulus, found.use) == (after["modulus_pa"], "design")
-    assert (found.in_force, found.modulus_source, found.stored) == (True, "diagnosed", None)
-    assert found.modulus_interval == tuple(after["modulus_interval_pa"])
+    assert (diagnosis.modulus, diagnosis.use) == (after["modulus_pa"], "design")
+    assert (diagnosis.in_force, diagnosis.modulus_source) == (True, "diagnosed")
+    assert diagnosis.modulus_interval == tuple(after["modulus_interval_pa"])
+    assert diagnosis.stored is None
 
 
 @pytest.mark.parametrize(
-    ("residual", "advice", "in_force"),
-    [
-        (0.05, "use the one before", [True, False]),
-        (0.3, "use none", [False, False]),
-    ],
+    ("residual", "source", "advice"),
+    [(0.05, "fitted", "use the one before"), (0.3, None, "use none")],
 )
 def test_a_diagnosis_that_is_not_to_be_used_says_what_is(
-    residual: float, advice: str, in_force: list[bool]
+    diagnosis: pfwd.Diagnosis, residual: float, source: str | None, advice: str
 ) -> None:
-    record = pfwd.diagnose(pfwd.example("unexplained").drops[0]).to_dict()
+    record = json.loads(json.dumps(diagnosis.to_dict()))
     record["before"]["contact_residual_rms_over_peak"] = residual
     modulus = record["after"]["modulus_pa"]
     record["after"]["modulus_interval_pa"] = [modulus / 2, 2 * modulus]
     result = DiagnosisResult.from_json(record)
-    diagnosis = pfwd.Diagnosis(result, modulus_in_force(result))
-    assert diagnosis.use == "do-not-use"
-    assert "after: do not use (the interval of the modulus reaches" in repr(diagnosis)
-    assert f", {advice}; " in repr(diagnosis)
-    assert diagnosis.to_dataframe()["in_force"].tolist() == in_force
-    assert (diagnosis.in_force, diagnosis.modulus_source) == (
-        False,
-        "fitted" if in_force[0] else None,
-    )
-    expected = record["before"]["modulus_pa"] if in_force[0] else None
-    assert diagnosis.modulus == expected
-    assert (diagnosis.modulus_interval is None) == (expected is None)
+    unusable = pfwd.Diagnosis(result, modulus_in_force(result))
+    assert unusable.use == "do-not-use"
+    assert "after: do not use (the interval of the modulus reaches" in repr(unusable)
+    assert f", {advice}; " in repr(unusable)
+    assert unusable.to_dataframe()["in_force"].tolist() == [source is not None, False]
+    assert (unusable.in_force, unusable.modulus_source) == (False, source)
+    expected = record["before"]["modulus_pa"] if source else None
+    assert unusable.modulus == expected
+    assert (unusable.modulus_interval is None) == (expected is None)
 
 
-def test_a_diagnosis_of_unsupported_records_has_no_modulus_to_use() -> None:
-    record = pfwd.diagnose(pfwd.example("unexplained").drops[0]).to_dict()
+def test_a_diagnosis_of_unsupported_records_has_no_modulus_to_use(
+    diagnosis: pfwd.Diagnosis,
+) -> None:
     modulus = PointModulus(50e6, (49e6, 51e6), "diagnosed", "drop 2: a copy")
-    diagnosis = pfwd.Diagnosis(DiagnosisResult.from_json(record), modulus)
-    assert (diagnosis.modulus, diagnosis.use, diagnosis.use_reason) == (
-        None,
-        "do-not-use",
-        "drop 2: a copy",
-    )
-    assert "after: do not use (drop 2: a copy), use none; " in repr(diagnosis)
+    unusable = pfwd.Diagnosis(DiagnosisResult.from_json(diagnosis.to_dict()), modulus)
+    assert (unusable.modulus, unusable.in_force) == (None, False)
+    assert (unusable.use, unusable.use_reason) == ("do-not-use", "drop 2: a copy")
+    assert "after: do not use (drop 2: a copy), use none; " in repr(unusable)
 
 
 def test_a_drop_without_effect_is_clean() -> None:
     found = pfwd.diagnose(pfwd.example("half-space").drops[0])
-    assert isinstance(found, pfwd.Diagnosis)
     assert (found.verdict, found.effects) == ("clean", ())
-
-
-def test_diagnose_refuses_what_it_does_not_know() -> None:
-    with pytest.raises(pfwd.OptionError, match="method: expected one of elastic, load, plate_rad"):
-        pfwd.diagnose(pfwd.example("layer"), method="mpga")
-    with pytest.raises(pfwd.OptionError, match="jobs: expected a whole number >= 1, got 0"):
-        pfwd.diagnose(pfwd.example("layer"), jobs=0)
 
 
 def _arrays(name: Any) -> tuple[Any, Any, Any]:
@@ -347,18 +329,16 @@ def test_every_option_of_the_analysis_is_offered() -> None:
         assert f"{name} :" in str(pfwd.invert.__doc__) or f"{name}," in str(pfwd.invert.__doc__)
 
 
-def test_a_diagnosis_predicts_a_drop_that_follows() -> None:
-    point = pfwd.example("unexplained")[0]
-    found = pfwd.diagnose(point)
-    drop = point.drops[-1]
-    predicted = found.predict(drop.time, drop.load)
+def test_a_diagnosis_predicts_a_drop_that_follows(diagnosis: pfwd.Diagnosis) -> None:
+    drop = pfwd.example("unexplained").drops[-1]
+    predicted = diagnosis.predict(drop.time, drop.load)
     assert predicted.shape == (len(drop.offsets), drop.time.size)
     assert drop.peak_displacement is not None
     # The lag of its sensor is in it.
     assert predicted[0].max() == pytest.approx(drop.peak_displacement, rel=0.02)
-    larger = found.predict(drop.time, 1.5 * drop.load)
+    larger = diagnosis.predict(drop.time, 1.5 * drop.load)
     assert larger[0].max() == pytest.approx(1.5 * predicted[0].max(), rel=1e-3)
     with pytest.raises(pfwd.SurveyError, match="load: expected"):
-        found.predict(drop.time, drop.load[:-1])
+        diagnosis.predict(drop.time, drop.load[:-1])
     with pytest.raises(pfwd.InversionError, match="load: expected a positive pulse"):
-        found.predict(drop.time, np.zeros(drop.time.size))
+        diagnosis.predict(drop.time, np.zeros(drop.time.size))

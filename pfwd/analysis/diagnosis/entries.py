@@ -79,9 +79,9 @@ def entries_of(file: str, options: AnalysisOptions) -> list[DiagnosisPoint]:
 
 def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> DiagnosisPoint:
     """Screen a point that was read already, and choose the drops that are fitted."""
+    device = None if point.setup.device is None else str(point.setup.device)
     if point.setup.is_stiffness_test:
-        device, called = _text(point.setup.device), _text(point.setup.point)
-        return DiagnosisPoint(file, device, None, (), point.warnings, point, called)
+        return DiagnosisPoint(file, device, None, (), point.warnings, point, point.name)
     screenings = leave_out_bad_sensors(point, screen_point(point))
     reasons = duplicate_drops(point.drops, screenings)
     chosen = [
@@ -101,16 +101,14 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
     # A bad sensor is excluded from every drop of the point: one warning is enough.
     every = [*point.warnings, *(w for _, screening in chosen for w in screening.warnings)]
     warnings = tuple(dict.fromkeys(every))
-    name = _text(point.setup.device)
-    called = _text(point.setup.point)
     if not chosen:
-        return DiagnosisPoint(file, name, None, rejected, warnings, point=called)
+        return DiagnosisPoint(file, device, None, rejected, warnings, point=point.name)
     excluded = {offset for _, screening in chosen for offset in screening.left_out}
     records = tuple(record_of(drop, point.setup, options, excluded) for drop, _ in chosen)
     numbers = tuple(drop.number for drop, _ in chosen)
     # Only declared values are fixed; the search for effects needs the others to be free.
     made = PointRecords(
-        file if called is None else called,
+        file if point.name is None else point.name,
         records,
         numbers,
         elastic=options.elastic,
@@ -125,11 +123,11 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
     ]
     return DiagnosisPoint(
         file,
-        name,
+        device,
         made,
         rejected,
         warnings,
-        point=called,
+        point=point.name,
         basis=basis_of(point.setup),
         left_out=tuple(
             drop.number
@@ -139,10 +137,6 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
         question=question_of(records, (made.elastic, made.half_sine), [rejected, warnings]),
         last=stored[-1] if stored else None,
     )
-
-
-def _text(value: object) -> str | None:
-    return None if value is None else str(value)
 
 
 def instrument_of(point: DiagnosisPoint) -> tuple[object, ...]:
