@@ -91,15 +91,6 @@ def test_photos_are_named_within_the_survey(judged: Path, tmp_path: Path) -> Non
     assert second["photos"] == ""
 
 
-def test_a_verdict_follows_the_target(judged: Path, tmp_path: Path) -> None:
-    with SurveyWriter.open(judged) as writer:
-        writer.edit("target", 60e6, point="A/1")
-    assert points_of(judged, tmp_path / "p.csv")[0]["verdict"] == "fail"
-    with SurveyWriter.open(judged) as writer:
-        writer.edit("target", 45e6, point="A/1")
-    assert points_of(judged, tmp_path / "q.csv")[0]["verdict"] == "undecided"
-
-
 def test_a_discarded_point_is_marked_and_has_no_verdict(judged: Path, tmp_path: Path) -> None:
     with SurveyWriter.open(judged) as writer:
         writer.edit("discard", "wrong place", point="A/1")

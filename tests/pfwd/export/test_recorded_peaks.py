@@ -14,7 +14,6 @@ from pfwd.judging import view
 from pfwd_device import Channel, Drop
 from pfwd_device.recording import DropRecord, SurveyWriter, drop_payload, payload
 from pfwd_device.recording import read_survey as read
-from tests.pfwd.export.conftest import rows_of
 
 
 def table(survey: Path, path: Path, form: str = "table") -> bytes:
@@ -61,25 +60,6 @@ def test_arrays_are_unpacked_only_for_drops_without_recorded_peaks(
     with computed_anew():
         table(survey, tmp_path / "computed")
     assert counted() == (5, 5)
-
-
-def test_a_survey_of_an_earlier_version_has_its_peaks_computed(
-    survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make_drop: Callable[..., Drop]
-) -> None:
-    expected = table(survey, tmp_path / "expected.csv")
-    folder = tmp_path / "earlier"
-    records = {drop.number: drop.read() for drop in read(survey).drops}
-    monkeypatch.setattr("pfwd_device.recording.survey_writer.peaks_data", lambda _: None)
-    with SurveyWriter.open(folder, publish=False) as writer:
-        for record in records.values():
-            writer.save_drop(record)
-    table(folder, tmp_path / "found.csv")
-    found = rows_of(tmp_path / "found.csv")
-    told = rows_of(tmp_path / "expected.csv")
-    for name in ("peak_load_n", "deflection_recorded_m"):
-        assert [row[name] for row in found] == [row[name] for row in told]
-        assert all(float(row[name]) > 0 for row in found)
-    assert expected
 
 
 def test_nothing_declared_later_changes_peaks(survey: Path, tmp_path: Path) -> None:

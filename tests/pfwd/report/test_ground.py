@@ -273,12 +273,5 @@ def test_layers_that_cannot_be_are_refused() -> None:
         ReportOptions(layers=3, thickness=(0.1,))
 
 
-@pytest.mark.parametrize("language", ["en", "de"])
-def test_a_pdf_with_layers_has_pages(layered: Path, language: str) -> None:
-    target = layered.parent / "layers.pdf"
-    write_report(layered, target, ReportOptions(language=language))
-    assert target.read_bytes().startswith(b"%PDF")
-
-
 def test_a_result_without_effective_modulus_says_nothing_of_it() -> None:
     assert effective_of(DropResult(), load_texts("en")) == "–"

@@ -1,6 +1,5 @@
 """Reports: what they say, that nothing in them runs or is fetched, that they can be read."""
 
-import dataclasses
 import gc
 import hashlib
 import html.parser
@@ -312,9 +311,6 @@ def test_what_comes_from_a_survey_is_text(survey: Path) -> None:
     assert sum(HOSTILE in one for one in page.texts) >= 5
     assert all(HOSTILE in one for one in page.texts if "script" in one), "nothing is computed"
     assert HOSTILE in report.title
-    target = survey.parent / "report.pdf"
-    write_report(survey, target)
-    assert target.read_bytes().startswith(b"%PDF")
 
 
 def test_discarded_drops_and_points_are_shown_as_such(survey: Path) -> None:
@@ -627,12 +623,6 @@ def test_a_browser_shows_it(survey: Path) -> None:
     gap = max(map(len, "".join("x" if row else "." for row in dark > 0).split("x")))
     assert (dark > 0).mean() > 0.4
     assert gap < 200, f"{gap} empty lines: a picture is missing"
-
-
-def test_results_and_points_survive_json(survey: Path) -> None:
-    for point in gather(survey).points:
-        json.dumps(point.progress.as_dict(), allow_nan=False)
-        assert dataclasses.is_dataclass(point)
 
 
 def test_garbage_is_looked_for_as_before_once_the_pictures_are_drawn() -> None:

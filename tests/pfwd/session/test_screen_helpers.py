@@ -191,11 +191,6 @@ def test_a_recorded_drop_comes_with_its_setup_and_its_judgement(tmp_path: Path) 
         recorded_drop(folder, 9)
 
 
-def test_no_survey_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(SurveyError, match="expected a survey, its folder or one file"):
-        read_points(tmp_path / "none")
-
-
 def test_a_survey_that_is_written_takes_no_result_from_outside(tmp_path: Path) -> None:
     measured(tmp_path / "s")
     with (
@@ -230,12 +225,3 @@ def test_a_point_is_where_the_receiver_was_unless_somebody_said_otherwise(tmp_pa
     with SurveyWriter.open(folder) as writer:
         writer.edit("position", {"latitude": 1.0, "longitude": 2.0}, point="1")
     assert read_points(folder)[0].position == (1.0, 2.0)
-
-
-def test_positions_are_read_or_are_none(tmp_path: Path) -> None:
-    folder = tmp_path / "s"
-    place = {"latitude": 48.1, "longitude": 11.5}
-    measured(folder, lambda it: it.edit(Edit("position", place), point="1"))
-    (point,) = read_points(folder)
-    assert point.position == (48.1, 11.5)
-    assert point.target is None

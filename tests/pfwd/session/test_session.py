@@ -72,18 +72,17 @@ def test_a_drop_is_saved_before_it_is_acknowledged(log: Log, writer: Any) -> Non
 def test_drops_are_numbered_within_their_points(log: Log, writer: Any) -> None:
     counts = stream(12.0, [(1.0, 8000.0), (4.0, 8000.0), (7.0, 7000.0), (10.0, 7000.0)])
     items = pieces(counts)
-    session: list[Session] = []
     feed = ScriptedFeed(
         connected(),
         began(),
         items[:110],  # to 5.5 s
-        lambda: session[0].set_point("  km 2 "),
+        lambda: session.set_point("  km 2 "),
         items[110:170],
-        lambda: session[0].set_point("1"),
+        lambda: session.set_point("1"),
         items[170:],
     )
-    session.append(Session(feed, log, SessionPlan(options=None), writer))
-    assert session[0].run() is Ending.DONE
+    session = Session(feed, log, SessionPlan(options=None), writer)
+    assert session.run() is Ending.DONE
     assert writer.saved == [("1", 1), ("1", 2), ("km 2", 1), ("1", 3)]
     assert [told.saved.record for told in log.of(DropSaved)] == [1, 2, 3, 4]
     assert writer.points == ("1", "km 2")
@@ -132,19 +131,18 @@ def test_rebounds_are_kept_with_their_drop_and_published_with_it(log: Log, write
 
 def test_the_operator_may_trigger(log: Log, writer: Any) -> None:
     items = pieces(stream(3.0))
-    session: list[Session] = []
     feed = ScriptedFeed(
-        lambda: session[0].trigger(),  # too early: nothing comes yet
+        lambda: session.trigger(),  # too early: nothing comes yet
         connected(),
         began(),
         items[:30],
-        lambda: session[0].trigger(),
+        lambda: session.trigger(),
         items[30:45],
         Event(EventKind.TRIGGER, 0, "button"),
         items[45:],
     )
-    session.append(Session(feed, log, SessionPlan(options=None), writer))
-    session[0].run()
+    session = Session(feed, log, SessionPlan(options=None), writer)
+    session.run()
     views = [told.saved.view for told in log.of(DropSaved)]
     assert [view.marks for view in views] == [("triggered by the operator",)] * 2
     assert [view.own.kind for view in views] == [Kind.REJECTED] * 2
@@ -163,15 +161,14 @@ def test_a_drop_is_screened_once_and_its_facts_are_stored(
 
     monkeypatch.setattr(drops, "screen", counting)
     items = pieces(counts)
-    session: list[Session] = []
 
     def trigger() -> None:
         if counts is not ONE_DROP:
-            session[0].trigger()
+            session.trigger()
 
     feed = ScriptedFeed(connected(), began(), items[:30], trigger, items[30:])
-    session.append(Session(feed, log, SessionPlan(options=None), writer))
-    session[0].run()
+    session = Session(feed, log, SessionPlan(options=None), writer)
+    session.run()
     (saved,) = log.of(DropSaved)
     (point,) = point_views(read_survey(writer.folder))
     (stored,) = point.drops
@@ -195,13 +192,12 @@ def test_a_stored_rejection_holds_for_the_declared_geophone_only() -> None:
 
 
 def test_stop_finishes_the_drop_in_hand(log: Log, writer: Any) -> None:
-    session: list[Session] = []
     items = pieces(ONE_DROP)
     feed = ScriptedFeed(
-        connected(), began(), items[:21], lambda: session[0].stop(), items[21:], forever=True
+        connected(), began(), items[:21], lambda: session.stop(), items[21:], forever=True
     )
-    session.append(Session(feed, log, SessionPlan(options=None), writer))
-    assert session[0].run() is Ending.DONE
+    session = Session(feed, log, SessionPlan(options=None), writer)
+    assert session.run() is Ending.DONE
     (told,) = log.of(DropSaved)
     assert told.saved.view.marks == ()
     assert feed.closed

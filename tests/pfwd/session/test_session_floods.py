@@ -108,27 +108,25 @@ def test_two_triggers_a_person_gives_are_two_drops(log: Log) -> None:
 
 
 def test_told_to_end_it_takes_no_further_trigger(log: Log, writer: Any) -> None:
-    session: list[Session] = []
     blocks = pieces(QUIET)
     items = [one for block in blocks[30:] for one in (block, TRIGGER)]
     feed = ScriptedFeed(
-        connected(), began(), blocks[:30], lambda: session[0].stop(), items, forever=True
+        connected(), began(), blocks[:30], lambda: session.stop(), items, forever=True
     )
-    session.append(Session(feed, log, SessionPlan(options=None), writer))
-    assert session[0].run() is Ending.DONE
+    session = Session(feed, log, SessionPlan(options=None), writer)
+    assert session.run() is Ending.DONE
     assert writer.saved == []
 
 
 def test_a_drop_whose_samples_never_come_does_not_hold_up_the_end(log: Log, writer: Any) -> None:
-    session: list[Session] = []
     blocks = pieces(QUIET[:20_500])
     feed = ScriptedFeed(
-        connected(), began(), blocks[:-1], TRIGGER, blocks[-1:], lambda: session[0].stop(),
+        connected(), began(), blocks[:-1], TRIGGER, blocks[-1:], lambda: session.stop(),
         forever=True,
     )  # fmt: skip
-    session.append(Session(feed, log, SessionPlan(options=None), writer))
+    session = Session(feed, log, SessionPlan(options=None), writer)
     begun = time.monotonic()
-    assert session[0].run() is Ending.DONE
+    assert session.run() is Ending.DONE
     assert STOPPED_DROP <= time.monotonic() - begun < STOPPED_DROP + 2
     (told,) = log.of(DropSaved)
     assert "cut off: the session was ended" in told.saved.view.marks

@@ -103,12 +103,11 @@ def test_what_could_not_be_saved_is_tried_once_more_when_it_is_told_to_end(
     log: Log, writer: Any
 ) -> None:
     writer.failures = 1
-    session: list[Session] = []
     feed = ScriptedFeed(
-        connected(), began(), pieces(ONE_DROP), lambda: session[0].stop(), forever=True
+        connected(), began(), pieces(ONE_DROP), lambda: session.stop(), forever=True
     )
-    session.append(Session(feed, log, SessionPlan(options=None), writer))
-    assert session[0].run() is Ending.DONE
+    session = Session(feed, log, SessionPlan(options=None), writer)
+    assert session.run() is Ending.DONE
     assert writer.saved == [("1", 1)]
 
 

@@ -1,6 +1,5 @@
 """What a session says of its survey's files: what is not safe, and where it is kept."""
 
-import errno
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,31 +20,7 @@ from pfwd_device.errors import RecordingError
 from pfwd_device.recording import SpareFolder, Storage, SurveyWriter, record_log
 from pfwd_device.recording.publishing import InlinePublisher
 from tests.campaigns.power_loss import make_record
-
-
-class FullDisk(Storage):
-    """Takes nothing below `folder` while it is full."""
-
-    def __init__(self, folder: Path) -> None:
-        self.full = False
-        self._folder = folder
-        self._inside: dict[int, bool] = {}
-
-    def open(self, path: Path, *, create: bool = False) -> int:
-        inside = self._folder in path.parents
-        if create and inside:
-            self._may_refuse(inside)
-        descriptor = super().open(path, create=create)
-        self._inside[descriptor] = inside
-        return descriptor
-
-    def pwrite(self, descriptor: int, data: memoryview, offset: int) -> int:
-        self._may_refuse(self._inside[descriptor])
-        return super().pwrite(descriptor, data, offset)
-
-    def _may_refuse(self, inside: bool) -> None:
-        if self.full and inside:
-            raise OSError(errno.ENOSPC, "no space left")
+from tests.pfwd_device.recording.records import Refusing
 
 
 class Told:
@@ -142,14 +117,14 @@ def test_a_drop_in_the_spare_folder_is_acknowledged_as_such(
     survey: Path, tmp_path: Path, told: Told, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(record_log, "HOME_RETRY_INTERVAL_S", 0.0)
-    disk = FullDisk(survey)
+    disk = Refusing(survey)
     spare = SpareFolder(tmp_path / "spare")
     with SurveyWriter.open(
         survey, storage=disk, publish=False, reserve_bytes=0, spare=spare
     ) as writer:
         recorder = SurveyRecorder(writer, told.saved, told.tell)
         recorder.keep(make_record(1, np.random.default_rng(1)))
-        disk.full = True
+        disk.refuse()
         recorder.keep(make_record(2, np.random.default_rng(2)))
         assert recorder.held == 0
         part = writer.spare_folder_of(2)
@@ -162,7 +137,7 @@ def test_a_drop_in_the_spare_folder_is_acknowledged_as_such(
             f"1 drops are NOT in {survey} but in the spare folder {part}; "
             f"pfwd recover {survey} moves them back"
         )
-        disk.full = False
+        disk.refuse(False)
         recorder._next_watch = 0.0
         recorder.retry()
         last = told.events[-1]
@@ -171,10 +146,10 @@ def test_a_drop_in_the_spare_folder_is_acknowledged_as_such(
 
 
 def test_a_drop_that_no_place_takes_is_held_and_named(survey: Path, told: Told) -> None:
-    disk = FullDisk(survey)
+    disk = Refusing(survey)
     with SurveyWriter.open(survey, storage=disk, publish=False, reserve_bytes=0) as writer:
         recorder = SurveyRecorder(writer, told.saved, told.tell)
-        disk.full = True
+        disk.refuse()
         recorder.keep(make_record(1, np.random.default_rng(1)))
         assert told.kinds() == ["DropNotSaved"]
         assert isinstance(told.events[0], DropNotSaved)
@@ -182,7 +157,7 @@ def test_a_drop_that_no_place_takes_is_held_and_named(survey: Path, told: Told) 
         last = told.events[-1]
         assert isinstance(last, Notice)
         assert last.text.startswith("LOST: drop P 1/1")
-        disk.full = False
+        disk.refuse(False)
 
 
 def test_a_file_that_cannot_be_made_is_said(survey: Path, told: Told) -> None:

@@ -1,10 +1,11 @@
 """Records of small surveys, and their digests."""
 
+import errno
 from pathlib import Path
 
 import numpy as np
 
-from pfwd_device.recording import Rebound, SurveyWriter, read_survey
+from pfwd_device.recording import Rebound, Storage, SurveyWriter, read_survey
 from pfwd_device.recording.drop_file import drop_digest
 from tests.campaigns.power_loss import make_record
 
@@ -22,3 +23,31 @@ def save(writer: SurveyWriter, number: int) -> str:
 
 def digests(folder: Path) -> dict[int, str]:
     return {drop.number: drop_digest(drop.read(), 0) for drop in read_survey(folder).drops}
+
+
+class Refusing(Storage):
+    """A disk that takes nothing below a folder."""
+
+    def __init__(self, folder: Path, number: int = errno.ENOSPC) -> None:
+        self.folder: Path | None = None
+        self._below = folder
+        self._number = number
+        self._paths: dict[int, Path] = {}
+
+    def refuse(self, refused: bool = True) -> None:
+        self.folder = self._below if refused else None
+
+    def open(self, path: Path, *, create: bool = False) -> int:
+        if create:
+            self._may_refuse(path)
+        descriptor = super().open(path, create=create)
+        self._paths[descriptor] = path
+        return descriptor
+
+    def pwrite(self, descriptor: int, data: memoryview, offset: int) -> int:
+        self._may_refuse(self._paths[descriptor])
+        return super().pwrite(descriptor, data, offset)
+
+    def _may_refuse(self, path: Path) -> None:
+        if self.folder is not None and self.folder in path.parents:
+            raise OSError(self._number, "refused")
