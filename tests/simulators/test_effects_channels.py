@@ -5,29 +5,11 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.signal import freqz
 
 from simulators.mesh import Array
 from tests.campaigns.effects import channels, unmodelled
 from tests.campaigns.effects.signals import Signals
-
-STEP = 5e-5
-TIME = np.arange(-300, 1400, dtype=float) * STEP
-PULSE = 0.012
-
-
-def half_sine(time: Array) -> Array:
-    return np.where((time > 0) & (time < PULSE), np.sin(math.pi * time / PULSE), 0.0)
-
-
-@pytest.fixture
-def signals() -> Signals:
-    """Velocity like one period of a sine: the displacement comes back to zero."""
-    speed = np.where((TIME > 0) & (TIME < 0.02), np.sin(2 * math.pi * TIME / 0.02), 0.0)
-    moved = np.where((TIME > 0) & (TIME < 0.02), 1 - np.cos(2 * math.pi * TIME / 0.02), 0.0)
-    velocity = 0.2 * np.array([1.0, 0.3])[:, None] * speed
-    displacement = 0.2 * 0.01 / math.pi * np.array([1.0, 0.3])[:, None] * moved
-    return Signals(TIME, 8e3 * half_sine(TIME), velocity, displacement)
+from tests.simulators.conftest import PULSE, STEP, TIME
 
 
 def test_a_lag_of_whole_samples_is_a_shift(signals: Signals) -> None:
@@ -64,14 +46,6 @@ def test_a_geophone_is_a_mass_on_a_spring(
     np.testing.assert_allclose(found.velocity[0], expected, atol=2e-5 * 0.2)
     integral = np.concatenate([[0], np.cumsum((expected[1:] + expected[:-1]) / 2 * STEP)])
     np.testing.assert_allclose(found.displacement[0], integral, atol=1e-4 * np.max(integral))
-
-
-def test_a_geophone_has_its_textbook_response() -> None:
-    numerator, denominator = channels.geophone_coefficients(10.0, 0.5, STEP)
-    at, response = freqz(numerator, denominator, worN=[5.0, 10.0, 100.0], fs=1 / STEP)
-    s = 2j * math.pi * at
-    omega = 2 * math.pi * 10
-    np.testing.assert_allclose(response, s**2 / (s**2 + omega * s + omega**2), rtol=1e-3)
 
 
 def test_a_filter_halves_the_power_at_its_corner_and_comes_earlier_by_the_advance() -> None:

@@ -6,8 +6,6 @@ published by others, or values of the mixed boundary problem solved to convergen
 
 import itertools
 import math
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -469,12 +467,3 @@ def test_graded_lines_meet_their_breaks_and_sizes() -> None:
     assert np.all(steps > 0)
     middle = (line[1:] + line[:-1]) / 2
     assert np.all(steps <= 1.02 * (1e-3 + 0.4 * np.abs(middle - 0.15)))
-
-
-def test_the_simulators_do_not_load_the_inversion() -> None:
-    code = "import sys, simulators.demo; print(*({'inversion', 'pfwd'} & set(sys.modules)))"
-    top = Path(__file__).resolve().parents[2]
-    run = subprocess.run(
-        [sys.executable, "-c", code], cwd=top, capture_output=True, text=True, check=True
-    )
-    assert run.stdout.strip() == ""

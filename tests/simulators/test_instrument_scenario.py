@@ -38,14 +38,6 @@ TABLES = {
 }
 
 
-def test_all_that_is_promised_is_there() -> None:
-    promised = (
-        *("default", "three-sensors", "eight-channels", "typical", "ascii", "faulty-link"),
-        *("unplug", "reset", "hostile", "soft", "stiff", "dead-channel", "reversed", "saturated"),
-    )
-    assert set(promised) <= set(builtin_scenarios())
-
-
 @pytest.mark.parametrize("name", builtin_scenarios())
 def test_every_built_in_scenario_reads_and_has_a_plate(name: str) -> None:
     scenario = load_scenario(name)

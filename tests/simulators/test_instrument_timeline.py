@@ -124,18 +124,6 @@ def test_noise_hum_drift_and_rest_have_the_size_that_is_asked_for() -> None:
     assert np.max(np.abs(np.diff(wander))) < 0.5  # slow: one count at most
 
 
-@pytest.mark.parametrize("frequency", [1.0, 2.0, 4.5, 10.0, 40.0])
-def test_the_response_of_a_geophone_is_its_transfer_function(frequency: float) -> None:
-    natural, damping, step = 4.5, 0.6, 2e-4
-    time = np.arange(round(4.0 / step)) * step
-    output = geophone_output(np.sin(2 * np.pi * frequency * time), step, Geophone(natural, damping))
-    s, w = 2j * np.pi * frequency, 2 * np.pi * natural
-    expected = s**2 / (s**2 + 2 * damping * w * s + w**2)
-    late = time > 2.0  # the beginning has died away, and whole periods are left
-    found = 2j * np.mean(output[late] * np.exp(-s * time[late]))
-    assert abs(found - expected) < 2e-3
-
-
 def test_a_drop_passes_through_the_geophone_that_the_channel_names() -> None:
     unit = half_sine()
     bare = load_scenario({**QUIET, "device": {"channels": [{"name": "g"}]}})

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pfwd.files.traces import read_traces
 from simulators.demo import DEMO_PLATE, demo_drops, demo_ground
 from simulators.drop import SimulatedDrop
 from simulators.mesh import GroundError
@@ -85,7 +84,7 @@ def test_quantised_values_are_whole_counts(drop: SimulatedDrop) -> None:
     assert np.max(np.abs(record.sensors[:, 150:] - drop.ground_velocity)) <= 0.5e-3 + 1e-12
 
 
-@pytest.mark.parametrize("frequency", [2.0, 4.5, 30.0])
+@pytest.mark.parametrize("frequency", [1.0, 2.0, 4.5, 10.0, 40.0])
 def test_a_geophone_has_its_textbook_response(frequency: float) -> None:
     # |s^2 / (s^2 + 2 z w0 s + w0^2)| and its phase, at s = i w, once the start has died away.
     geophone = Geophone(natural_frequency=4.5, damping=0.6)
@@ -152,13 +151,6 @@ def test_the_demonstration_moves_as_soil_does(demonstration: Path) -> None:
     peaks = np.max(deflection, axis=0)
     assert 3e-4 < peaks[0] < 1e-3
     assert np.all(np.diff(peaks) < 0)
-
-
-def test_the_demonstration_can_be_read_by_the_survey(demonstration: Path) -> None:
-    point = read_traces(demonstration)
-    assert [drop.number for drop in point.drops] == [1, 2, 3]
-    assert point.setup.plate_radius == DEMO_PLATE.radius
-    assert point.setup.bedrock_depth is None
 
 
 def test_the_demonstration_repeats_itself(demonstration: Path, tmp_path: Path) -> None:
