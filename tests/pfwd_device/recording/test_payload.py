@@ -107,22 +107,6 @@ def test_a_drop_comes_back_from_its_file(record: DropRecord) -> None:
     assert found.point == record.point
 
 
-def test_the_digest_sees_every_part() -> None:
-    counts = np.zeros((4, 1), np.int32)
-    base = DropRecord("P", Drop(1, np.arange(4.0), np.zeros(4), ()), counts)
-    others = [
-        DropRecord("Q", base.drop, base.counts),
-        DropRecord("P", Drop(2, np.arange(4.0), np.zeros(4), ()), base.counts),
-        DropRecord("P", Drop(1, np.arange(4.0), np.ones(4), ()), base.counts),
-        DropRecord("P", base.drop, np.ones((4, 1), np.int32)),
-        DropRecord("P", base.drop, None),
-        DropRecord("P", base.drop, base.counts, {"a": 1}),
-        DropRecord("P", base.drop, base.counts, {}, {"a": 1}),
-        DropRecord("P", base.drop, base.counts, {}, {}, (Rebound(1.0, 1.0, 1, counts),)),
-    ]
-    assert len({bits(record) for record in [base, *others]}) == len(others) + 1
-
-
 def test_a_rebound_comes_back_and_is_joined_once() -> None:
     rebound = Rebound(0.4, 900.0, 77, np.ones((5, 2), np.int32))
     found = rebound_from_payload(rebound_payload(3, rebound))

@@ -22,36 +22,7 @@ from pfwd_device.recording import (
 )
 from pfwd_device.recording.publishing import InlinePublisher
 from tests.campaigns.power_loss import make_record
-from tests.pfwd_device.recording.records import a_rebound, digests, save
-
-
-class Refusing(Storage):
-    """A disk that takes nothing below a folder."""
-
-    def __init__(self, folder: Path, number: int = errno.ENOSPC) -> None:
-        self.folder: Path | None = None
-        self._below = folder
-        self._number = number
-        self._paths: dict[int, Path] = {}
-
-    def refuse(self, refused: bool = True) -> None:
-        self.folder = self._below if refused else None
-
-    def open(self, path: Path, *, create: bool = False) -> int:
-        if create:
-            self._may_refuse(path)
-        descriptor = super().open(path, create=create)
-        self._paths[descriptor] = path
-        return descriptor
-
-    def pwrite(self, descriptor: int, data: memoryview, offset: int) -> int:
-        self._may_refuse(self._paths[descriptor])
-        return super().pwrite(descriptor, data, offset)
-
-    def _may_refuse(self, path: Path) -> None:
-        if self.folder is not None and self.folder in path.parents:
-            raise OSError(self._number, "refused")
-
+from tests.pfwd_device.recording.records import Refusing, a_rebound, digests, save
 
 HOME_RETRY_INTERVAL_S = record_log.HOME_RETRY_INTERVAL_S
 
@@ -165,19 +136,6 @@ def test_home_takes_everything_back_as_soon_as_it_can(
     assert digests(survey) == expected
     assert (survey / "drops" / "drop-000002.h5").exists()
     assert check(survey, spare=spare).ok
-
-
-def test_home_is_not_tried_at_every_drop(
-    survey: Path, spare: SpareFolder, disk: Refusing, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A network drive that is gone may need seconds to say so."""
-    monkeypatch.setattr(record_log, "HOME_RETRY_INTERVAL_S", 3600.0)
-    with open_writer(survey, disk, spare) as writer:
-        disk.refuse()
-        save(writer, 1)
-        disk.refuse(False)
-        save(writer, 2)
-        assert writer.spare_folder_of(2) is not None
 
 
 def test_home_is_tried_again_after_a_while(

@@ -11,7 +11,6 @@ from pfwd_device import Channel, Drop
 from pfwd_device.errors import RecordingError, StorageFull
 from pfwd_device.recording import (
     DropRecord,
-    Rebound,
     Storage,
     SurveyWriter,
     check,
@@ -21,13 +20,10 @@ from pfwd_device.recording import (
 )
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.publishing import InlinePublisher
+from tests.pfwd_device.recording.records import a_rebound
 
 NewRecord = Callable[[int], DropRecord]
 NewSurvey = Callable[..., dict[int, str]]
-
-
-def rebound(sample: int) -> Rebound:
-    return Rebound(0.41, 912.5, sample, np.arange(12, dtype=np.int32).reshape(4, 3))
 
 
 def opened(folder: Path, **options: object) -> SurveyWriter:
@@ -41,8 +37,8 @@ def test_everything_comes_back(tmp_path: Path, new_record: NewRecord) -> None:
         assert writer.add_point("P 1", {"plate_radius_m": 0.15}) == "P 1"
         assert writer.next_number("P 1") == 1
         numbers = [writer.save_drop(new_record(n)) for n in (1, 2, 11)]
-        writer.save_rebound(1, rebound(7000))
-        writer.save_rebound(1, rebound(9000))
+        writer.save_rebound(1, a_rebound(7000))
+        writer.save_rebound(1, a_rebound(9000))
         writer.edit("note", "wet", number=2)
         writer.edit("discard", number=2)
         writer.edit("discard", number=1)
@@ -118,9 +114,9 @@ def test_a_rebound_after_publication_is_read_with_the_drop(
 ) -> None:
     with opened(tmp_path) as writer:
         writer.save_drop(new_record(1))
-        writer.save_rebound(1, rebound(7000))
+        writer.save_rebound(1, a_rebound(7000))
     with opened(tmp_path) as writer:
-        writer.save_rebound(1, rebound(9000))
+        writer.save_rebound(1, a_rebound(9000))
     drop = read_survey(tmp_path).drops[0]
     assert drop.file is not None
     assert [r.first_sample for r in read_drop_file(drop.file).rebounds] == [7000]
@@ -151,7 +147,7 @@ def test_what_is_not_there_is_refused(tmp_path: Path, new_record: NewRecord) -> 
     with opened(tmp_path) as writer:
         writer.save_drop(new_record(1))
         with pytest.raises(RecordingError, match="recorded drop, got 9"):
-            writer.save_rebound(9, rebound(1))
+            writer.save_rebound(9, a_rebound(1))
         with pytest.raises(RecordingError, match="recorded drop, got 9"):
             writer.save_result(9, {})
         with pytest.raises(RecordingError, match="one of the survey's points, got 'Q'"):
