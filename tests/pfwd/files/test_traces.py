@@ -74,14 +74,6 @@ def test_a_point_carries_its_warnings(write: Write) -> None:
     )
 
 
-def test_a_radius_in_millimetres_is_refused(write: Write) -> None:
-    lines = ["# pfwd-traces = 1", "# plate_radius_m = 150", "# plate_mass_kg = 5", NAMES, *rows()]
-    with pytest.raises(
-        TraceError, match=r"plate_radius_m: expected a number from 0\.01 to 10, in m"
-    ):
-        read_traces(write(lines))
-
-
 def test_a_radius_in_decimetres_is_suspect(write: Write) -> None:
     lines = ["# pfwd-traces = 1", "# plate_radius_m = 1.5", "# plate_mass_kg = 5", NAMES, *rows()]
     assert read_traces(write(lines)).warnings == (

@@ -171,16 +171,25 @@ def test_the_line_counts_blank_lines_too(write: Write) -> None:
         read_traces(write([*HEADER, NAMES, *numbers]))
 
 
-def test_every_row_too_short_is_refused_at_the_first(write: Write) -> None:
-    numbers = [row.rsplit(",", 1)[0] for row in rows()]
-    with pytest.raises(TraceError, match="line 4: expected 4 values, one per column, got 3"):
-        read_traces(write([*HEADER, NAMES, *numbers]))
+SIXTEEN = "expected at least 16 samples"
 
 
-def test_a_lost_sample_is_found_where_it_is(write: Write) -> None:
-    numbers = rows(count=40)
-    del numbers[30]
-    with pytest.raises(TraceError, match=r"line 34: expected even time steps.*got a step of 0.002"):
+@pytest.mark.parametrize(
+    ("numbers", "message"),
+    [
+        ([row.rsplit(",", 1)[0] for row in rows()], "4: expected 4 values, one per column, got 3"),
+        ([*rows(count=30), *rows(count=40)[31:]], "34: expected even time steps.* step of 0.002"),
+        ([*rows(1), *rows(2), *rows(1)], "44: expected the rows of a drop together, got drop 1"),
+        ([], f"3: {SIXTEEN}, got 0"),
+        (rows(count=1), f"3: {SIXTEEN}, got 1"),
+        (rows(count=15), f"3: {SIXTEEN}, got 15"),
+        ([*rows(1), *rows(2, 3)], f"24: {SIXTEEN} in drop 2, got 3"),
+    ],
+)
+def test_wrong_rows_are_refused_with_their_line(
+    write: Write, numbers: list[str], message: str
+) -> None:
+    with pytest.raises(TraceError, match=f"line {message}"):
         read_traces(write([*HEADER, NAMES, *numbers]))
 
 
@@ -195,24 +204,6 @@ def test_time_that_starts_again_asks_for_a_drop_column(write: Write) -> None:
         TraceError, match=r"line 24: .*several drops in one file need a column drop"
     ):
         read_traces(write([*HEADER, NAMES.removeprefix("drop,"), *numbers]))
-
-
-def test_a_drop_in_two_pieces_is_refused(write: Write) -> None:
-    with pytest.raises(
-        TraceError, match="line 44: expected the rows of a drop together, got drop 1"
-    ):
-        read_traces(write([*HEADER, NAMES, *rows(1), *rows(2), *rows(1)]))
-
-
-@pytest.mark.parametrize("count", [0, 1, 15])
-def test_fewer_than_16_samples_are_refused(write: Write, count: int) -> None:
-    with pytest.raises(TraceError, match=f"line 3: expected at least 16 samples, got {count}"):
-        read_traces(write([*HEADER, NAMES, *rows(count=count)]))
-
-
-def test_a_short_second_drop_is_refused(write: Write) -> None:
-    with pytest.raises(TraceError, match="line 24: expected at least 16 samples in drop 2, got 3"):
-        read_traces(write([*HEADER, NAMES, *rows(1), *rows(2, 3)]))
 
 
 def test_16_samples_are_enough(write: Write) -> None:

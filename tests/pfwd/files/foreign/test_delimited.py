@@ -1,7 +1,7 @@
 """Delimited text by a column map."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +10,8 @@ from pfwd.errors import SurveyError, TraceError
 from pfwd.files.foreign.column_map import read_map
 from pfwd.files.importing import import_files
 from pfwd.files.reading import read_points
-from tests.pfwd.files.foreign.builders import Traces, pulse
+from pfwd.files.traces import TracePoint, write_traces
+from tests.pfwd.files.foreign.builders import Traces, Values, pulse
 
 TOP = Path(__file__).resolve().parents[4]
 EXAMPLE = TOP / "examples" / "column-map.toml"
@@ -79,29 +80,34 @@ def test_it_goes_into_a_survey_beside_other_files(tmp_path: Path) -> None:
     assert [(one.point, one.number, one.error) for one in found] == [("a", 1, None), ("a", 2, None)]
     # With a map a trace file is a trace file still.
     (point,) = read_points(tmp_path / "s")
-    from pfwd.files.traces import write_traces
-
     write_traces(tmp_path / "b.csv", point)
     (again,) = read_points(tmp_path / "b.csv", column_map=EXAMPLE)
     assert len(again.drops) == 2
 
 
-def text_of(columns: list[Any], separator: str = ",") -> str:
-    return "\n".join(separator.join(map(repr, row)) for row in zip(*columns, strict=True)) + "\n"
+ONE = pulse(rate=1e4)
+TIMES = np.arange(300) / 1e4
+
+
+def text_of(columns: Sequence[Values], separator: str = ",") -> str:
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return "\n".join(separator.join(map(repr, row)) for row in rows) + "\n"
+
+
+def read(folder: Path, map_text: str, *columns: Values, separator: str = ",") -> TracePoint:
+    (folder / "m.toml").write_text(map_text)
+    (folder / "a.csv").write_text(text_of(columns, separator))
+    (point,) = read_points(folder / "a.csv", column_map=folder / "m.toml")
+    return point
 
 
 @pytest.mark.parametrize(
     ("unit", "factor"), [("kip", 4448.2216152605), ("lbf", 4.4482216152605), ("kgf", 9.80665)]
 )
 def test_units_of_force(tmp_path: Path, unit: str, factor: float) -> None:
-    (tmp_path / "m.toml").write_text(SIMPLE.replace('"N"', f'"{unit}"'))
-    one = pulse(rate=1e4)
-    time = (np.arange(300) / 1e4).tolist()
-    (tmp_path / "a.csv").write_text(
-        text_of([time, (one.load / factor).tolist(), one.sensors[0].tolist()])
-    )
-    (point,) = read_points(tmp_path / "a.csv", column_map=tmp_path / "m.toml")
-    np.testing.assert_allclose(point.drops[0].load, one.load, rtol=1e-12)
+    changed = SIMPLE.replace('"N"', f'"{unit}"')
+    point = read(tmp_path, changed, TIMES, ONE.load / factor, ONE.sensors[0])
+    np.testing.assert_allclose(point.drops[0].load, ONE.load, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -115,44 +121,30 @@ def test_units_of_force(tmp_path: Path, unit: str, factor: float) -> None:
 def test_a_map_with_a_wrong_unit_is_refused(
     tmp_path: Path, stated: str, wrong: str, message: str
 ) -> None:
-    (tmp_path / "m.toml").write_text(SIMPLE.replace(f"unit = {stated}", f"unit = {wrong}"))
-    one = pulse(rate=1e4)
-    time = (np.arange(300) / 1e4).tolist()
-    (tmp_path / "a.csv").write_text(text_of([time, one.load.tolist(), one.sensors[0].tolist()]))
+    changed = SIMPLE.replace(f"unit = {stated}", f"unit = {wrong}")
     with pytest.raises(TraceError, match=rf"a\.csv: expected {message}.*units .* in .*m\.toml"):
-        read_points(tmp_path / "a.csv", column_map=tmp_path / "m.toml")
+        read(tmp_path, changed, TIMES, ONE.load, ONE.sensors[0])
 
 
 def test_upward_channels_are_turned(tmp_path: Path) -> None:
     turned = SIMPLE.replace('unit = "m"', 'unit = "mil"\npositive = "up"')
-    (tmp_path / "m.toml").write_text(turned)
-    one = pulse(rate=1e4)
-    time = (np.arange(300) / 1e4).tolist()
-    mils = (-one.sensors[0] / 2.54e-5).tolist()
-    (tmp_path / "a.csv").write_text(text_of([time, one.load.tolist(), mils]))
-    (point,) = read_points(tmp_path / "a.csv", column_map=tmp_path / "m.toml")
-    np.testing.assert_allclose(point.drops[0].channels[0].values, one.sensors[0], atol=1e-18)
+    point = read(tmp_path, turned, TIMES, ONE.load, -ONE.sensors[0] / 2.54e-5)
+    np.testing.assert_allclose(point.drops[0].channels[0].values, ONE.sensors[0], atol=1e-18)
 
 
 def test_a_rate_stands_in_for_a_column_of_times(tmp_path: Path) -> None:
     text = SIMPLE.replace('column = 1\nunit = "s"', "sampling_rate_hz = 1e4\ntrigger_s = 0.005")
-    (tmp_path / "m.toml").write_text(
-        text.replace("names = false", 'names = false\ndelimiter = "blank"')
-    )
-    one = pulse(rate=1e4)
-    rows = [[0] * 300, one.load.tolist(), one.sensors[0].tolist()]
-    (tmp_path / "a.csv").write_text(text_of(rows, "   "))
-    (point,) = read_points(tmp_path / "a.csv", column_map=tmp_path / "m.toml")
+    text = text.replace("names = false", 'names = false\ndelimiter = "blank"')
+    point = read(tmp_path, text, 0 * TIMES, ONE.load, ONE.sensors[0], separator="   ")
     assert point.drops[0].time[0] == pytest.approx(-0.005)
     assert point.drops[0].sampling_rate == pytest.approx(1e4)
 
 
 def test_times_that_were_printed_with_three_digits_are_even(tmp_path: Path) -> None:
-    (tmp_path / "m.toml").write_text(SIMPLE.replace('unit = "s"', 'unit = "ms"'))
     one = pulse(rate=15e3)
-    time = [round(1e3 * n / 15e3, 3) for n in range(300)]
-    (tmp_path / "a.csv").write_text(text_of([time, one.load.tolist(), one.sensors[0].tolist()]))
-    (point,) = read_points(tmp_path / "a.csv", column_map=tmp_path / "m.toml")
+    times = np.round(1e3 * np.arange(300) / 15e3, 3)
+    changed = SIMPLE.replace('unit = "s"', 'unit = "ms"')
+    point = read(tmp_path, changed, times, one.load, one.sensors[0])
     assert point.drops[0].sampling_rate == pytest.approx(15e3, rel=1e-4)
 
 
@@ -188,7 +180,7 @@ def test_a_wrong_map_is_refused_with_its_key(tmp_path: Path, text: str, message:
     assert "\n" not in str(caught.value)
 
 
-ROWS = text_of([(np.arange(50) / 1e3).tolist(), [1.0] * 50, [2.0] * 50])
+ROWS = text_of([np.arange(50) / 1e3, np.full(50, 1.0), np.full(50, 2.0)])
 WRONG_TEXTS = [
     ("", "rows of numbers, got the end of the file"),
     ("1,2\n", "line 1: expected at least 3 columns, got 2"),

@@ -30,12 +30,13 @@ from tests.pfwd.files.foreign.builders import (
     zipped,
 )
 
+Reader = Callable[..., list[TracePoint]]
 RAW = {"1": [pulse(peak=8000.0 + n, offset=2000.0) for n in range(3)], "A": [pulse()]}
 HEX = {"F0000000000000AB": [pulse(peak=80e3 + n) for n in range(3)]}
 
 
 @pytest.fixture
-def read(tmp_path: Path) -> Callable[..., list[TracePoint]]:
+def read(tmp_path: Path) -> Reader:
     def read(data: bytes, name: str, channels: Channels | None = None) -> list[TracePoint]:
         path = tmp_path / name
         path.write_bytes(data)
@@ -44,7 +45,7 @@ def read(tmp_path: Path) -> Callable[..., list[TracePoint]]:
     return read
 
 
-def test_raw_channels_are_taken_as_they_are(read: Callable[..., list[TracePoint]]) -> None:
+def test_raw_channels_are_taken_as_they_are(read: Reader) -> None:
     first, second = read(dynz(RAW), "a.dynz")
     assert (first.setup.point, second.setup.point) == ("a & b 1", "a & b 2")
     assert [drop.number for drop in first.drops] == [1, 2, 3]
@@ -67,7 +68,7 @@ def test_raw_channels_are_taken_as_they_are(read: Callable[..., list[TracePoint]
     assert not any("not known to the format" in text for text in first.warnings)
 
 
-def test_stored_channels_are_there_for_the_asking(read: Callable[..., list[TracePoint]]) -> None:
+def test_stored_channels_are_there_for_the_asking(read: Reader) -> None:
     first, _ = read(dynz(RAW), "a.dynz", "stored")
     assert first.setup.point == "north 1"
     for drop, one in zip(first.drops, RAW["1"], strict=True):
@@ -78,9 +79,7 @@ def test_stored_channels_are_there_for_the_asking(read: Callable[..., list[Trace
 
 @pytest.mark.parametrize("folder", ["Rawdata\\", "rawdata/", "RAWDATA/"])
 @pytest.mark.parametrize("rate", [None, 15_000.0])
-def test_a_project_with_stored_traces(
-    read: Callable[..., list[TracePoint]], folder: str, rate: float | None
-) -> None:
+def test_a_project_with_stored_traces(read: Reader, folder: str, rate: float | None) -> None:
     (point,) = read(prjz(HEX, acquired(HEX), folder=folder, rate=rate), "a.prjz")
     setup = point.setup
     assert (setup.plate_radius, setup.poisson_ratio, setup.seating_drops) == (0.3, 0.25, 2)
@@ -93,7 +92,7 @@ def test_a_project_with_stored_traces(
         np.testing.assert_array_equal(drop.channels[0].values, one.sensors[0].astype("f4"))
 
 
-def test_the_viewers_project(read: Callable[..., list[TracePoint]]) -> None:
+def test_the_viewers_project(read: Reader) -> None:
     (point,) = read(prjz(HEX, viewed(HEX), folder="rawdata/"), "a.mpvz")
     setup = point.setup
     assert (setup.plate_radius, setup.poisson_ratio, setup.seating_drops) == (0.15, 0.35, 1)
@@ -104,9 +103,7 @@ def test_the_viewers_project(read: Callable[..., list[TracePoint]]) -> None:
 
 
 @pytest.mark.parametrize("by_sample", [False, True])
-def test_several_sensors_stand_where_the_database_says(
-    read: Callable[..., list[TracePoint]], by_sample: bool
-) -> None:
+def test_several_sensors_stand_where_the_database_says(read: Reader, by_sample: bool) -> None:
     offsets = [-0.3, 0.0, 0.3, 0.6]
     drops = {"1F": [pulse(channels=4), pulse(channels=4, peak=9000.0)]}
     (point,) = read(prjz(drops, acquired(drops, offsets=offsets), by_sample=by_sample), "a.prjz")
@@ -118,9 +115,7 @@ def test_several_sensors_stand_where_the_database_says(
     assert not any("left out" in text for text in point.warnings)
 
 
-def test_of_two_sensors_that_a_database_puts_at_one_place_the_first_is_taken(
-    read: Callable[..., list[TracePoint]],
-) -> None:
+def test_of_two_sensors_that_a_database_puts_at_one_place_the_first_is_taken(read: Reader) -> None:
     drops = {"1F": [pulse(channels=4)]}
     (point,) = read(prjz(drops, acquired(drops, offsets=[-0.3, 0.0, 0.3, -0.3])), "a.prjz")
     (drop,) = point.drops
@@ -129,9 +124,7 @@ def test_of_two_sensors_that_a_database_puts_at_one_place_the_first_is_taken(
     assert any("a second sensor at -0.3 m is left out" in text for text in point.warnings)
 
 
-def test_accelerations_are_no_traces_but_the_stored_ones_are(
-    read: Callable[..., list[TracePoint]],
-) -> None:
+def test_accelerations_are_no_traces_but_the_stored_ones_are(read: Reader) -> None:
     point, _ = read(dynz(RAW, kind=1), "a.dynz")
     assert point.drops[0].channels[0].quantity == "displacement"
     assert any("accelerations" in text for text in point.warnings)
@@ -141,12 +134,12 @@ def test_accelerations_are_no_traces_but_the_stored_ones_are(
         read(zipped({"database.xml": dataset(RAW, kind=1)}), "a.dynz")
 
 
-def test_raw_displacements_are_displacements(read: Callable[..., list[TracePoint]]) -> None:
+def test_raw_displacements_are_displacements(read: Reader) -> None:
     point, _ = read(dynz(RAW, kind=3), "a.dynz")
     assert point.drops[0].channels[0].quantity == "displacement"
 
 
-def test_traces_that_no_point_claims_are_not_lost(read: Callable[..., list[TracePoint]]) -> None:
+def test_traces_that_no_point_claims_are_not_lost(read: Reader) -> None:
     database = acquired({"1": HEX["F0000000000000AB"]})
     (point,) = read(prjz(HEX, database), "a.prjz")
     # Nobody can read out what a program calls its files.
@@ -155,7 +148,7 @@ def test_traces_that_no_point_claims_are_not_lost(read: Callable[..., list[Trace
     assert any(text.startswith(said) for text in point.warnings)
 
 
-def test_no_fix_is_no_position(read: Callable[..., list[TracePoint]]) -> None:
+def test_no_fix_is_no_position(read: Reader) -> None:
     database = acquired(HEX)
     place = database["PVs"][0]["Points"][0]["Point"]
     place["Latitude"] = place["Longitude"] = 0.0
@@ -163,9 +156,7 @@ def test_no_fix_is_no_position(read: Callable[..., list[TracePoint]]) -> None:
     assert (point.setup.latitude, point.setup.longitude) == (None, None)
 
 
-def test_a_time_without_a_zone_is_not_taken_for_utc(
-    read: Callable[..., list[TracePoint]],
-) -> None:
+def test_a_time_without_a_zone_is_not_taken_for_utc(read: Reader) -> None:
     database = acquired(HEX)
     database["PVs"][0]["Points"][0]["Point"]["Date"] = "2024-05-06T08:00:00"
     (point,) = read(prjz(HEX, database), "a.prjz")
@@ -228,6 +219,9 @@ WRONG: list[tuple[str, bytes, str]] = [
         r"FreqAcqu \(Hz\), a number from 1 to 1e\+07, got none",
     ),
     ("pre.prjz", edited(ParamsAcqu={"FreqAcqu": 1e4, "PreTrig": "x"}), r"PreTrig \(s\)"),
+    ("fast.prjz", edited(ParamsAcqu={"FreqAcqu": 10**30 - 1, "PreTrig": 0.005}), "FreqAcqu"),
+    ("late.prjz", edited(ParamsAcqu={"FreqAcqu": 15e3, "PreTrig": 1e300}), "PreTrig"),
+    ("packed.prjz", zipped({"database.json": b"{}"}, zipfile.ZIP_BZIP2), "packed by deflate"),
     ("plate.prjz", edited(ParamsBearing={}), "a header key plate_radius_m, got none"),
     (
         "sensors.prjz",
@@ -244,6 +238,11 @@ WRONG: list[tuple[str, bytes, str]] = [
     ("long.prjz", with_traces(GOOD + b"12345"), "bytes, got"),
     ("head.prjz", with_traces(GOOD[:40]), "expected 52 bytes, got 40"),
     ("nan.prjz", with_traces(stored(NAN)), "finite numbers in the load, got nan as sample 1"),
+    (  # numpy warns of a signalling NaN when it makes a double of it
+        "signalling.prjz",
+        with_traces(GOOD[:56] + b"\x01\x00\xa0\x7f" + GOOD[60:]),
+        "finite numbers in the load, got nan as sample 1",
+    ),
     (
         "count.prjz",
         with_traces(GOOD[:52] + struct.pack("<i", 299) + GOOD[56:]),
@@ -286,9 +285,7 @@ def test_what_is_wrong_is_one_line_with_the_file(
     assert len(text) < 600
 
 
-def test_a_good_project_differs_from_the_wrong_ones(
-    read: Callable[..., list[TracePoint]],
-) -> None:
+def test_a_good_project_differs_from_the_wrong_ones(read: Reader) -> None:
     """The refusals above are for what was changed, not for how the files are built."""
     assert read(with_traces(GOOD), "a.prjz")
     assert read(zipped({"database.xml": dataset(RAW)}), "a.dynz")
@@ -300,30 +297,6 @@ def test_a_bomb_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     path.write_bytes(zipped({"database.json": b" " * 50_000_000}))
     assert path.stat().st_size < 100_000
     with pytest.raises(TraceError, match="expected at most 1 MB, got more"):
-        read_points(path)
-
-
-def test_many_small_bombs_are_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(archive_module, "MAX_ARCHIVE_BYTES", len(GOOD) + 4_000)
-    path = tmp_path / "a.prjz"
-    both = {"1": HEX["F0000000000000AB"], "2": HEX["F0000000000000AB"]}
-    path.write_bytes(prjz(both, acquired(both)))
-    with pytest.raises(TraceError, match="expected at most"):
-        read_points(path)
-
-
-def test_names_without_end_are_not_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(archive_module, "MAX_DIRECTORY_BYTES", 100)
-    path = tmp_path / "a.prjz"
-    path.write_bytes(prjz(HEX, acquired(HEX)))
-    with pytest.raises(TraceError, match="a list of members of at most"):
-        read_points(path)
-
-
-def test_other_ways_to_pack_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "a.prjz"
-    path.write_bytes(zipped({"database.json": b"{}"}, zipfile.ZIP_BZIP2))
-    with pytest.raises(TraceError, match="packed by deflate"):
         read_points(path)
 
 
@@ -365,45 +338,17 @@ def test_measured_drops_come_back_from_their_original_layout(
             )
 
 
-def test_messages_do_not_carry_what_a_terminal_obeys(tmp_path: Path) -> None:
-    path = tmp_path / "a.prjz"
-    path.write_bytes(zipped({"database.json": b'{"\\u001b[31m": 1}'}))
+def test_messages_do_not_carry_what_a_terminal_obeys(read: Reader) -> None:
     with pytest.raises(TraceError) as caught:
-        read_points(path)
+        read(zipped({"database.json": b'{"\\u001b[31m": 1}'}), "a.prjz")
     assert not re.search(r"[\x00-\x1f]", str(caught.value))
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        (b"15000.0", b"9" * 30, "FreqAcqu"),
-        (b'"PreTrig": 0.005', b'"PreTrig": 1e300', "PreTrig"),
-    ],
-)
-def test_numbers_that_nothing_has(tmp_path: Path, old: bytes, new: bytes, message: str) -> None:
-    database = json.dumps(acquired(HEX)).encode()
-    assert old in database
-    path = tmp_path / "a.prjz"
-    path.write_bytes(zipped({"database.json": database.replace(old, new), "rawdata/1": GOOD}))
-    with pytest.raises(TraceError, match=message):
-        read_points(path)
-
-
-def test_a_signalling_nan_is_a_nan(tmp_path: Path) -> None:
-    """Which numpy warns of when it makes a double of it."""
-    path = tmp_path / "a.prjz"
-    path.write_bytes(with_traces(GOOD[:56] + b"\x01\x00\xa0\x7f" + GOOD[60:]))
-    with pytest.raises(TraceError, match="finite numbers in the load, got nan as sample 1"):
-        read_points(path)
-
-
 @pytest.mark.parametrize("letter", [b"\n", b"\0"])
-def test_a_damaged_name_does_not_break_the_line(tmp_path: Path, letter: bytes) -> None:
+def test_a_damaged_name_does_not_break_the_line(read: Reader, letter: bytes) -> None:
     """Of a member, in the list of members: another one than before the member, or none at all."""
-    path = tmp_path / "a.prjz"
     data = prjz(HEX, acquired(HEX))
     at = data.rfind(b"database.json")
-    path.write_bytes(data[:at] + letter + data[at + 1 :])
     with pytest.raises(TraceError) as caught:
-        read_points(path)
+        read(data[:at] + letter + data[at + 1 :], "a.prjz")
     assert len(str(caught.value).splitlines()) == 1

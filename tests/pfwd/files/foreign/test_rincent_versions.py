@@ -23,11 +23,12 @@ from tests.pfwd.files.foreign.builders import (
     zipped,
 )
 
+Reader = Callable[..., list[TracePoint]]
 DROPS = {"1F": [pulse(peak=80e3 + 100 * n) for n in range(3)]}
 
 
 @pytest.fixture
-def read(tmp_path: Path) -> Callable[..., list[TracePoint]]:
+def read(tmp_path: Path) -> Reader:
     def read(data: bytes, name: str, header: str = "") -> list[TracePoint]:
         path = tmp_path / name
         path.write_bytes(data)
@@ -57,7 +58,7 @@ def remarks(point: TracePoint) -> list[str]:
     ],
 )
 def test_what_a_writer_did_not_escape_is_read_with_a_remark(
-    read: Callable[..., list[TracePoint]], old: str, new: str, text: str
+    read: Reader, old: str, new: str, text: str
 ) -> None:
     data = dataset({"1": DROPS["1F"]}).decode().replace(old, new)
     at = data[: data.index(new)].count("\n") + 1
@@ -67,16 +68,14 @@ def test_what_a_writer_did_not_escape_is_read_with_a_remark(
     assert found.startswith(f"rig.dynz, database.xml, line {at}: {text}")
 
 
-def test_entities_of_xml_stay_what_they_are(read: Callable[..., list[TracePoint]]) -> None:
+def test_entities_of_xml_stay_what_they_are(read: Reader) -> None:
     data = dataset({"1": DROPS["1F"]}).decode().replace("a &amp; b", "&lt;&#65;&#x42;&gt;")
     (point,) = read(zipped({"database.xml": data.encode()}), "a.dynz")
     assert point.setup.site == "<AB>"
     assert not any("escaped" in one for one in remarks(point))
 
 
-def test_a_set_that_is_not_utf_8_is_read_with_a_remark(
-    read: Callable[..., list[TracePoint]],
-) -> None:
+def test_a_set_that_is_not_utf_8_is_read_with_a_remark(read: Reader) -> None:
     data = dataset({"1": DROPS["1F"]}).decode().replace("a &amp; b", "Étang").encode("cp1252")
     data = data.replace(b' encoding="utf-8"', b"")
     (point,) = read(zipped({"database.xml": data}), "a.dynz")
@@ -84,7 +83,7 @@ def test_a_set_that_is_not_utf_8_is_read_with_a_remark(
     assert any("not UTF-8" in one for one in remarks(point))
 
 
-def test_the_older_layout_is_read(read: Callable[..., list[TracePoint]]) -> None:
+def test_the_older_layout_is_read(read: Reader) -> None:
     (point,) = read(member(acquired(DROPS), stored(DROPS["1F"], older=True)), "a.dynz")
     assert point.drops[0].sampling_rate == pytest.approx(15_000.0)
     for drop, one in zip(point.drops, DROPS["1F"], strict=True):
@@ -93,9 +92,7 @@ def test_the_older_layout_is_read(read: Callable[..., list[TracePoint]]) -> None
 
 
 @pytest.mark.parametrize("older", [False, True])
-def test_a_rate_that_no_place_says_is_declared(
-    read: Callable[..., list[TracePoint]], older: bool
-) -> None:
+def test_a_rate_that_no_place_says_is_declared(read: Reader, older: bool) -> None:
     database = acquired(DROPS)
     del database["ParamsAcqu"]["FreqAcqu"]
     data = member(database, stored(DROPS["1F"], older=older))
@@ -110,7 +107,7 @@ def test_a_rate_that_no_place_says_is_declared(
         read(data, "a.dynz", "sampling_rate_hz = 0.0")
 
 
-def test_the_traces_own_rate_is_believed(read: Callable[..., list[TracePoint]]) -> None:
+def test_the_traces_own_rate_is_believed(read: Reader) -> None:
     database = acquired(DROPS, rate=30_000.0)
     (point,) = read(member(database, stored(DROPS["1F"], rate=15_000.0)), "a.mpvz")
     assert point.drops[0].sampling_rate == pytest.approx(15_000.0)
@@ -123,7 +120,7 @@ def test_the_traces_own_rate_is_believed(read: Callable[..., list[TracePoint]]) 
     assert not any("those of the traces" in one for one in remarks(same))
 
 
-def test_an_older_viewers_project(read: Callable[..., list[TracePoint]]) -> None:
+def test_an_older_viewers_project(read: Reader) -> None:
     project = viewed(DROPS)["project"]
     old = {"version": 1, **project}
     (point,) = read(member(old, stored(DROPS["1F"])), "a.mpvz")
@@ -131,7 +128,7 @@ def test_an_older_viewers_project(read: Callable[..., list[TracePoint]]) -> None
     assert len(point.drops) == 3
 
 
-def test_names_of_an_older_program(read: Callable[..., list[TracePoint]]) -> None:
+def test_names_of_an_older_program(read: Reader) -> None:
     """It says PVs, Points, Machines and Dossiers where the newer one says PV, Point and so on."""
     database = acquired(DROPS)
     (entry,) = database["PVs"]
@@ -156,9 +153,7 @@ def with_peaks(loads: list[float], deflections: list[float]) -> dict[str, Any]:
     return database
 
 
-def test_peaks_of_the_makers_software_are_compared(
-    read: Callable[..., list[TracePoint]],
-) -> None:
+def test_peaks_of_the_makers_software_are_compared(read: Reader) -> None:
     loads = [float(one.load.max()) for one in DROPS["1F"]]
     moved = [float(one.sensors.max()) for one in DROPS["1F"]]
     (point,) = read(prjz(DROPS, with_peaks(loads, moved)), "a.prjz")
@@ -175,7 +170,7 @@ def test_peaks_of_the_makers_software_are_compared(
     assert any("peaks of 2 drops, 3 drops in the stored traces" in one for one in remarks(point))
 
 
-def test_a_deflection_that_drifts_on_is_said(read: Callable[..., list[TracePoint]]) -> None:
+def test_a_deflection_that_drifts_on_is_said(read: Reader) -> None:
     drops = {"1F": [pulse(peak=8000.0), pulse(peak=9000.0)]}
     late = np.linspace(0, 9e-4, 300)
     for one in drops["1F"]:
@@ -188,7 +183,7 @@ def test_a_deflection_that_drifts_on_is_said(read: Callable[..., list[TracePoint
     assert not any(" % off " in one for one in remarks(point))
 
 
-def test_one_drop_in_place_of_each_is_said(read: Callable[..., list[TracePoint]]) -> None:
+def test_one_drop_in_place_of_each_is_said(read: Reader) -> None:
     drops = {"1F": [pulse(), pulse(), pulse()]}
     (point,) = read(prjz(drops, acquired(drops)), "a.prjz")
     assert len(point.drops) == 3
@@ -197,9 +192,7 @@ def test_one_drop_in_place_of_each_is_said(read: Callable[..., list[TracePoint]]
     assert not any("number for number" in one for one in remarks(point))
 
 
-def test_stored_peaks_of_smoothed_channels_are_known(
-    read: Callable[..., list[TracePoint]],
-) -> None:
+def test_stored_peaks_of_smoothed_channels_are_known(read: Reader) -> None:
     """The filter is that of the maker's software; unsmoothed channels are off by more."""
     one = pulse(peak=8000.0)
     one.sensors[0] = np.gradient(one.sensors[0], 1 / 15_000.0)
@@ -226,9 +219,7 @@ def test_stored_peaks_of_smoothed_channels_are_known(
     assert stored_as(recorded.load, recorded.displacements[0][1]) == []
 
 
-def test_a_count_that_disagrees_without_a_rate_is_said(
-    read: Callable[..., list[TracePoint]],
-) -> None:
+def test_a_count_that_disagrees_without_a_rate_is_said(read: Reader) -> None:
     database = acquired(DROPS)
     database["ParamsAcqu"]["NbSamples"] = 600
     data = member(database, stored(DROPS["1F"], older=True))
@@ -242,9 +233,7 @@ def test_a_count_that_disagrees_without_a_rate_is_said(
 
 
 @pytest.mark.parametrize(("count", "read_it"), [(10_000, True), (10_001, False)])
-def test_no_end_of_signs_is_mended(
-    read: Callable[..., list[TracePoint]], count: int, read_it: bool
-) -> None:
+def test_no_end_of_signs_is_mended(read: Reader, count: int, read_it: bool) -> None:
     data = dataset({"1": DROPS["1F"]}).decode().replace("a &amp; b", "&" * count)
     archive = zipped({"database.xml": data.encode()})
     if read_it:
