@@ -39,14 +39,20 @@ IDENTITY = Identity(
 NOW = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)
 
 
-def half_sine(signal, start_s, peak, duration_s=0.015):
-    start, length = round(start_s * RATE), round(duration_s * RATE)
-    signal[start : start + length] += np.sin(np.pi * np.arange(length) / length) * peak
-
-
-def stream(seconds=4.0, noise=3.0, offset=120.0, seed=1):
+def stream(*pulses, seconds=4.0, noise=3.0, offset=120.0, seed=1):
+    """Load in counts with half sines, (start_s, peak) or (start_s, peak, duration_s)."""
     rng = np.random.default_rng(seed)
-    return offset + noise * rng.standard_normal(round(seconds * RATE))
+    load = offset + noise * rng.standard_normal(round(seconds * RATE))
+    for start_s, peak, *duration_s in pulses:
+        start, length = round(start_s * RATE), round((duration_s or [0.015])[0] * RATE)
+        load[start : start + length] += np.sin(np.pi * np.arange(length) / length) * peak
+    return load
+
+
+def begun():
+    detector = Detector(IDENTITY)
+    detector.begin(7)
+    return detector
 
 
 def counts_of(load):
@@ -80,8 +86,7 @@ def rebounds(found):
 
 
 def test_a_drop_is_cut_out_around_the_first_sample_above_the_threshold():
-    load = stream(noise=0.0)
-    half_sine(load, 2.0, 8000.0)
+    load = stream((2.0, 8000.0), noise=0.0)
     (drop,) = drops(run(load))
     # 8000 sin(pi k / 150) > 400 N first for k = 3 (502 N); k = 2 gives 335 N.
     assert drop.first + drop.trigger == 20_003
@@ -95,11 +100,7 @@ def test_a_drop_is_cut_out_around_the_first_sample_above_the_threshold():
 
 
 def test_rebounds_stay_with_their_drop():
-    load = stream()
-    half_sine(load, 1.0, 8000.0)
-    half_sine(load, 1.45, 3000.0)
-    half_sine(load, 1.75, 1100.0)
-    found = run(load)
+    found = run(stream((1.0, 8000.0), (1.45, 3000.0), (1.75, 1100.0)))
     assert len(drops(found)) == 1
     first, second = rebounds(found)
     assert first.after == drops(found)[0].first + drops(found)[0].trigger
@@ -111,11 +112,7 @@ def test_rebounds_stay_with_their_drop():
 
 
 def test_a_larger_pulse_soon_after_a_knock_is_the_drop():
-    load = stream()
-    half_sine(load, 1.0, 700.0)
-    half_sine(load, 1.5, 8000.0)
-    half_sine(load, 1.9, 2500.0)
-    found = run(load)
+    found = run(stream((1.0, 700.0), (1.5, 8000.0), (1.9, 2500.0)))
     assert [one.first + one.trigger for one in drops(found)] == pytest.approx(
         [10_000, 15_000], abs=30
     )
@@ -124,10 +121,7 @@ def test_a_larger_pulse_soon_after_a_knock_is_the_drop():
 
 
 def test_the_same_hammer_later_is_another_drop():
-    load = stream(5.0)
-    half_sine(load, 1.0, 8000.0)
-    half_sine(load, 3.0, 7900.0)
-    found = run(load)
+    found = run(stream((1.0, 8000.0), (3.0, 7900.0), seconds=5.0))
     assert len(drops(found)) == 2
     assert not rebounds(found)
 
@@ -140,39 +134,25 @@ def test_a_spike_and_slow_drift_are_no_drops():
 
 
 def test_noise_raises_the_threshold():
-    load = stream(noise=100.0)
-    half_sine(load, 2.0, 450.0)
-    assert drops(run(load)) == []
-    assert len(drops(run(stream_with_pulse(noise=10.0, peak=800.0)))) == 1
-
-
-def stream_with_pulse(noise, peak):
-    load = stream(noise=noise)
-    half_sine(load, 2.0, peak)
-    return load
+    assert drops(run(stream((2.0, 450.0), noise=100.0))) == []
+    assert len(drops(run(stream((2.0, 800.0), noise=10.0)))) == 1
 
 
 def test_a_weight_left_on_the_plate_triggers_once_and_becomes_the_new_rest():
-    load = stream(8.0)
+    load = stream((6.0, 8000.0), seconds=8.0)
     load[20_000:] += 900.0
-    half_sine(load, 6.0, 8000.0)
     found = drops(run(load))
     assert [one.first + one.trigger for one in found] == pytest.approx([20_000, 60_000], abs=30)
     assert found[1].at_rest.load == pytest.approx(1020.0, abs=3.0)
 
 
 def test_a_load_of_the_wrong_polarity_is_found_too():
-    load = stream()
-    half_sine(load, 2.0, -8000.0)
-    assert len(drops(run(load))) == 1
+    assert len(drops(run(stream((2.0, -8000.0))))) == 1
 
 
 def test_missing_samples_are_marked_where_they_are():
-    load = stream()
-    half_sine(load, 2.0, 8000.0)
-    counts = counts_of(load)
-    detector = Detector(IDENTITY)
-    detector.begin(7)
+    counts = counts_of(stream((2.0, 8000.0)))
+    detector = begun()
     found = detector.feed(samples(counts[:20_050]))
     found += detector.feed(Gap(7, 20_050, 30))
     found += detector.feed(samples(counts[20_080:], 20_080))
@@ -186,11 +166,8 @@ def test_missing_samples_are_marked_where_they_are():
 
 
 def test_a_gap_over_the_start_of_the_pulse_leaves_a_marked_drop():
-    load = stream()
-    half_sine(load, 2.0, 8000.0)
-    counts = counts_of(load)
-    detector = Detector(IDENTITY)
-    detector.begin(7)
+    counts = counts_of(stream((2.0, 8000.0)))
+    detector = begun()
     detector.feed(samples(counts[:19_950]))
     detector.feed(Gap(7, 19_950, 100))
     (drop,) = drops(detector.feed(samples(counts[20_050:], 20_050)))
@@ -199,11 +176,8 @@ def test_a_gap_over_the_start_of_the_pulse_leaves_a_marked_drop():
 
 
 def test_a_huge_gap_costs_no_memory_and_the_drop_in_hand_ends_marked():
-    load = stream()
-    half_sine(load, 2.0, 8000.0)
-    counts = counts_of(load)
-    detector = Detector(IDENTITY)
-    detector.begin(7)
+    counts = counts_of(stream((2.0, 8000.0)))
+    detector = begun()
     detector.feed(samples(counts[:20_100]))
     (drop,) = drops(detector.feed(Gap(7, 20_100, 10**15)))
     assert drop.missing == ((20_100 - drop.first, 1200 - (20_100 - drop.first)),)
@@ -213,11 +187,8 @@ def test_a_huge_gap_costs_no_memory_and_the_drop_in_hand_ends_marked():
 
 
 def test_what_was_lost_with_the_link_is_marked():
-    load = stream()
-    half_sine(load, 2.0, 8000.0)
-    detector = Detector(IDENTITY)
-    detector.begin(7)
-    detector.feed(samples(counts_of(load)[:20_600]))
+    detector = begun()
+    detector.feed(samples(counts_of(stream((2.0, 8000.0)))[:20_600]))
     assert detector.busy
     drop, over = detector.finish("link lost")
     assert isinstance(over, ReboundsOver)
@@ -227,11 +198,8 @@ def test_what_was_lost_with_the_link_is_marked():
 
 
 def test_shunt_samples_are_no_measurement():
-    load = stream()
-    half_sine(load, 2.0, 8000.0)
-    counts = counts_of(load)
-    detector = Detector(IDENTITY)
-    detector.begin(7)
+    counts = counts_of(stream((2.0, 8000.0)))
+    detector = begun()
     found = detector.feed(samples(counts[:19_000]))
     found += detector.feed(samples(counts[19_000:21_000], 19_000, shunt=True))
     found += detector.feed(samples(counts[21_000:], 21_000))
@@ -240,8 +208,7 @@ def test_shunt_samples_are_no_measurement():
 
 
 def test_the_operator_may_trigger():
-    detector = Detector(IDENTITY)
-    detector.begin(7)
+    detector = begun()
     counts = counts_of(stream())
     detector.feed(samples(counts[:20_000]))
     detector.trigger_by_operator()
@@ -251,21 +218,17 @@ def test_the_operator_may_trigger():
 
 
 def test_saturated_samples_are_counted():
-    load = stream()
-    half_sine(load, 2.0, 8000.0)
-    counts = counts_of(load)
+    counts = counts_of(stream((2.0, 8000.0)))
     counts[20_060:20_070, 1] = 2**23 - 1
     counts[20_070:20_075, 1] = -(2**23)
-    detector = Detector(IDENTITY)
-    detector.begin(7)
+    detector = begun()
     (drop,) = drops(detector.feed(samples(counts)))
     assert drop.saturated == ((1, 15),)
 
 
 def test_a_recorded_drop_is_found_again_bit_for_bit():
-    load = stream(noise=20.0)
+    load = stream((1.5, 6000.0), noise=20.0)
     load += 40.0 * np.sin(2 * np.pi * 0.7 * np.arange(load.size) / RATE)
-    half_sine(load, 1.5, 6000.0)
     (live,) = drops(run(load))
     detector = Detector(IDENTITY)
     detector.begin(3, live.first, live.at_rest)
@@ -285,9 +248,7 @@ def test_a_recorded_drop_is_found_again_bit_for_bit():
     st.floats(300.0, 20_000.0),
 )
 def test_what_is_found_does_not_depend_on_how_samples_arrive(cuts, seed, at, peak):
-    load = stream(seed=seed)
-    half_sine(load, at, peak)
-    half_sine(load, at + 0.4, peak / 3)
+    load = stream((at, peak), (at + 0.4, peak / 3), seed=seed)
     whole, cut = run(load), run(load, cuts)
     assert [type(one) for one in whole] == [type(one) for one in cut]
     for a, b in zip(whole, cut, strict=True):
@@ -304,12 +265,8 @@ def test_settings_outside_their_range_are_refused_by_name():
 
 
 def test_a_drop_after_a_knock_is_not_lost_with_the_link():
-    load = stream()
-    half_sine(load, 1.0, 700.0)
-    half_sine(load, 1.5, 8000.0)
-    detector = Detector(IDENTITY)
-    detector.begin(7)
-    counts = counts_of(load)
+    detector = begun()
+    counts = counts_of(stream((1.0, 700.0), (1.5, 8000.0)))
     (knock,) = drops(detector.feed(samples(counts[:15_120])))
     assert detector.busy
     over, drop, last = detector.finish("link lost")
@@ -321,12 +278,8 @@ def test_a_drop_after_a_knock_is_not_lost_with_the_link():
 
 
 def test_half_a_bounce_is_no_drop_when_the_link_is_lost():
-    load = stream()
-    half_sine(load, 1.0, 8000.0)
-    half_sine(load, 1.5, 3000.0)
-    detector = Detector(IDENTITY)
-    detector.begin(7)
-    detector.feed(samples(counts_of(load)[:15_120]))
+    detector = begun()
+    detector.feed(samples(counts_of(stream((1.0, 8000.0), (1.5, 3000.0)))[:15_120]))
     assert [type(one) for one in detector.finish("link lost")] == [PulseReport, ReboundsOver]
 
 
@@ -334,8 +287,7 @@ def test_in_a_replay_nothing_goes_before_the_operator():
     """Whoever triggers by hand may do so with a weight on the plate."""
     load = stream()
     load[10_000:] += 900.0
-    detector = Detector(IDENTITY)
-    detector.begin(7)
+    detector = begun()
     counts = counts_of(load)
     found = drops(detector.feed(samples(counts[:12_000])))
     detector.trigger_by_operator()
@@ -362,18 +314,13 @@ def test_an_instrument_that_is_too_slow_is_refused(rate):
 def test_a_pulse_longer_than_its_record_is_no_rebound_of_itself():
     # Its record ends at 100 ms while the load is still far above the threshold: nothing triggers
     # again before the load was gone.
-    load = stream()
-    half_sine(load, 2.0, 8000.0, duration_s=0.150)
-    found = run(load)
+    found = run(stream((2.0, 8000.0, 0.150)))
     assert len(drops(found)) == 1
     assert rebounds(found) == []
 
 
 def test_a_bounce_after_a_pulse_longer_than_its_record_is_a_rebound():
-    load = stream()
-    half_sine(load, 2.0, 8000.0, duration_s=0.150)
-    half_sine(load, 2.5, 2500.0)
-    found = run(load)
+    found = run(stream((2.0, 8000.0, 0.150), (2.5, 2500.0)))
     assert len(drops(found)) == 1
     assert [one.trigger for one in rebounds(found)] == pytest.approx([25_000], abs=30)
 
@@ -407,8 +354,7 @@ def test_times_are_up_to_ten_seconds_and_hysteresis_below_all():
 
 
 def test_rest_is_known_after_a_fifth_of_a_second():
-    detector = Detector(IDENTITY)
-    detector.begin(7)
+    detector = begun()
     counts = counts_of(stream(noise=0.0))
     assert detector.feed(samples(counts[:1999])) == []
     assert not detector.ready
@@ -441,9 +387,11 @@ def test_samples_behind_a_gap_keep_their_numbers(length):
     detector = Detector(IDENTITY)
     run(stream(seconds=1.0), detector=detector)
     detector.feed(Gap(7, RATE, length))
-    load = stream(seconds=2.0, noise=0.0)
-    half_sine(load, 1.0, 8000.0)
-    (drop,) = drops(detector.feed(samples(counts_of(load), RATE + length)))
+    (drop,) = drops(
+        detector.feed(
+            samples(counts_of(stream((1.0, 8000.0), seconds=2.0, noise=0.0)), RATE + length)
+        )
+    )
     assert drop.first + drop.trigger == RATE + length + 10_003
     assert drop.missing == ()
 
@@ -459,7 +407,6 @@ def test_a_bounce_right_after_the_load_was_gone_is_a_rebound():
 
 
 def test_samples_of_another_stream_are_a_mistake():
-    detector = Detector(IDENTITY)
-    detector.begin(7)
+    detector = begun()
     with pytest.raises(ValueError, match="expected samples of stream 7, got 8"):
         detector.feed(Gap(8, 0, 10))

@@ -25,7 +25,6 @@ from pfwd_device.wire.binary import BinaryDialect
 from pfwd_device.wire.messages import (
     Configure,
     Event,
-    EventKind,
     Hello,
     Refusal,
     RefusalCode,
@@ -209,17 +208,6 @@ def test_a_new_run_after_stop_and_start_may_have_the_same_number(make: MakeDrive
     assert driver.counters.samples_repeated == 0
 
 
-def test_a_new_stream_is_no_mystery(make: MakeDriver) -> None:
-    instrument = Instrument()
-    driver = make(Socket(instrument))
-    items = collect(driver, lambda seen: bool(of(seen, Samples)))
-    instrument.begin()
-    items += collect(driver, lambda seen: bool(of(seen, StreamBegan)) and is_samples(seen[-1]))
-    assert_each_sample_once(items)
-    assert instrument.received.count(Start()) == 1
-    assert of(items, Samples)[-1].stream == instrument.stream
-
-
 def test_another_instrument_is_not_taken(make: MakeDriver) -> None:
     instrument, other = Instrument(), Instrument("SN-2")
     port = Socket(instrument)
@@ -264,16 +252,6 @@ def test_a_final_refusal_is_raised_once(make: MakeDriver, asked: type, code: int
     assert of(items, Refusal) == [Refusal(code, "no")]
 
 
-def test_refusals_are_asked_about_at_a_measured_pace(make: MakeDriver) -> None:
-    instrument = Instrument()
-    instrument.refusals[Start] = [RefusalCode.BUSY]
-    driver = make(Socket(instrument))
-    end = time.monotonic() + 1.5
-    while time.monotonic() < end:
-        driver.next(0.1)
-    assert 1 <= instrument.received.count(Start()) <= 3
-
-
 def test_commands(make: MakeDriver) -> None:
     instrument = Instrument()
     driver = make(Socket(instrument))
@@ -297,17 +275,6 @@ def test_one_without_samples(make: MakeDriver) -> None:
     items = collect(make(Socket(instrument), sampling=False), lambda seen: len(seen) > 3)
     assert {type(item) for item in items} == {Connected, Status}
     assert instrument.received == [Hello()]
-
-
-def test_the_end_is_no_reason_to_start_again(make: MakeDriver) -> None:
-    instrument = Instrument()
-    driver = make(Socket(instrument))
-    collect(driver, lambda seen: bool(of(seen, Samples)))
-    instrument.sampling = False
-    instrument.say(Event(EventKind.END, 0))
-    items = collect(driver, lambda seen: len(of(seen, Status)) > 4)
-    assert of(items, Event)
-    assert instrument.received.count(Start()) == 1
 
 
 def test_a_missing_port_is_an_error_unless_waited_for(make: MakeDriver) -> None:

@@ -5,8 +5,7 @@ from typing import Any
 import pytest
 
 from pfwd_device.acquisition.driver import Driver
-from pfwd_device.acquisition.items import Connected, Counters, Disconnected, Samples
-from pfwd_device.acquisition.link import Chunk, Lost, Queue
+from pfwd_device.acquisition.items import Connected, Disconnected, Samples
 from pfwd_device.errors import DeviceRefused
 from pfwd_device.wire.binary import BinaryDialect
 from tests.pfwd_device.acquisition.scripted import (
@@ -18,20 +17,6 @@ from tests.pfwd_device.acquisition.scripted import (
     no_reader_left,
     of,
 )
-
-
-def test_small_chunks_cost_more_than_their_bytes() -> None:
-    counters = Counters()
-    queue = Queue(10_000, counters)
-    now = identity  # any object will do for the time
-    for _ in range(1000):
-        queue.put(Chunk(b"x", 0.0, now))  # type: ignore[arg-type]
-    assert counters.queue_overflow_bytes > 900
-    queue.put(Lost("told even so", now, was_open=True))  # type: ignore[arg-type]
-    happenings = list(iter(lambda: queue.get(0), None))
-    assert isinstance(happenings[-1], Lost)
-    queue.put(Chunk(bytes(9000), 0.0, now))  # type: ignore[arg-type]
-    assert queue.get(0) is not None
 
 
 class Lines:

@@ -16,7 +16,6 @@ import pytest
 
 from pfwd_device.acquisition.driver import Driver
 from pfwd_device.acquisition.items import Connected, Disconnected, Gap, Item, Samples, StreamBegan
-from pfwd_device.errors import PortError
 from pfwd_device.transport import ports
 from pfwd_device.wire.binary import BinaryDialect
 from pfwd_device.wire.messages import Start
@@ -140,18 +139,6 @@ def test_what_was_sent_before_the_open_is_not_needed(tmp_path: Path) -> None:
     with Driver(link, BinaryDialect()) as driver:
         collect(driver, sampled)
     assert_stopped(instrument)
-    host.unplug()
-
-
-@pytest.mark.posix
-def test_a_port_in_use_is_told(tmp_path: Path) -> None:
-    instrument, link = Instrument(), str(tmp_path / "instrument")
-    host = PtyHost(instrument, link)
-    with Driver(link, BinaryDialect()) as driver:
-        collect(driver, sampled)
-        with pytest.raises(PortError, match="in use"), Driver(link, BinaryDialect()):
-            pass
-        collect(driver, sampled)
     host.unplug()
 
 

@@ -6,6 +6,7 @@ import tracemalloc
 import zlib
 
 import numpy as np
+import pytest
 
 from pfwd_device.acquisition.assembler import RESEND_INTERVAL_S, RESEND_TIMEOUT_S, Assembler
 from pfwd_device.acquisition.drop_transfers import (
@@ -39,7 +40,18 @@ DATA = pack_int24(COUNTS)
 EACH = 10
 NAME = 7, 1000
 OFFER = DropOffer(*NAME, 2_000_000, 20, 95, COUNTS.shape[1], EACH, zlib.crc32(DATA), 2000.0)
+WRONG = dataclasses.replace(OFFER, crc=1)
 TRIGGER = Trigger(True, 0, 400, 3, 20, 75, 1000)
+
+
+@pytest.fixture
+def counters() -> Counters:
+    return Counters()
+
+
+@pytest.fixture
+def kept(counters: Counters) -> DropTransfers:
+    return DropTransfers(counters)
 
 
 def block(number: int) -> DropBlock:
@@ -52,8 +64,7 @@ def said(kept: DropTransfers) -> list[object]:
     return list(found)
 
 
-def test_a_drop_is_fetched_whole_and_acknowledged_when_it_is_safe() -> None:
-    kept = DropTransfers(Counters())
+def test_a_drop_is_fetched_whole_and_acknowledged_when_it_is_safe(kept: DropTransfers) -> None:
     kept.take(OFFER, 0.0, None)
     assert said(kept) == [Fetch(*NAME, 0, 10)]
     clock = 5_000_000, NOW
@@ -76,6 +87,13 @@ def test_a_drop_is_fetched_whole_and_acknowledged_when_it_is_safe() -> None:
     assert (kept.unreleased, kept.due) == (0, None)
 
 
+def fetch(kept: DropTransfers) -> None:
+    """Transfer a drop whole."""
+    kept.take(OFFER, 0.0, None)
+    for number in range(10):
+        kept.take(block(number), 0.1, None)
+
+
 def named_alike(seed: int) -> tuple[DropOffer, list[DropBlock]]:
     """Another drop under the same name: its Offer and its blocks."""
     data = pack_int24(COUNTS + seed)
@@ -85,8 +103,7 @@ def named_alike(seed: int) -> tuple[DropOffer, list[DropBlock]]:
     return offer, blocks
 
 
-def test_each_of_five_drops_under_one_name_is_fetched() -> None:
-    kept = DropTransfers(Counters())
+def test_each_of_five_drops_under_one_name_is_fetched(kept: DropTransfers) -> None:
     for seed in range(5):
         offer, blocks = named_alike(seed)
         kept.take(offer, 10.0 * seed, None)
@@ -99,12 +116,9 @@ def test_each_of_five_drops_under_one_name_is_fetched() -> None:
         kept.take(Released(*NAME), 10.0 * seed + 2, None)
 
 
-def test_no_second_acknowledge_erases_the_next_drop_of_the_name() -> None:
+def test_no_second_acknowledge_erases_the_next_drop_of_the_name(kept: DropTransfers) -> None:
     """Released was lost: only an Offer shows which drop the instrument has under the name."""
-    kept = DropTransfers(Counters())
-    kept.take(OFFER, 0.0, None)
-    for number in range(10):
-        kept.take(block(number), 0.1, None)
+    fetch(kept)
     kept.acknowledge(OFFER, 0.2)
     said(kept)
     for tenth in range(3, 30):
@@ -116,11 +130,10 @@ def test_no_second_acknowledge_erases_the_next_drop_of_the_name() -> None:
     assert kept.unreleased == 0  # the other Offer shows that the first drop is erased
 
 
-def test_a_drop_that_is_safe_late_is_acknowledged_only_if_it_still_has_the_name() -> None:
-    kept = DropTransfers(Counters())
-    kept.take(OFFER, 0.0, None)
-    for number in range(10):
-        kept.take(block(number), 0.1, None)
+def test_a_drop_that_is_safe_late_is_acknowledged_only_if_it_still_has_the_name(
+    kept: DropTransfers,
+) -> None:
+    fetch(kept)
     kept.cut()
     said(kept)
     kept.acknowledge(OFFER, 5.0)  # nobody knows what the instrument has now
@@ -134,11 +147,8 @@ def test_a_drop_that_is_safe_late_is_acknowledged_only_if_it_still_has_the_name(
     assert said(kept) == [Acknowledge(*NAME)]
 
 
-def test_a_drop_behind_an_unusable_one_of_its_name_is_not_acknowledged() -> None:
-    kept = DropTransfers(Counters())
-    kept.take(OFFER, 0.0, None)
-    for number in range(10):
-        kept.take(block(number), 0.1, None)
+def test_a_drop_behind_an_unusable_one_of_its_name_is_not_acknowledged(kept: DropTransfers) -> None:
+    fetch(kept)
     kept.acknowledge(OFFER, 0.2)
     kept.take(Released(*NAME), 0.3, None)
     said(kept)
@@ -155,8 +165,9 @@ def test_a_drop_behind_an_unusable_one_of_its_name_is_not_acknowledged() -> None
     assert said(kept) == [Acknowledge(*NAME)]
 
 
-def test_a_drop_with_another_number_of_channels_is_reported_once_and_not_fetched() -> None:
-    kept = DropTransfers(Counters())
+def test_a_drop_with_another_number_of_channels_is_reported_once_and_not_fetched(
+    kept: DropTransfers,
+) -> None:
     kept.channels = COUNTS.shape[1]
     other = dataclasses.replace(OFFER, channels=COUNTS.shape[1] + 1)
     reason = f"expected {COUNTS.shape[1]} channels as in the identity, got {COUNTS.shape[1] + 1}"
@@ -167,8 +178,9 @@ def test_a_drop_with_another_number_of_channels_is_reported_once_and_not_fetched
     assert said(kept) == [Fetch(*NAME, 0, 10)]
 
 
-def test_missing_blocks_are_asked_for_again_and_those_that_came_stay_over_a_cut() -> None:
-    kept = DropTransfers(Counters())
+def test_missing_blocks_are_asked_for_again_and_those_that_came_stay_over_a_cut(
+    kept: DropTransfers,
+) -> None:
     kept.take(OFFER, 0.0, None)
     for number in (0, 1, 4, 5, 9):
         kept.take(block(number), 0.1, None)
@@ -185,32 +197,29 @@ def test_missing_blocks_are_asked_for_again_and_those_that_came_stay_over_a_cut(
     assert isinstance(kept.take(block(8), 6.2, None), BufferedDrop)
 
 
-def test_a_whole_with_another_crc_is_not_believed() -> None:
-    kept = DropTransfers(Counters())
-    wrong = DropOffer(*NAME, None, 20, 95, COUNTS.shape[1], EACH, 1, 2000.0)
-    kept.take(wrong, 0.0, None)
+def test_a_whole_with_another_crc_is_not_believed(kept: DropTransfers) -> None:
+    kept.take(WRONG, 0.0, None)
     said(kept)
     assert [kept.take(block(number), 0.1, None) for number in range(10)] == [None] * 10
     assert said(kept) == [Fetch(*NAME, 0, 10)]
 
 
-def test_a_drop_that_never_has_its_crc_is_told_once_and_fetched_rarely() -> None:
-    counters = Counters()
-    kept = DropTransfers(counters)
-    wrong = DropOffer(*NAME, None, 20, 95, COUNTS.shape[1], EACH, 1, 2000.0)
+def test_a_drop_that_never_has_its_crc_is_told_once_and_fetched_rarely(
+    kept: DropTransfers, counters: Counters
+) -> None:
     told: list[object] = []
     fetched = 0
     for tenth in range(1000):
         now = tenth / 10
         if tenth % 4 == 0:  # an Offer with every Status
-            kept.take(wrong, now, None)
+            kept.take(WRONG, now, None)
         kept.tick(now)
         for _ in [each for each in said(kept) if isinstance(each, Fetch)]:
             fetched += 1
             told += [kept.take(block(number), now, None) for number in range(10)]
     (unusable,) = [each for each in told if each is not None]
     assert isinstance(unusable, UnusableDrop)
-    assert unusable.offer == wrong
+    assert unusable.offer == WRONG
     assert f"got another checksum in {N_UNSOUND_BEFORE_REPORT} transfers" in unusable.reason
     assert fetched == N_UNSOUND_BEFORE_REPORT + int(100 / UNSOUND_RETRY_S)
     assert counters.blocks_refused == 10 * fetched
@@ -218,18 +227,16 @@ def test_a_drop_that_never_has_its_crc_is_told_once_and_fetched_rarely() -> None
     assert said(kept) == [Fetch(*NAME, 0, 10)]
 
 
-def test_a_block_of_another_length_is_refused() -> None:
-    counters = Counters()
-    kept = DropTransfers(counters)
+def test_a_block_of_another_length_is_refused(kept: DropTransfers, counters: Counters) -> None:
     kept.take(OFFER, 0.0, None)
     for wrong in (DropBlock(*NAME, 0, DATA[:6]), DropBlock(*NAME, 99, DATA[:6])):
         assert kept.take(wrong, 0.1, None) is None
     assert counters.blocks_refused == 2
 
 
-def test_a_repeated_block_is_counted_and_requests_nothing() -> None:
-    counters = Counters()
-    kept = DropTransfers(counters)
+def test_a_repeated_block_is_counted_and_requests_nothing(
+    kept: DropTransfers, counters: Counters
+) -> None:
     kept.take(OFFER, 0.0, None)
     kept.take(block(9), 0.1, None)
     said(kept)
@@ -245,9 +252,9 @@ def long_offer(number: int, blocks: int = 5000) -> DropOffer:
     return DropOffer(7, 10_000_000 * number, None, 20, 500_000, 8, 500_000 // blocks, 1, 50_000.0)
 
 
-def test_incomplete_drops_take_a_limited_amount_of_memory() -> None:
-    counters = Counters()
-    kept = DropTransfers(counters)
+def test_incomplete_drops_take_a_limited_amount_of_memory(
+    kept: DropTransfers, counters: Counters
+) -> None:
     size_of_block = 3 * 8 * 100
     tracemalloc.start()
     try:
@@ -269,9 +276,9 @@ def offer_name(offer: DropOffer) -> tuple[int, int]:
     return offer.stream, offer.first_sample
 
 
-def test_a_running_transfer_is_not_abandoned_for_drops_offered_in_turn() -> None:
-    counters = Counters()
-    kept = DropTransfers(counters)
+def test_a_running_transfer_is_not_abandoned_for_drops_offered_in_turn(
+    kept: DropTransfers, counters: Counters
+) -> None:
     for number in range(1, 6):
         kept.take(long_offer(number), 0.0, None)
     kept.take(OFFER, 0.0, None)
@@ -291,8 +298,7 @@ def test_a_running_transfer_is_not_abandoned_for_drops_offered_in_turn() -> None
     assert said(kept) == [Fetch(7, 10_000_000, 0, 5000)]
 
 
-def test_arm_is_said_until_it_is_answered() -> None:
-    kept = DropTransfers(Counters())
+def test_arm_is_said_until_it_is_answered(kept: DropTransfers) -> None:
     kept.arm(TRIGGER, 0.0)
     kept.tick(1.0)
     assert said(kept) == [Arm(TRIGGER)] * 2
