@@ -143,11 +143,13 @@ def test_without_a_target_the_violation_is_still_reported() -> None:
     assert any("wrong drop height" in fault for fault in progress.faults)
 
 
+def with_tolerance(value: float, source: str, verified: str) -> str:
+    entry = f'{{ value = {value}, source = "{source}", verified = {verified} }}'
+    return GERMAN.text.replace("[checks]", f"[checks]\nmost_load_deviation = {entry}")
+
+
 def test_a_profile_states_its_own_tolerance() -> None:
-    text = GERMAN.text.replace(
-        "[checks]",
-        '[checks]\nmost_load_deviation = { value = 0.02, source = "here", verified = true }',
-    )
+    text = with_tolerance(0.02, "here", "true")
     strict = parse_procedure(text, "strict")
     progress = judge(strict, point(7300.0, 0.4e-3), plate_radius=RADIUS, target=45e6)
     assert progress.verdict_reason == (
@@ -156,10 +158,7 @@ def test_a_profile_states_its_own_tolerance() -> None:
 
 
 def test_a_tolerance_without_a_verified_source_applies_as_ours() -> None:
-    text = GERMAN.text.replace(
-        "[checks]",
-        '[checks]\nmost_load_deviation = { value = 0.02, source = "rumour", verified = false }',
-    )
+    text = with_tolerance(0.02, "rumour", "false")
     progress = judge(
         parse_procedure(text, "x"), point(7300.0, 0.4e-3), plate_radius=RADIUS, target=45e6
     )
@@ -178,10 +177,7 @@ def test_a_stress_is_presumed_for_the_plate_of_the_procedure() -> None:
 
 
 def test_a_negative_tolerance_is_refused() -> None:
-    text = GERMAN.text.replace(
-        "[checks]",
-        '[checks]\nmost_load_deviation = { value = -0.1, source = "here", verified = true }',
-    )
+    text = with_tolerance(-0.1, "here", "true")
     with pytest.raises(OptionError, match="most_load_deviation"):
         parse_procedure(text, "x")
 

@@ -19,7 +19,6 @@ from pfwd.procedures import (
     shipped_names,
     shipped_procedures,
 )
-from pfwd.procedures.profile import CHECKS
 
 PLAIN = """
 pfwd-procedure = 1
@@ -126,46 +125,13 @@ def test_targets_are_chosen_by_moisture_and_material() -> None:
     assert procedure.target_for(None, "gravel") is None, "the moisture is not known"
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (("pfwd-procedure = 1", "pfwd-procedure = 2"), "expected pfwd-procedure = 1, got 2"),
-        (("name = ", "nmae = "), "got 'nmae'; did you mean name"),
-        (
-            ("value = 2, ", "value = 2.5, "),
-            r"drops\.seating\.value: expected a whole number from 0",
-        ),
-        (("value = 3, ", "value = 0, "), r"drops\.measured\.value: expected a whole number from 1"),
-        (('{ value = 2.0, source = "contract 7, 2", verified = true }', "2.0"), "with its source"),
-        (
-            (", verified = true }\nmeasured", " }\nmeasured"),
-            "verified: expected true or false, got none",
-        ),
-        (('source = "contract 7, 2"', 'source = " "'), "source: expected text"),
-        (("value = 2.0", "value = -2.0"), r"formula\.factor\.value: expected a number > 0"),
-        (("value = 2.0", "value = nan"), "value: expected a number > 0, got nan"),
-        (('"E_LWD"', '"E_v2"'), 'quantity: expected "E_vd" or .* or "deflection", got .E_v2'),
-        (("[formula]", "[formulas]"), "did you mean formula"),
-        (("[formula]", "[checks]\nleast_load = 3\n[formula]"), "checks: expected a known key"),
-        (
-            ("factor =", "poisson_ratio ="),
-            r"poisson_ratio\.value: expected a number from 0 to 0\.5",
-        ),
-    ],
-)
-def test_a_fault_is_told_with_its_place(change: tuple[str, str], message: str) -> None:
-    assert change[0] in PLAIN
-    with pytest.raises(OptionError, match=f"^ours.toml.*{message}"):
-        parse_procedure(PLAIN.replace(*change, 1), "ours.toml")
-
-
 def test_a_modulus_without_its_factor_is_refused() -> None:
     with pytest.raises(OptionError, match="factor for E_LWD, got none"):
         parse_procedure(PLAIN.split("[formula]")[0], "ours.toml")
 
 
 def test_unreadable_files_are_told(tmp_path: Path) -> None:
-    with pytest.raises(OptionError, match="readable TOML file"):
+    with pytest.raises(OptionError, match=r"readable TOML file.* No such file or directory"):
         read_procedure(tmp_path / "none.toml")
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
     with pytest.raises(OptionError, match="UTF-8"):
@@ -198,11 +164,6 @@ def test_no_value_is_an_unforeseen_error(key: str, value: Any) -> None:
         parse_procedure("\n".join(lines), "f")
 
 
-def test_every_check_of_a_profile_is_known_by_name() -> None:
-    for procedure in shipped_procedures():
-        assert set(procedure.checks) <= set(CHECKS)
-
-
 TARGET = """
 [[targets]]
 value_pa = { value = 45e6, source = 'contract 7', verified = true }
@@ -214,6 +175,28 @@ moisture_from_percent = 5
 @pytest.mark.parametrize(
     ("change", "message"),
     [
+        (("pfwd-procedure = 1", "pfwd-procedure = 2"), "expected pfwd-procedure = 1, got 2"),
+        (("name = ", "nmae = "), "got 'nmae'; did you mean name"),
+        (
+            ("value = 2, ", "value = 2.5, "),
+            r"drops\.seating\.value: expected a whole number from 0",
+        ),
+        (("value = 3, ", "value = 0, "), r"drops\.measured\.value: expected a whole number from 1"),
+        (('{ value = 2.0, source = "contract 7, 2", verified = true }', "2.0"), "with its source"),
+        (
+            (", verified = true }\nmeasured", " }\nmeasured"),
+            "verified: expected true or false, got none",
+        ),
+        (('source = "contract 7, 2"', 'source = " "'), "source: expected text"),
+        (("value = 2.0", "value = -2.0"), r"formula\.factor\.value: expected a number > 0"),
+        (("value = 2.0", "value = nan"), "value: expected a number > 0, got nan"),
+        (('"E_LWD"', '"E_v2"'), 'quantity: expected "E_vd" or .* or "deflection", got .E_v2'),
+        (("[formula]", "[formulas]"), "did you mean formula"),
+        (("[formula]", "[checks]\nleast_load = 3\n[formula]"), "checks: expected a known key"),
+        (
+            ("factor =", "poisson_ratio ="),
+            r"poisson_ratio\.value: expected a number from 0 to 0\.5",
+        ),
         (('name = "ours"\n', ""), "name: expected text in quotation marks, not empty, got none"),
         (('title = "Ours"\n', ""), "title: expected text in quotation marks, not empty, got none"),
         (
@@ -338,11 +321,6 @@ def test_a_file_has_at_most_100_000_characters(tmp_path: Path) -> None:
     path.write_text(PLAIN + "#" * (100_001 - len(PLAIN)), encoding="utf-8")
     with pytest.raises(OptionError, match="expected at most 100000 characters, got more"):
         read_procedure(path)
-
-
-def test_a_file_that_is_not_there_is_told_in_the_system_s_words(tmp_path: Path) -> None:
-    with pytest.raises(OptionError, match="No such file or directory"):
-        read_procedure(tmp_path / "none.toml")
 
 
 def test_numbers_are_found_by_their_keys() -> None:

@@ -62,6 +62,8 @@ def value_of(procedure: Procedure, found: list[PointDrop], **more: Any) -> Point
 
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 6, 7, 8, 9, 10, 11])
 def test_the_half_width_is_that_of_student_s_table(count: int) -> None:
+    assert half_width_95([1.0]) is None
+    assert half_width_95([2.0] * count) == 0.0
     values = [float(number) for number in range(count)]
     deviation = math.sqrt(sum((v - mean(values)) ** 2 for v in values) / (count - 1))
     wanted = student.ppf(0.975, count - 1) * deviation / math.sqrt(count)
