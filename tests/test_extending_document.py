@@ -1,18 +1,14 @@
 """docs/extending.md, done as it says: its files in an empty folder, and each of them used."""
 
-import contextlib
 import dataclasses
 import inspect
 import json
 import os
 import re
 import shutil
-import socket
 import subprocess
 import sys
-import threading
 import tomllib
-from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
 
@@ -23,6 +19,7 @@ from inversion.effects import DropContext, Effect
 from pfwd_device.recording import read_survey
 from pfwd_device.wire.messages import SampleBlock
 from tests.installed_package import install
+from tests.pfwd_device.acquisition.scripted import talker
 
 TOP = Path(__file__).resolve().parents[1]
 TEXT = (TOP / "docs" / "extending.md").read_text(encoding="utf-8")
@@ -88,31 +85,6 @@ def python(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]
     )
 
 
-@contextlib.contextmanager
-def talker(data: bytes, size: int = 700) -> Iterator[str]:
-    """A server that says these bytes, in pieces, to each that comes, and then nothing."""
-    done = threading.Event()
-    server = socket.create_server(("127.0.0.1", 0))
-    server.settimeout(0.05)
-
-    def run() -> None:
-        while not done.is_set():
-            with contextlib.suppress(OSError):
-                peer, _ = server.accept()
-                with peer:
-                    for at in range(0, len(data), size):
-                        peer.sendall(data[at : at + size])
-                        done.wait(0.002)
-                    done.wait(PATIENCE)
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    yield f"tcp://127.0.0.1:{server.getsockname()[1]}"
-    done.set()
-    thread.join()
-    server.close()
-
-
 def lines_of_an_instrument() -> bytes:
     """12 s at 10 kHz with a drop of 8 kN after 2 s; a line of it is damaged."""
     time = np.arange(120_000) * 1e-4 - 2.0
@@ -163,7 +135,8 @@ def test_what_is_installed_is_found(folder: Path, tmp_path: Path) -> None:
 
 
 def test_a_dialect_measures(folder: Path) -> None:
-    with talker(lines_of_an_instrument()) as url:
+    data, size = lines_of_an_instrument(), 1900
+    with talker(lambda number: data[number * size :][:size]) as url:
         options = ("--setup", "pairs-setup.toml", "-o", "measured", "--drops", 1)
         done = pfwd(folder, "log", url, *options, "--no-invert", "--json")
         found = pfwd(folder, "ports", url, "--json")

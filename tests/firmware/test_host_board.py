@@ -18,6 +18,7 @@ from pfwd_device.acquisition.driver import Driver
 from pfwd_device.acquisition.items import BufferedDrop
 from pfwd_device.identity import Identity
 from pfwd_device.recording import read_survey
+from pfwd_device.transport.base import Transport
 from pfwd_device.transport.opening import open_transport
 from pfwd_device.wire.binary import BinaryDialect
 from pfwd_device.wire.messages import Arm, Armed, DropOffer, Hello
@@ -46,13 +47,16 @@ def with_shunt() -> Played:
     return play_scenario(QUICK, drops=2, seed=3)
 
 
+def without_shunt(played: Played) -> Played:
+    """The check of a shunt takes as long as the computer is busy, and a drop that falls meanwhile
+    is kept with what the shunt adds."""
+    channels = tuple(replace(channel, shunt=None) for channel in played.identity.channels)
+    return replace(played, identity=replace(played.identity, channels=channels))
+
+
 @pytest.fixture(scope="module")
 def played(with_shunt: Played) -> Played:
-    """Without a shunt: the check of it takes as long as the computer is busy, and a drop that falls
-    meanwhile is kept with what the shunt adds."""
-    identity = with_shunt.identity
-    channels = tuple(replace(channel, shunt=None) for channel in identity.channels)
-    return replace(with_shunt, identity=replace(identity, channels=channels))
+    return without_shunt(with_shunt)
 
 
 def measured(
@@ -83,15 +87,6 @@ def test_drops_are_recorded_bit_for_bit(tmp_path: Path, played: Played, streams:
     assert_recorded_bit_for_bit(tmp_path / "survey", played)
 
 
-@pytest.mark.slow  # the everyday tests stream over a link that damages bytes
-def test_an_instrument_that_only_streams_is_recorded_bit_for_bit(
-    tmp_path: Path, played: Played
-) -> None:
-    with HostBoard(played, BoardOptions(drop_samples=0, speed=4.0, memory=RING)) as board:
-        measured(board, tmp_path / "survey")
-    assert_recorded_bit_for_bit(tmp_path / "survey", played)
-
-
 @pytest.mark.posix
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
 def test_it_is_found_at_a_pseudo_terminal(tmp_path: Path, played: Played) -> None:
@@ -111,18 +106,23 @@ def test_a_drop_that_the_instrument_found_is_found_again_in_a_replay(
     assert [event.identical for event in saved] == [True, True]
 
 
+def two_drops_wait(board: HostBoard, played: Played, log: Path) -> tuple[BinaryDialect, Transport]:
+    trigger = trigger_for(played.identity, DetectionSettings(rebound_window=0.5))
+    transport, dialect = open_transport(board.url), BinaryDialect()
+    transport.write(dialect.encode(Hello()) + dialect.encode(Arm(trigger)))
+    end = time.monotonic() + 20
+    while len(log.read_text().splitlines()) < 2 and time.monotonic() < end:
+        time.sleep(0.02)
+    return dialect, transport
+
+
 def test_drops_that_wait_outlast_the_host_and_the_instrument(
     tmp_path: Path, played: Played
 ) -> None:
     store, log = tmp_path / "store", tmp_path / "log"
     options = BoardOptions(streams=False, speed=4.0, store=store, log=log)
-    trigger = trigger_for(played.identity, DetectionSettings(rebound_window=0.5))
     with HostBoard(played, options) as board:
-        transport, dialect = open_transport(board.url), BinaryDialect()
-        transport.write(dialect.encode(Hello()) + dialect.encode(Arm(trigger)))
-        end = time.monotonic() + 20
-        while len(log.read_text().splitlines()) < 2 and time.monotonic() < end:
-            time.sleep(0.02)
+        _, transport = two_drops_wait(board, played, log)
         transport.close()  # a host that is killed says no more
         board.kill()
     options = replace(options, begin=len(played.counts) - 1)
@@ -141,8 +141,7 @@ def test_drops_that_wait_outlast_the_host_and_the_instrument(
 def test_of_drops_every_one_and_a_half_seconds_all_are_kept_and_no_bounce(tmp_path: Path) -> None:
     drops = {"first": 0.8, "interval": 1.4, "quiet": 1.2, "bounces": [1, 2]}
     played = play_scenario({"drops": drops}, drops=8, seed=5)
-    channels = tuple(replace(channel, shunt=None) for channel in played.identity.channels)
-    played = replace(played, identity=replace(played.identity, channels=channels))
+    played = without_shunt(played)
     with HostBoard(played, BoardOptions(streams=False, speed=2.0)) as board:
         measured(board, tmp_path / "survey", drops=8)
     assert_recorded_bit_for_bit(tmp_path / "survey", played)
@@ -152,15 +151,11 @@ def test_of_drops_every_one_and_a_half_seconds_all_are_kept_and_no_bounce(tmp_pa
 def test_a_drop_that_nobody_fetches_does_not_block_the_next(tmp_path: Path, played: Played) -> None:
     log = tmp_path / "log"
     options = BoardOptions(streams=False, speed=4.0, log=log)
-    trigger = trigger_for(played.identity, DetectionSettings(rebound_window=0.5))
     with HostBoard(played, options) as board:
-        transport, dialect = open_transport(board.url), BinaryDialect()
-        transport.write(dialect.encode(Hello()) + dialect.encode(Arm(trigger)))
-        end = time.monotonic() + 20
-        while len(log.read_text().splitlines()) < 2 and time.monotonic() < end:
-            time.sleep(0.02)
+        dialect, transport = two_drops_wait(board, played, log)
         transport.write(dialect.encode(Hello()))  # the Offers begin with the oldest
         offers: list[int] = []
+        end = time.monotonic() + 20
         while len(offers) < 12 and time.monotonic() < end:
             for message in dialect.feed(transport.read(0.1)):
                 if isinstance(message, Identity):

@@ -1,5 +1,6 @@
 """A small instrument for tests of the driver, and ways to plug it in and out."""
 
+import itertools
 import os
 import socket
 import threading
@@ -269,6 +270,31 @@ def tcp_host(instrument: Instrument, port: int = 0) -> Iterator[str]:
         stop.set()
         thread.join()
         server.close()
+
+
+@contextmanager
+def talker(say: Callable[[int], bytes]) -> Iterator[str]:
+    """A server that says to each that comes what `say` makes of a counter, every 5 ms."""
+    stop = threading.Event()
+    server = socket.create_server(("127.0.0.1", 0))
+    server.settimeout(0.05)
+
+    def run() -> None:
+        while not stop.is_set():
+            with suppress(OSError):
+                peer, _ = server.accept()
+                with peer:
+                    for number in itertools.count():
+                        if stop.wait(0.005):
+                            break
+                        peer.sendall(say(number))
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    yield f"tcp://127.0.0.1:{server.getsockname()[1]}"
+    stop.set()
+    thread.join()
+    server.close()
 
 
 def collect(driver: Driver, until: Callable[[list[Item]], bool]) -> list[Item]:

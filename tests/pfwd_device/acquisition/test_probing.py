@@ -5,10 +5,8 @@ On Windows the probes of instruments run over TCP; only ports in use and several
 
 import contextlib
 import os
-import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -18,36 +16,11 @@ from pfwd_device.acquisition.probing import Probe, probe, probe_all
 from pfwd_device.transport.opening import open_transport
 from pfwd_device.wire.ascii_lines import looks_like_lines
 from pfwd_device.wire.registry import BUILT_IN
-from tests.pfwd_device.acquisition.scripted import Instrument, PtyHost, tcp_host
+from tests.pfwd_device.acquisition.scripted import Instrument, PtyHost, talker, tcp_host
 
 
 def ask(url: str, timeout: float = 0.5) -> Probe:
     return probe(url, list(BUILT_IN.values()), timeout)
-
-
-@contextlib.contextmanager
-def talker(say: Callable[[int], bytes]) -> Iterator[str]:
-    """A server that says what `say` makes of a counter, every 5 ms."""
-    stop = threading.Event()
-    server = socket.create_server(("127.0.0.1", 0))
-    server.settimeout(0.05)
-
-    def run() -> None:
-        number = 0
-        while not stop.is_set():
-            with contextlib.suppress(OSError):
-                peer, _ = server.accept()
-                with peer:
-                    while not stop.wait(0.005):
-                        peer.sendall(say(number))
-                        number += 1
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    yield f"tcp://127.0.0.1:{server.getsockname()[1]}"
-    stop.set()
-    thread.join()
-    server.close()
 
 
 def test_an_instrument_answers() -> None:

@@ -19,7 +19,7 @@ import serial
 
 from pfwd_device.errors import DeviceError, DeviceLost, PortError
 from pfwd_device.transport import serial_port
-from pfwd_device.transport.base import PORT_ERRORS
+from pfwd_device.transport.base import PORT_ERRORS, Transport
 from pfwd_device.transport.opening import open_transport
 from pfwd_device.transport.ports import Adapter, Port
 from pfwd_device.transport.serial_port import SerialTransport, port_error
@@ -59,6 +59,17 @@ def read_all(transport: Any, count: int) -> bytes:
     while len(data) < count and time.monotonic() < end:
         data += transport.read(0.5)
     return data
+
+
+def assert_close_ends_a_read(transport: Transport) -> None:
+    """`DeviceLost` is raised in the reader, soon."""
+    closing = threading.Timer(0.05, transport.close)
+    closing.start()
+    began = time.monotonic()
+    with pytest.raises(DeviceLost):
+        transport.read(LONG)
+    assert time.monotonic() - began < 5.0
+    closing.join()
 
 
 @pytest.mark.posix
@@ -142,22 +153,7 @@ def test_what_pyserial_raises_after_an_unplug_is_caught(pty: Pty) -> None:
 def test_close_from_another_thread_ends_a_read(pty: Pty) -> None:
     """Closing pyserial's port under its reader is a TypeError in the reader."""
     transport = open_transport(pty.name)
-    ended: list[BaseException] = []
-
-    def read() -> None:
-        try:
-            transport.read(LONG)
-        except BaseException as err:
-            ended.append(err)
-
-    reader = threading.Thread(target=read)
-    reader.start()
-    time.sleep(0.05)
-    began = time.monotonic()
-    transport.close()
-    reader.join(LONG)
-    assert time.monotonic() - began < 5.0
-    assert [type(err) for err in ended] == [DeviceLost]
+    assert_close_ends_a_read(transport)
     transport.close()  # once more does no harm
 
 

@@ -13,8 +13,7 @@ import pytest
 from pfwd_device.errors import DeviceLost, PortError
 from pfwd_device.transport.opening import open_transport
 from pfwd_device.transport.tcp import TcpTransport, open_tcp
-
-LONG = 10.0
+from tests.pfwd_device.transport.test_serial_port import LONG, assert_close_ends_a_read
 
 
 @pytest.fixture
@@ -98,22 +97,7 @@ def test_what_is_no_address(url: str) -> None:
 
 def test_close_from_another_thread_ends_a_read(server: socket.socket) -> None:
     with connected(server) as (transport, _):
-        ended: list[BaseException] = []
-
-        def read() -> None:
-            try:
-                transport.read(LONG)
-            except BaseException as err:
-                ended.append(err)
-
-        reader = threading.Thread(target=read)
-        reader.start()
-        time.sleep(0.05)
-        began = time.monotonic()
-        transport.close()
-        reader.join(LONG)
-        assert time.monotonic() - began < 5.0
-        assert [type(err) for err in ended] == [DeviceLost]
+        assert_close_ends_a_read(transport)
 
 
 def test_who_does_not_read_blocks_nobody_for_long(server: socket.socket) -> None:
