@@ -3,6 +3,8 @@
 import dataclasses
 import json
 import math
+import re
+from pathlib import Path
 from typing import Any, get_type_hints
 
 import numpy as np
@@ -36,58 +38,9 @@ from pfwd.errors import SurveyError
 from pfwd.files.header import PointSetup
 from pfwd_device import Channel, Drop
 
-DOCUMENTED = [
-    "file",
-    "drop",
-    "status",
-    "reason",
-    "method",
-    "model",
-    "modulus_pa",
-    "modulus_sd_pa",
-    "viscosity_pa_s",
-    "viscosity_sd_pa_s",
-    "density_kg_m3",
-    "density_sd_kg_m3",
-    "bedrock_depth_m",
-    "bedrock_depth_sd_m",
-    "modulus_interval_pa",
-    "modulus_depth_correlation",
-    "layers",
-    "effective_modulus_pa",
-    "effective_depth_m",
-    "poisson_ratio",
-    "plate_radius_m",
-    "plate",
-    "load",
-    "half_sine",
-    "peak_modulus_pa",
-    "peak_factor",
-    "r_squared",
-    "residual_rms_over_peak",
-    "contact_residual_rms_over_peak",
-    "converged",
-    "at_bound",
-    "forward_solves",
-    "elapsed_s",
-    "seed",
-    "warnings",
-]
-"""The documented keys of ``pfwd invert --json``, in the documented order."""
-
-DIAGNOSIS_DOCUMENTED = [
-    "file",
-    "device",
-    "drops",
-    "verdict",
-    "corrected",
-    "noise_rms_m",
-    "before",
-    "effects",
-    "after",
-    "held_out",
-    "warnings",
-]
+COMMANDS = (Path(__file__).resolve().parents[3] / "docs" / "command-line.md").read_text("utf-8")
+IN_FORCE = ["modulus_in_force_pa", "modulus_in_force_interval_pa", "modulus_source"]
+"""Keys that the command adds to a diagnosis."""
 
 numbers = st.floats(allow_nan=False, allow_infinity=False) | st.integers(-(10**12), 10**12)
 texts = st.text(max_size=5)
@@ -190,26 +143,30 @@ def test_nothing_that_a_stranger_wrote_is_lost_or_ends_the_program(said: dict[st
             assert value is None or is_number(value)
 
 
-def test_the_documented_keys_are_all_there_in_their_order() -> None:
-    rejected = DropResult(status="rejected", reason="no pulse").to_json()
-    assert [key for key in rejected if key in DOCUMENTED] == DOCUMENTED
-    keys = list(DiagnosisResult().to_json())
-    assert [key for key in keys if key in DIAGNOSIS_DOCUMENTED] == DIAGNOSIS_DOCUMENTED
-    state = [
-        "model",
-        "modulus_pa",
-        "modulus_sd_pa",
-        "residual_rms_m",
-        "residual_over_noise",
-        "residual_rms_over_peak",
-        "contact_residual_rms_over_peak",
-    ]
-    assert [key for key in FittedState().to_json() if key in state] == state
-    effect = ["name", "value", "sd", "unit", "parameters", "evidence", "alternatives"]
-    assert [key for key in EffectResult().to_json() if key in effect] == effect
+@pytest.mark.parametrize(
+    ("heading", "kind"),
+    [
+        ("### Keys of an inversion", DropResult),
+        ("Each of `layers` has", LayerResult),
+        ("### Keys of a diagnosis", DiagnosisResult),
+        ("Each of `before` and `after` has", FittedState),
+        ("Each of `effects` has", EffectResult),
+        ("`held_out` has", HeldOut),
+    ],
+)
+def test_the_keys_are_those_of_the_document(heading: str, kind: type[StoredRecord]) -> None:
+    table = COMMANDS.partition(heading)[2].partition("|---")[2].partition("\n\n")[0]
+    rows = [line.split("|")[1] for line in table.splitlines()[1:]]
+    documented = [name for row in rows for name in re.findall(r"`(\w+)`", row)]
+    added = IN_FORCE if kind is DiagnosisResult else []
+    written = list(kind().to_json())
+    assert {*documented} == {*(field.name for field in stored_fields(kind)), *written, *added}
+    if kind is not DiagnosisResult:  # its use stands in the document beside its verdict
+        assert [name for name in documented if name in written] == written
+
+
+def test_a_parameter_of_an_effect_has_four_keys() -> None:
     assert list(EffectParameter().to_json()) == ["name", "value", "sd", "unit"]
-    errors = ["before", "after", "contact_before", "contact_after"]
-    assert [key for key in HeldOut().to_json() if key in errors] == errors
 
 
 @pytest.mark.parametrize("said", [None, 3, "text", [1, 2], True])
