@@ -84,16 +84,10 @@ def test_the_help_of_a_command_imports_nothing_heavy() -> None:
         for name, command in build_parser().commands.items():
             if name != "schema":  # the kinds of files come from their readers
                 command.add_arguments()
-        assert "numpy" not in sys.modules
+        heavy = {"numpy", "h5py", "scipy", "textual", "matplotlib", "serial", "multiprocessing"}
+        assert not heavy & set(sys.modules)
     """)
     subprocess.run([sys.executable, "-c", code], cwd=TOP, check=True)
-
-
-def test_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        main(["--version"])
-    assert caught.value.code == 0
-    assert capsys.readouterr().out.startswith("pfwd ")
 
 
 @pytest.mark.parametrize(
@@ -164,14 +158,6 @@ def test_every_option_reaches_the_analysis(tmp_path: Path) -> None:
         density=1900.0,
         plate_mass=12.0,
     )
-
-
-@pytest.mark.parametrize(
-    ("text", "depth"), [("unknown", "unknown"), ("none", "none"), ("inf", "none"), ("2", 2.0)]
-)
-def test_a_depth_may_be_a_number_or_a_word(text: str, depth: float | str) -> None:
-    options = options_from(build_parser().parse_args(["invert", "a.csv", "--bedrock-depth", text]))
-    assert options.bedrock_depth == depth
 
 
 # Output and status
@@ -366,14 +352,6 @@ def test_a_reader_who_leaves_ends_it_cleanly(endless: subprocess.Popen[str]) -> 
 
 
 # Benchmarks
-
-
-def test_benchmarks_outside_a_checkout_are_status_2(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    monkeypatch.setattr(bench, "TOP", tmp_path)
-    assert main(["bench", "speed", "--json"]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
 
 
 def test_benchmarks_get_their_arguments_and_hand_back_their_status(

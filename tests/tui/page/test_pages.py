@@ -2,6 +2,7 @@
 
 import http.client
 import io
+import json
 import re
 import threading
 import time
@@ -107,6 +108,12 @@ def test_an_address_of_a_point_gives_its_name(name: str) -> None:
     assert parse_point_address(path) == (name, "")
     assert parse_point_address(f"{path}/photos/x.jpg") == (name, "photos/x.jpg")
     assert parse_point_address("/points.json") == ("", "")
+
+
+def test_the_overview_and_its_data_have_every_point(browser: Browser) -> None:
+    assert "3 without a verdict" in browser.text("/")
+    rows = json.loads(browser.text("/points.json"))
+    assert [(row["point"], row["verdict"]) for row in rows] == [(name, "none") for name in NAMES]
 
 
 def test_every_point_has_a_page_that_the_overview_leads_to(browser: Browser) -> None:
@@ -333,6 +340,21 @@ def test_away_from_this_computer_photos_need_the_code(browser: Browser, survey: 
     assert browser.upload(f"{point_address(NAMES[0])}/photos", photo())[0] == 403
     assert browser.request("GET", "/map.svg")[0] == 403
     assert not (survey / "photos").exists()
+
+
+def test_a_code_admits_a_single_remote_browser(browser: Browser) -> None:
+    browser.server.code, browser.server.needs_code = "12345678", True
+
+    def status_of(path: str, **headers: str) -> int:
+        return browser.request("GET", path, **headers)[0]
+
+    assert status_of("/") == status_of("/?code=87654321") == 403
+    status, _, headers = browser.request("GET", "/?code=12345678")
+    assert status == 303
+    assert "HttpOnly" in headers["Set-Cookie"]
+    assert status_of("/", Cookie=headers["Set-Cookie"].split(";")[0]) == 200
+    assert status_of("/?code=12345678") == 403, "the code is void"
+    assert status_of("/", Cookie="pfwd=x") == 403
 
 
 def test_a_large_survey_has_no_picture_of_all_points(

@@ -8,7 +8,6 @@ import pytest
 from textual import events
 
 from pfwd.judging import Job, Station
-from pfwd.judging.stations import next_name
 from pfwd.procedures import Verdict, find_procedure
 from pfwd.session.events import DropNotSaved, DropsWaiting, JobReported
 from pfwd.session.plan import Ending
@@ -187,12 +186,6 @@ def test_a_complete_point_gives_the_next_station() -> None:
     assert status_of(state, 100.0).action == "next: 12+320, 20 m ahead; there press n"
     state.take(JobReported(Job(procedure=E_LWD)))
     assert status_of(state, 100.0).action == "walk to the next point and press n"
-
-
-def test_the_step_between_stations() -> None:
-    assert next_name("12+320", (), 20.0) == "12+340"
-    assert next_name("12+320", ()) == "12+321"
-    assert next_name("7", (), 20.0) == "8"
 
 
 @pytest.mark.parametrize("drops", [6, 5])

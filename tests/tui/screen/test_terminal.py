@@ -1,6 +1,5 @@
 """The commands in a real terminal of their own, with a simulated instrument, from start to end."""
 
-import asyncio
 import json
 import os
 import re
@@ -152,13 +151,6 @@ def test_a_hostile_instrument_moves_neither_cursor_nor_title(tmp_path: Path) -> 
         assert "Traceback" not in text(program)
 
 
-def test_a_missing_port_has_the_word_no_device(tmp_path: Path) -> None:
-    with terminal("live", "/dev/nothing-here", "-o", tmp_path / "survey") as program:
-        wait(program, lambda: "NO DEVICE" in text(program))
-        program.press("q")
-        assert ended(program) == 0
-
-
 @pytest.mark.parametrize("command", [["live", "/dev/x", "-o", "s"], ["replay", "s", "--live"]])
 def test_without_a_terminal_the_error_is_a_single_line(command: list[str]) -> None:
     completed = pfwd(*command)
@@ -178,75 +170,6 @@ def test_a_flood_neither_loses_samples_nor_slows_the_screen() -> None:
     assert figures["updates_per_s"] >= 5.0
     assert figures["core"] <= 0.6
     assert figures["samples_per_s"] == pytest.approx(50_000, rel=0.05)
-
-
-SERVER = (
-    "import shlex, sys; from textual_serve.server import Server; "
-    "Server(shlex.join([sys.executable, '-c', *sys.argv[1:]]), host='127.0.0.1', port=8765).serve()"
-)
-"""Optional checks: they are skipped where textual-serve (and for the second one selenium and a
-Chromium with its driver) is absent."""
-
-
-@contextmanager
-def served(survey: Path) -> Iterator[str]:
-    pytest.importorskip("textual_serve")
-    with serve(PLAIN, drops=1, rate=20.0) as instrument:
-        assert pfwd("log", instrument.url, "-o", survey).returncode == 0
-    command = [sys.executable, "-c", SERVER, PFWD[-1], "replay", str(survey), "--live"]
-    server = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    try:
-        time.sleep(3)
-        yield "http://127.0.0.1:8765"
-    finally:
-        server.terminate()
-        try:
-            server.wait(5)
-        except subprocess.TimeoutExpired:  # it waits for a browser that is still there
-            server.kill()
-            server.wait(10)
-
-
-@pytest.mark.slow
-def test_a_server_sends_the_measure_page(tmp_path: Path) -> None:
-    aiohttp = pytest.importorskip("aiohttp")
-
-    async def received(url: str) -> bytes:
-        data = b""
-        async with (
-            aiohttp.ClientSession() as client,
-            client.ws_connect(f"{url}/ws?width=120&height=40") as link,
-        ):
-            until = time.monotonic() + 20
-            while b"rigid plate" not in data and time.monotonic() < until:
-                message = await link.receive(timeout=10)
-                data += message.data if isinstance(message.data, bytes) else b""
-        return data
-
-    with served(tmp_path / "survey") as url:
-        program = asyncio.run(received(url))
-    assert b"PFWD" in program
-    assert b"rigid plate" in program
-
-
-@pytest.mark.slow
-def test_a_browser_shows_the_measure_page(tmp_path: Path) -> None:
-    webdriver = pytest.importorskip("selenium.webdriver")
-    options = webdriver.ChromeOptions()
-    for option in ("--headless=new", "--no-sandbox", "--disable-gpu"):
-        options.add_argument(option)
-    try:
-        browser = webdriver.Chrome(options=options)
-    except Exception as err:
-        pytest.skip(f"no Chromium with its driver: {type(err).__name__}")
-    try:
-        with served(tmp_path / "survey") as url:
-            browser.get(url)
-            time.sleep(8)
-            picture = browser.get_screenshot_as_png()
-    finally:
-        browser.quit()
-    assert len(picture) > 20_000  # an empty page has a tenth of it
 
 
 def test_the_first_paint_loads_no_heavy_module() -> None:

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from pfwd.digits import modulus_text
-from pfwd.judging.stations import next_name
 from tui.screen.session.stations import point_name_error
 from tui.screen.settings import ScreenSettings, load_settings, save_settings
 from tui.screen.units import SI, US, format_number, percent
@@ -84,14 +83,6 @@ def test_valid_settings_survive_a_wrong_setting(tmp_path: Path) -> None:
     file = tmp_path / "screen.json"
     file.write_text(json.dumps({"theme": "daylight", "units": "furlongs"}))
     assert load_settings(file) == ScreenSettings(theme="daylight")
-
-
-def test_the_next_point_counts_on() -> None:
-    assert next_name("7") == "8"
-    assert next_name("km 3+250") == "km 3+251"
-    assert next_name("P09") == "P10"
-    assert next_name("start") == "start 2"
-    assert next_name("7", {"8", "9"}) == "10"
 
 
 def test_impossible_names_have_an_error() -> None:

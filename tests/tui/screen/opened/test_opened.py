@@ -4,10 +4,7 @@ import asyncio
 import dataclasses
 import json
 import re
-import threading
-import urllib.error
-import urllib.request
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +24,7 @@ from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
 from tests.tui.screen.scripted import until
 from tui.cli import main
 from tui.diagnosis_lines import diagnosis_line, diagnosis_lines, point_cells, survey_lines
-from tui.page.server import SurveyServer, is_local, parse_place
+from tui.page.server import is_local, parse_place
 from tui.screen.drawing.glyphs import BRAILLE
 from tui.screen.drawing.lines import text_of
 from tui.screen.drawing.plot import plot_lines
@@ -404,55 +401,6 @@ def test_a_report_and_an_export_by_a_key(survey: Path, tmp_path: Path) -> None:
 
 def test_a_page_of_the_table_is_more_than_a_terminal_shows() -> None:
     assert 40 < TABLE_PAGE_ROWS <= 100
-
-
-# For a browser.
-
-
-@pytest.fixture
-def server(survey: Path) -> Iterator[SurveyServer]:
-    with SurveyServer(OpenedSurvey(survey), "127.0.0.1", 0) as opened_survey:
-        thread = threading.Thread(target=opened_survey.serve_forever, args=(0.05,), daemon=True)
-        thread.start()
-        yield opened_survey
-        opened_survey.shutdown()
-        thread.join()
-
-
-def fetch(server: SurveyServer, path: str = "", **headers: str) -> tuple[int, str, Any]:
-    class Stay(urllib.request.HTTPRedirectHandler):
-        def redirect_request(self, *_: Any) -> None:
-            return None
-
-    request = urllib.request.Request(server.url + path, headers=headers)
-    try:
-        with urllib.request.build_opener(Stay).open(request, timeout=20) as answer:
-            return answer.status, answer.read().decode(), answer.headers
-    except urllib.error.HTTPError as err:
-        return err.code, err.read().decode(), err.headers
-
-
-def test_on_this_computer_no_code_is_needed(server: SurveyServer) -> None:
-    status, text, headers = fetch(server)
-    assert status == 200
-    assert "2 PASS, 2 FAIL, 1 UNDECIDED" in text
-    assert "script" not in text
-    assert "default-src 'none'" in headers["Content-Security-Policy"]
-    status, text, _ = fetch(server, "points.json")
-    assert [row["verdict"] for row in json.loads(text)][:2] == ["pass", "fail"]
-    assert fetch(server, "../../etc/passwd")[0] == 404
-
-
-def test_a_code_admits_a_single_remote_browser(server: SurveyServer) -> None:
-    server.code, server.needs_code = "12345678", True
-    assert fetch(server)[0] == fetch(server, "?code=87654321")[0] == 403
-    status, _, headers = fetch(server, "?code=12345678")
-    assert status == 303
-    cookie = headers["Set-Cookie"].split(";")[0]
-    assert "HttpOnly" in headers["Set-Cookie"]
-    assert fetch(server, "", Cookie=cookie)[0] == 200
-    assert fetch(server, "?code=12345678")[0] == 403, "the code is void"
-    assert fetch(server, "", Cookie="pfwd=x")[0] == 403
 
 
 @pytest.mark.parametrize(
