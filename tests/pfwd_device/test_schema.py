@@ -33,7 +33,7 @@ from pfwd_device.schema import (
 
 KINDS: list[tuple[Value, list[Any], list[Any], str]] = [
     (Number(), [0, -1.5], [math.inf, math.nan, True, "1", 10**400], "a finite number"),
-    (Number("m", above=0), [1e-9], [0, -1], "a number > 0, in m"),
+    (Number("m", above=0), [1e-9], [0, -1, datetime.date(2026, 1, 1)], "a number > 0, in m"),
     (Number(minimum=0, below=0.5), [0, 0.49], [0.5, -1e-9], "a number >= 0 and < 0.5"),
     (Number(minimum=1, maximum=2), [1, 2], [0.9, 2.1], "a number from 1 to 2"),
     (Number("V", nonzero=True), [-1, 2], [0, 0.0], "a number other than 0, in V"),

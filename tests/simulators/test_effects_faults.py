@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from simulators.mesh import Array
-from tests.campaigns.effects import faults
+from tests.campaigns.effects import faults, unmodelled
 from tests.campaigns.effects.catalogue import EFFECTS
 from tests.campaigns.effects.signals import Signals
 from tests.simulators.conftest import PULSE, STEP, TIME, half_sine
@@ -26,7 +26,7 @@ def test_a_rocking_disc_has_the_textbook_stiffness_and_damping() -> None:
 def test_a_tilt_at_rest_is_in_proportion_to_the_load() -> None:
     load = np.minimum(np.maximum(TIME, 0.0) / 0.05, 1.0) * 8e3
     slow = Signals(TIME, load, np.zeros((2, TIME.size)), np.vstack([load, load]) * 1e-7)
-    found = faults.tilt(slow, -0.03, 300.0, 0.7)
+    found = unmodelled.plate_rocking(slow, 300.0, 0.7, -0.03)
     extra = found.displacement - slow.displacement
     np.testing.assert_array_equal(extra[1], 0.0)
     late = TIME > 0.06

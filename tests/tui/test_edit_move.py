@@ -32,27 +32,16 @@ def survey(tmp_path: Path) -> str:
     return str(tmp_path / "s")
 
 
+def edit(survey: str, *options: str) -> int:
+    return main(["edit", survey, *options])
+
+
 def test_it_counts_where_it_belongs_and_nowhere_else(
     survey: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for drop in ("3", "4"):
-        assert (
-            main(
-                [
-                    "edit",
-                    survey,
-                    "--point",
-                    "1",
-                    "--drop",
-                    drop,
-                    "--move",
-                    "2",
-                    "--new-point",
-                    "--json",
-                ]
-            )
-            == 0
-        )
+        done = edit(survey, "--point", "1", "--drop", drop, "--move", "2", "--new-point", "--json")
+        assert done == 0
     capsys.readouterr()
     first, second = point_views(read_survey(survey))
     assert (first.progress.used, first.progress.verdict) == ((2,), "pass")
@@ -65,19 +54,19 @@ def test_it_counts_where_it_belongs_and_nowhere_else(
 
 
 def test_a_moved_drop_is_listed_as_moved(survey: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["edit", survey, "--point", "1", "--drop", "3", "--move", "2", "--new-point"]) == 0
-    assert main(["edit", survey, "--point", "1", "--drop", "4", "--discard"]) == 0
+    assert edit(survey, "--point", "1", "--drop", "3", "--move", "2", "--new-point") == 0
+    assert edit(survey, "--point", "1", "--drop", "4", "--discard") == 0
     capsys.readouterr()
-    assert main(["edit", survey]) == 0
+    assert edit(survey) == 0
     lines = capsys.readouterr().out.splitlines()
     assert "  drop 3: MOVED: moved to point 2, drop 1" in lines
     assert "  drop 4: DISCARDED" in lines
-    assert main(["edit", survey, "--point", "1", "--drop", "3", "--restore"]) == 0
+    assert edit(survey, "--point", "1", "--drop", "3", "--restore") == 0
     assert "MOVED" not in capsys.readouterr().out.split("point 2")[0]
 
 
 def test_a_seating_drop_that_is_moved_away_seated_nothing(survey: str) -> None:
-    main(["edit", survey, "--drop", "1", "--move", "2", "--new-point"])
+    edit(survey, "--drop", "1", "--move", "2", "--new-point")
     first, _ = point_views(read_survey(survey))
     assert dict(first.progress.kinds)[2] == "seating"
 
@@ -95,7 +84,7 @@ def test_a_seating_drop_that_is_moved_away_seated_nothing(survey: str) -> None:
 def test_what_cannot_be_moved(
     survey: str, options: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["edit", survey, *options]) == 2
+    assert edit(survey, *options) == 2
     assert message in capsys.readouterr().err
     assert len(read_survey(survey).drops) == 4
 
@@ -148,18 +137,18 @@ def test_a_move_taken_back_while_it_is_measured_counts_the_drop_once(survey: str
 
 
 def test_restoring_a_moved_drop_takes_it_from_where_it_is_now(survey: str) -> None:
-    main(["edit", survey, "--point", "1", "--drop", "3", "--move", "2", "--new-point"])
-    main(["edit", survey, "--point", "2", "--drop", "1", "--move", "3", "--new-point"])
+    edit(survey, "--point", "1", "--drop", "3", "--move", "2", "--new-point")
+    edit(survey, "--point", "2", "--drop", "1", "--move", "3", "--new-point")
     assert counting(survey) == {"1": [1, 2, 4], "2": [], "3": [1]}
-    assert main(["edit", survey, "--point", "1", "--drop", "3", "--restore"]) == 0
+    assert edit(survey, "--point", "1", "--drop", "3", "--restore") == 0
     assert counting(survey) == {"1": [1, 2, 3, 4], "2": [], "3": []}
-    assert main(["edit", survey, "--point", "1", "--drop", "3", "--move", "2", "--new-point"]) == 0
+    assert edit(survey, "--point", "1", "--drop", "3", "--move", "2", "--new-point") == 0
     assert counting(survey) == {"1": [1, 2, 4], "2": [2], "3": []}
 
 
 def test_a_move_to_a_renamed_point_finds_it_by_its_title(survey: str) -> None:
-    main(["edit", survey, "--point", "1", "--drop", "3", "--move", "2", "--new-point"])
-    main(["edit", survey, "--point", "2", "--name", "km 1"])
+    edit(survey, "--point", "1", "--drop", "3", "--move", "2", "--new-point")
+    edit(survey, "--point", "2", "--name", "km 1")
     with SurveyWriter.open(survey, publish=False) as writer:
         session = Session(ScriptedFeed(), Log(), SessionPlan(options=None, point="1"), writer)
         session.ask(lambda it: it.move_drop(4, "km 1"))
@@ -186,7 +175,7 @@ def test_a_move_to_an_unknown_point_asks_on_a_terminal(
 ) -> None:
     monkeypatch.setattr("tui.commands.edit.on_terminal", lambda: True)
     monkeypatch.setattr("builtins.input", lambda _: answer)
-    assert main(["edit", survey, "--point", "1", "--drop", "3", "--move", "11"]) == 0
+    assert edit(survey, "--point", "1", "--drop", "3", "--move", "11") == 0
     assert len(read_survey(survey).drops) == n_drops
 
 

@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 from simulators.mesh import Array
 from tests.campaigns.effects.scene import Scene, SimulatedPoint, undisturbed
 from tests.campaigns.effects.signals import Signals
-from tests.campaigns.effects.unmodelled import mode
+from tests.campaigns.effects.unmodelled import mode, plate_rocking
 
 
 def rocking_mode(
@@ -46,29 +46,6 @@ def rocking_mode(
     return math.sqrt(stiffness / inertia) / (2 * math.pi), 0.15 / ((1 + ratio) * math.sqrt(ratio))
 
 
-def tilt(signals: Signals, share: float, frequency: float, damping: float) -> Signals:
-    """Return the signals with the reading of an eccentric sensor on a plate that tilts.
-
-    The load is eccentric too, so that the plate tilts and the sensor moves with it.
-
-    Parameters
-    ----------
-    signals : Signals
-    share : float
-        Static motion of the sensor by the tilt under the peak load, over the peak deflection.
-    frequency : float, Hz
-        Natural frequency of the tilting.
-    damping : float
-        Damping as a fraction of critical damping.
-    """
-    moved, speed = mode(signals.load / signals.peak_load, frequency, damping, signals.time_step)
-    size = share * float(np.max(signals.displacement[0]))
-    velocity, displacement = signals.velocity.copy(), signals.displacement.copy()
-    velocity[0] += size * speed
-    displacement[0] += size * moved
-    return replace(signals, velocity=velocity, displacement=displacement)
-
-
 def tilted_plate(scene: Scene, product: float) -> SimulatedPoint:
     """Return a test point whose load and centre sensor are beside the axis of the plate.
 
@@ -84,7 +61,7 @@ def tilted_plate(scene: Scene, product: float) -> SimulatedPoint:
     )
     share = 1.5 * product * (-1.0 if scene.generator.random() < 0.5 else 1.0)
     return undisturbed(scene).through(
-        lambda s: tilt(s, share, frequency, damping),
+        lambda s: plate_rocking(s, frequency, damping, share),
         share=share,
         frequency_hz=frequency,
         damping=damping,

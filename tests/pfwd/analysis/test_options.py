@@ -23,8 +23,6 @@ from pfwd.files.header import PointSetup
     ("options", "message"),
     [
         ({"plate_radius": 0.0}, "--plate-radius, plate_radius_m: expected a number from 0.01 to"),
-        ({"plate_radius": 1e-9}, "--plate-radius, plate_radius_m: expected a number from 0.01 to"),
-        ({"plate_radius": 150.0}, "--plate-radius, plate_radius_m: expected a number from 0.01 to"),
         ({"poisson_ratio": 0.5}, "--poisson-ratio, .* got 0.5; 0.5 is an incompressible"),
         ({"density": -1.0}, "--density, density_kg_m3: expected"),
         ({"plate_mass": float("nan")}, "--plate-mass, plate_mass_kg: expected"),
