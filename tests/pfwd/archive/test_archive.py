@@ -369,24 +369,20 @@ def test_rows_of_a_content_stay_until_no_file_has_it(
     assert len(rows(out)) == len(rows(out, "sources")) == 6
 
 
+@pytest.fixture
+def part(drops: Path, tmp_path: Path, options: AnalysisOptions) -> Path:
+    """Table of the sources of an archive with one part."""
+    run = invert_archive([str(drops)], tmp_path / "out", options, QuickWorkers(options)).run
+    return tmp_path / "out" / "sources" / f"run={run}" / "part-000001.parquet"
+
+
 def test_a_part_that_is_deleted_is_done_again(
-    drops: Path, tmp_path: Path, options: AnalysisOptions
+    drops: Path, tmp_path: Path, options: AnalysisOptions, part: Path
 ) -> None:
     out = tmp_path / "out"
-    run = invert_archive([str(drops)], out, options, QuickWorkers(options)).run
-    (out / "sources" / f"run={run}" / "part-000001.parquet").unlink()
+    part.unlink()
     assert invert_archive([str(drops)], out, options, QuickWorkers(options)).drops == 6
     assert len(rows(out)) == 6
-
-
-def test_a_damaged_part_is_said_with_what_to_do(
-    drops: Path, tmp_path: Path, options: AnalysisOptions
-) -> None:
-    out = tmp_path / "out"
-    run = invert_archive([str(drops)], out, options, QuickWorkers(options)).run
-    (out / "sources" / f"run={run}" / "part-000001.parquet").write_bytes(b"PAR1")
-    with pytest.raises(SurveyError, match=r"part-000001.*remove it"):
-        invert_archive([str(drops)], out, options, QuickWorkers(options))
 
 
 def test_the_results_within_the_drops_are_no_drops(drops: Path, options: AnalysisOptions) -> None:
@@ -493,51 +489,51 @@ def _a_text_that_stands_for_many(path: Path, count: int, length: int) -> None:
     )
 
 
+def refused(part: Path, drops: Path, options: AnalysisOptions, message: str) -> None:
+    with pytest.raises(SurveyError, match=rf"part-000001.*{message}.*remove it"):
+        invert_archive([str(drops)], part.parents[2], options, QuickWorkers(options))
+
+
+def test_a_damaged_part_is_said_with_what_to_do(
+    drops: Path, options: AnalysisOptions, part: Path
+) -> None:
+    part.write_bytes(b"PAR1")
+    refused(part, drops, options, "expected")
+
+
 @pytest.mark.parametrize(("count", "length"), [(3_000_000, 1), (20_000, 100_000)])
 def test_a_part_that_unpacks_to_gigabytes_is_refused(
-    drops: Path, tmp_path: Path, options: AnalysisOptions, count: int, length: int
+    drops: Path, options: AnalysisOptions, part: Path, count: int, length: int
 ) -> None:
     assert (dataset.MAX_PARQUET_ROWS, dataset.MAX_TABLE_BYTES) == (
         10 * running.PART_ROWS,
         64 * 2**20,
     )
-    out = tmp_path / "out"
-    run = invert_archive([str(drops)], out, options, QuickWorkers(options)).run
-    part = out / "sources" / f"run={run}" / "part-000001.parquet"
     _a_text_that_stands_for_many(part, count, length)
     assert part.stat().st_size < 200_000
-    with pytest.raises(SurveyError, match=r"part-000001.*expected a Parquet table.*remove it"):
-        invert_archive([str(drops)], out, options, QuickWorkers(options))
+    refused(part, drops, options, "expected a Parquet table")
 
 
 @pytest.mark.parametrize(
     "change", [{"piece": 1}, {"piece": -1}, {"pieces": 10**9}, {"failures": None}, {"file": None}]
 )
 def test_a_part_with_impossible_numbers_is_refused(
-    drops: Path, tmp_path: Path, options: AnalysisOptions, change: dict[str, Any]
+    drops: Path, options: AnalysisOptions, part: Path, change: dict[str, Any]
 ) -> None:
     import pyarrow
     from pyarrow import parquet
 
-    out = tmp_path / "out"
-    run = invert_archive([str(drops)], out, options, QuickWorkers(options)).run
-    part = out / "sources" / f"run={run}" / "part-000001.parquet"
     table = parquet.read_table(part, partitioning=None)
     changed = [{**row, **change} for row in table.to_pylist()]
     parquet.write_table(pyarrow.Table.from_pylist(changed, table.schema), part)
-    with pytest.raises(SurveyError, match=r"got impossible values.*remove it"):
-        invert_archive([str(drops)], out, options, QuickWorkers(options))
+    refused(part, drops, options, "got impossible values")
 
 
 def test_a_part_with_other_columns_is_refused(
-    drops: Path, tmp_path: Path, options: AnalysisOptions
+    drops: Path, options: AnalysisOptions, part: Path
 ) -> None:
     import pyarrow
     from pyarrow import parquet
 
-    out = tmp_path / "out"
-    run = invert_archive([str(drops)], out, options, QuickWorkers(options)).run
-    part = out / "sources" / f"run={run}" / "part-000001.parquet"
     parquet.write_table(pyarrow.table({"file": ["a"]}), part)
-    with pytest.raises(SurveyError, match=r"got other columns.*remove it"):
-        invert_archive([str(drops)], out, options, QuickWorkers(options))
+    refused(part, drops, options, "got other columns")

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -20,9 +19,8 @@ from pfwd.analysis.results import (
 from pfwd.archive.run import invert_archive
 
 pytest.importorskip("pyarrow")
-from pyarrow import parquet
 
-from tests.pfwd.archive.stand_ins import HereWorkers
+from tests.pfwd.archive.stand_ins import HereWorkers, rows
 
 OPTIONS = AnalysisOptions(diagnose=True)
 
@@ -66,13 +64,6 @@ def diagnosed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     name = "pfwd.archive.work.diagnose_entries"
     monkeypatch.setattr(name, diagnose)
     return seen
-
-
-def rows(folder: Path, name: str) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = []
-    for path in sorted((folder / name).rglob("*.parquet")):
-        found += parquet.ParquetFile(path).read().to_pylist()
-    return found
 
 
 def test_a_row_a_point(drops: Path, tmp_path: Path, diagnosed: list[str]) -> None:

@@ -4,10 +4,8 @@ import contextlib
 import itertools
 import json
 import os
-import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -173,22 +171,3 @@ def test_no_more_is_taken_than_is_worked_on(
 def quick(sources: list[Source], options: AnalysisOptions) -> list[SourceOutcome]:
     """A worker that invents results."""
     return [SourceOutcome(source, [invented(source)]) for source in sources]
-
-
-@pytest.mark.posix
-def test_an_interrupt_ends_the_processes_too(drops: Path, tmp_path: Path) -> None:
-    command = [
-        sys.executable, "-c", "import sys; from tui.cli import main; sys.exit(main())",
-        "invert", str(drops), "--archive", str(tmp_path / "out"), "--jobs", "2",
-    ]  # fmt: skip
-    top = Path(__file__).resolve().parents[3]
-    with subprocess.Popen(command, cwd=top, stderr=subprocess.PIPE, text=True) as main:
-        until = time.monotonic() + 60
-        while not (children := psutil.Process(main.pid).children()):
-            assert time.monotonic() < until
-            time.sleep(0.05)
-        main.send_signal(signal.SIGINT)
-        _, said = main.communicate(timeout=60)
-    assert main.returncode == 0
-    assert said.splitlines()[-1:] == ["pfwd: stopped"]
-    assert psutil.wait_procs(children, timeout=30)[1] == []

@@ -1,6 +1,5 @@
 """A cluster that believes certificates only, and what is said of one that believes anybody."""
 
-import contextlib
 import os
 import subprocess
 import sys
@@ -13,7 +12,6 @@ import pytest
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.archive import cluster
 from pfwd.archive.cluster import ClusterWorkers, protection_warning
-from pfwd.archive.run import invert_stream
 from pfwd.errors import OptionError, SurveyError
 
 TOP = Path(__file__).resolve().parents[3]
@@ -55,16 +53,6 @@ def protected(
 
 
 Protected = tuple[str, dict[str, str], dict[str, str]]
-
-
-def test_with_its_certificates_a_cluster_inverts(protected: Protected, drops: Path) -> None:
-    address, right, _ = protected
-    with (
-        dask.config.set(right),
-        contextlib.closing(ClusterWorkers(OPTIONS, address)) as workers,
-    ):
-        outcomes = list(invert_stream([str(drops)], OPTIONS, workers))
-    assert sum(len(outcome.results) for outcome in outcomes) == 12
 
 
 def test_the_command_takes_them_from_its_environment(protected: Protected, drops: Path) -> None:
