@@ -6,14 +6,13 @@ record that reached the disk; each drop also has an HDF5 file.
 
 import os
 from dataclasses import dataclass
-from pathlib import Path
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.drop_payload import peaks_problem
 from pfwd_device.recording.files import file_facts
 from pfwd_device.recording.index import Index, build_index, damage_key
 from pfwd_device.recording.journal import read_record
-from pfwd_device.recording.layout import Layout, names_in, refuse_special_files
+from pfwd_device.recording.layout import Layout, find_survey, names_in
 from pfwd_device.recording.lock import is_locked
 from pfwd_device.recording.recovery import describe, lost_texts
 from pfwd_device.recording.spare import SpareFolder
@@ -64,12 +63,7 @@ def check(folder: str | os.PathLike[str], *, spare: SpareFolder | None = None) -
     RecordingError
         If there is no survey, or it cannot be read.
     """
-    layout = Layout(Path(folder).absolute())
-    if not layout.exists():
-        raise RecordingError(
-            f"{layout.folder}: expected the folder of a survey, got no survey; check the path"
-        )
-    refuse_special_files(layout)
+    layout = find_survey(folder)
     written = is_locked(layout)
     index = build_index(layout)
     damaged: list[str] = []

@@ -109,8 +109,11 @@ class FileRepair:
                 continue
             self._list({key: answer[key] for key in ("path", "size", "sha256", "number")})
             made.append(number)
-        if publish:
-            self._set_unknown_files_aside()
+        for number in self._layout.drop_files() if publish else ():
+            if number not in self._index.drops:
+                path = self._layout.drop_file(number)
+                set_aside(self._layout, self._storage, path)
+                self.actions.append(f"{path.name} contains no drop and was moved to damaged")
         return made
 
     def repair_results_and_captures(self) -> None:
@@ -129,13 +132,6 @@ class FileRepair:
             for name in names_in(folder):
                 if f"{folder.name}/{name}" not in self._index.files:
                     self._list_unlisted(folder / name)
-
-    def _set_unknown_files_aside(self) -> None:
-        for number in self._layout.drop_files():
-            if number not in self._index.drops:
-                path = self._layout.drop_file(number)
-                set_aside(self._layout, self._storage, path)
-                self.actions.append(f"{path.name} contains no drop and was moved to damaged")
 
     def _is_sound(self, listed: FileEntry) -> bool:
         try:

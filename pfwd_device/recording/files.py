@@ -1,6 +1,7 @@
 """Size and digest of the files of a survey, and moving of a damaged file without losing a byte."""
 
 import hashlib
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,17 @@ def file_facts(layout: Layout, path: Path) -> dict[str, Any]:
             digest.update(chunk)
             size += len(chunk)
     return {"path": layout.relative(path), "size": size, "sha256": digest.hexdigest()}
+
+
+def sync_journal(layout: Layout, storage: Storage, segments: Iterable[int]) -> None:
+    """Wait until files of the journal, given by their numbers, and their names are on the disk."""
+    for number in segments:
+        descriptor = storage.open(layout.segment(number))
+        try:
+            storage.sync(descriptor)
+        finally:
+            storage.close(descriptor)
+    storage.sync_directory(layout.journal)
 
 
 def publish_request(layout: Layout, drop: DropEntry) -> dict[str, Any]:

@@ -170,6 +170,28 @@ def refuse_special_files(layout: Layout) -> None:
                 )
 
 
+def no_survey(folder: Path) -> RecordingError:
+    """Return the error to raise for a folder without a survey."""
+    return RecordingError(
+        f"{folder}: expected the folder of a survey, got no survey; check the path"
+    )
+
+
+def find_survey(folder: str | os.PathLike[str]) -> Layout:
+    """Return the paths of the survey in a folder.
+
+    Raises
+    ------
+    RecordingError
+        If the folder contains no survey, or a pipe or a device.
+    """
+    layout = Layout(Path(folder).absolute())
+    if not layout.exists():
+        raise no_survey(layout.folder)
+    refuse_special_files(layout)
+    return layout
+
+
 def _leads_to_special(entry: os.DirEntry[str]) -> bool:
     try:
         mode = entry.stat().st_mode

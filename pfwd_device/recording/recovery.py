@@ -22,7 +22,7 @@ from pfwd_device.recording.drop_payload import (
     rebound_payload,
 )
 from pfwd_device.recording.file_repair import FileRepair
-from pfwd_device.recording.files import keep_copy, now
+from pfwd_device.recording.files import keep_copy, now, sync_journal
 from pfwd_device.recording.framing import Kind
 from pfwd_device.recording.index import (
     Index,
@@ -31,7 +31,7 @@ from pfwd_device.recording.index import (
     read_index,
 )
 from pfwd_device.recording.journal import open_segment, read_record
-from pfwd_device.recording.layout import FORMAT_VERSION, Layout, refuse_links
+from pfwd_device.recording.layout import FORMAT_VERSION, Layout, no_survey, refuse_links
 from pfwd_device.recording.ledger import Entry, ledger_bytes, read_about
 from pfwd_device.recording.lock import SurveyLock, file_locked
 from pfwd_device.recording.payload import decode_payload, payload_data
@@ -111,9 +111,7 @@ def recover(
     layout = Layout(Path(folder).absolute())
     if not prepare(layout):
         if not (spare is not None and spare.parts(home=layout.folder)):
-            raise RecordingError(
-                f"{layout.folder}: expected the folder of a survey, got no survey; check the path"
-            )
+            raise no_survey(layout.folder)
         try:
             storage.make_folder(layout.folder)
         except OSError as err:
@@ -264,7 +262,10 @@ def _begin(
     for stretch in index.damage:
         if stretch.damage.at_end:
             _cut(layout, storage, stretch.segment, stretch.damage.offset, stretch.damage.length)
-    _sync_journal(layout, storage, index)
+    # Only when the records of a killed program are on the disk may the ledger list them, and may
+    # further records follow them.
+    segments = {index.entries[number].segment for number in index.unacknowledged}
+    sync_journal(layout, storage, sorted(segments | set(layout.segments()[-1:])))
     entries = [entry for _, entry in sorted((index.lost | index.entries).items())]
     data = _repair_ledger(layout, storage, index, entries)
     index.ledger = replace(index.ledger, data=None)  # free the memory
@@ -378,21 +379,6 @@ def _cut(layout: Layout, storage: Storage, segment: int, offset: int, length: in
         storage.sync(descriptor)
     finally:
         storage.close(descriptor)
-
-
-def _sync_journal(layout: Layout, storage: Storage, index: Index) -> None:
-    """Wait until the records that a killed program wrote to the journal are on the disk.
-
-    Only then may the ledger list them, and may further records follow them.
-    """
-    segments = {index.entries[number].segment for number in index.unacknowledged}
-    for segment in sorted(segments | set(layout.segments()[-1:])):
-        descriptor = storage.open(layout.segment(segment))
-        try:
-            storage.sync(descriptor)
-        finally:
-            storage.close(descriptor)
-    storage.sync_directory(layout.journal)
 
 
 def _repair_ledger(layout: Layout, storage: Storage, index: Index, entries: list[Entry]) -> bytes:

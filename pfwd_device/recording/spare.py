@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from pfwd_device.errors import RecordingError
+from pfwd_device.recording.files import sync_journal
 from pfwd_device.recording.index import build_index
 from pfwd_device.recording.layout import Layout, names_in, refuse_links
 from pfwd_device.recording.ledger import Entry
@@ -92,13 +93,7 @@ class SpareFolder:
                 storage.write_file(where, text.encode("ascii") + b"\n")
             index = build_index(layout)
             # The records of a killed program can be read, but may not be on the disk yet.
-            for number in layout.segments():
-                descriptor = storage.open(layout.segment(number))
-                try:
-                    storage.sync(descriptor)
-                finally:
-                    storage.close(descriptor)
-            storage.sync_directory(layout.journal)
+            sync_journal(layout, storage, layout.segments())
         except BaseException:
             lock.release()
             raise

@@ -34,7 +34,7 @@ from pfwd_device.recording.index import (
     read_index,
 )
 from pfwd_device.recording.journal import read_record
-from pfwd_device.recording.layout import Layout, refuse_special_files
+from pfwd_device.recording.layout import Layout, find_survey
 from pfwd_device.recording.ledger import Entry
 from pfwd_device.recording.payload import (
     Array,
@@ -481,12 +481,7 @@ def read_survey(folder: str | os.PathLike[str]) -> Survey:
     RecordingError
         If the folder contains no survey, or the survey cannot be read at all.
     """
-    layout = Layout(Path(folder).absolute())
-    if not layout.exists():
-        raise RecordingError(
-            f"{layout.folder}: expected the folder of a survey, got no survey; check the path"
-        )
-    refuse_special_files(layout)
+    layout = find_survey(folder)
     try:
         states = file_states(layout)  # before the reading, so that a later change is detected
     except OSError:

@@ -10,7 +10,7 @@ import hashlib
 import logging
 import os
 import queue
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -159,17 +159,18 @@ class SurveyWriter:
         lock = SurveyLock(layout, storage)
         helper = publisher or ChildPublisher()
         log: RecordLog | None = None
+
+        def read(layout: Layout) -> Index:
+            index = None
+            if already_read is not None and already_read.folder == layout.folder:
+                index = already_read.index_if_unchanged()
+            return read_index(layout) if index is None else index
+
         try:
             for path in layout.folders:
                 storage.make_folder(path)
             log, index, actions = begin(
-                layout,
-                storage,
-                helper,
-                lock,
-                spare,
-                fall_back=fall_back,
-                read=_reader_of(already_read, layout),
+                layout, storage, helper, lock, spare, fall_back=fall_back, read=read
             )
             if reserve_bytes:
                 log.make_reserve(reserve_bytes)
@@ -448,13 +449,20 @@ class SurveyWriter:
             while self._exists(path := self._layout.result(number, count, kind)):
                 count += 1
             text = encode_json(result) + "\n"
+            data = text.encode("ascii")
             try:
-                self._storage.write_file(path, text.encode("ascii"))
+                self._storage.write_file(path, data)
             except OSError as err:
                 if not self._records.spare:
                     raise refused(err, str(path)) from err
                 # The record in the journal contains the result; a recovery makes the file from it.
-            self._list_file(path, text.encode("ascii"), number, content=text)
+            listed = {
+                "path": self._layout.relative(path),
+                "size": len(data),
+                "sha256": hashlib.sha256(data).hexdigest(),
+                "number": number,
+            }
+            self._write(Kind.FILE, listed | {"content": text})
             return path
 
     def publish(self, number: int) -> None:
@@ -566,7 +574,10 @@ class SurveyWriter:
             self._thread.close(timeout)
         for listed in self._unlisted:
             self._write(Kind.FILE, listed)
-        self._close_captures()
+        for capture in self._captures:
+            capture.close()
+            listed = file_facts(self._layout, capture.path)
+            self._write(Kind.FILE, listed | {"number": None})
         if self._rewritten:
             # Results may have been deleted with the other files; the journal has their content.
             helper = InlinePublisher(self._storage)
@@ -608,21 +619,6 @@ class SurveyWriter:
             self._unlisted.append(listed)  # `close` tries again
             raise
 
-    def _close_captures(self) -> None:
-        for capture in self._captures:
-            capture.close()
-            listed = file_facts(self._layout, capture.path)
-            self._write(Kind.FILE, listed | {"number": None})
-
-    def _list_file(self, path: Path, data: bytes, number: int | None, *, content: str) -> None:
-        facts = {
-            "path": self._layout.relative(path),
-            "size": len(data),
-            "sha256": hashlib.sha256(data).hexdigest(),
-            "number": number,
-        }
-        self._write(Kind.FILE, facts | {"content": content})
-
     def _exists(self, path: Path) -> bool:
         try:
             return self._layout.relative(path) in self._index.files or path.exists()
@@ -639,33 +635,15 @@ class SurveyWriter:
         drop = record.drop.number
         expected = self._index.next_drop(record.point)
         is_used = self._index.is_used(record.point, drop)
-        if drop < 1 or is_used or (drop < expected and self._lost(record.point, drop)):
+        is_lost = (record.point, drop) in self._index.lost_drops.values()
+        if drop < 1 or is_used or (drop < expected and is_lost):
             raise RecordingError(
                 f"drop {record.point}/{drop}: expected an unused number from 1 on, got a used or "
                 f"invalid one; the next free number is {expected}"
             )
-
-    def _lost(self, point: str, drop: int) -> bool:
-        return (point, drop) in self._index.lost_drops.values()
 
     def _write(self, kind: int, data: Mapping[str, Any]) -> None:
         with self._lock:
             full_data = dict(data) | {"time_utc": now()}
             entry = self._records.append(kind, full_data)
             self._index.add(entry, full_data)
-
-
-def _reader_of(already_read: Survey | None, layout: Layout) -> Callable[[Layout], Index]:
-    """Return the function that reads the content of a survey after the survey was locked.
-
-    It returns the content that was read before if no file has changed since.
-    """
-
-    def read(layout_to_read: Layout) -> Index:
-        if already_read is not None and already_read.folder == layout.folder:
-            index = already_read.index_if_unchanged()
-            if index is not None:
-                return index
-        return read_index(layout_to_read)
-
-    return read
