@@ -54,10 +54,10 @@ Note: retest
 F25, SWECO, DYNATEST, PDDX = (make(places()) for make in (f25, sweco, dynatest, pddx))
 
 
-def _read(
+def read_or_refused(
     data: bytes, name: str, *, header: bytes | None = None, map_: bytes | None = None
-) -> None:
-    """What is read is whole; what is refused is refused on one line that names the file."""
+) -> bool:
+    """Whether it is read, and then whole; it is refused on one line that names the file."""
     with tempfile.TemporaryDirectory(dir=memory_folder()) as folder:
         path, keys, columns = Path(folder) / name, Path(folder) / "h.toml", Path(folder) / "m.toml"
         path.write_bytes(data)
@@ -76,15 +76,19 @@ def _read(
             assert folder in text
             assert len(text.splitlines()) == 1
             assert len(text) < 2000
-            return
+            return False
+        assert points
         for point in points:
             assert point.setup.plate_radius > 0 or point.setup.is_stiffness_test
+            assert point.setup.point is None or len(str(point.setup.point)) <= 64
             for drop in point.drops:
                 if drop.only_peaks is not None:
                     _check_peaks(drop)
                 assert np.isfinite(drop.load).all()
                 assert (np.diff(drop.time) > 0).all()
+                assert all(np.isfinite(channel.values).all() for channel in drop.channels)
                 assert len({(c.quantity, c.offset) for c in drop.channels}) == len(drop.channels)
+        return True
 
 
 def _check_peaks(drop: Drop) -> None:
@@ -107,8 +111,8 @@ def _zip(**members: bytes) -> bytes:
 @target("foreign")
 def archive_bytes(data: bytes) -> None:
     """Any bytes as a project, and behind the beginning of an archive."""
-    _read(data, "a.dynz")
-    _read(b"PK\x03\x04" + data, "a.bin")
+    read_or_refused(data, "a.dynz")
+    read_or_refused(b"PK\x03\x04" + data, "a.bin")
 
 
 @target("foreign")
@@ -117,41 +121,41 @@ def archive_holes(data: bytes) -> None:
     whole = bytearray(_zip(database_dot_json=DATABASE, rawdata__1=STORED + data[:200]))
     for place, value in zip(data[::2], data[1::2], strict=False):
         whole[(place * 251 + value) % len(whole)] ^= value
-    _read(bytes(whole), "a.prjz")
+    read_or_refused(bytes(whole), "a.prjz")
 
 
 @target("foreign")
 def json_database(data: bytes) -> None:
     """Any bytes as a database, and any values for its keys."""
-    _read(_zip(database_dot_json=data, rawdata__1=STORED), "a.prjz")
+    read_or_refused(_zip(database_dot_json=data, rawdata__1=STORED), "a.prjz")
     keys = [b"ParamsAcqu", b"PVs", b"ParamsBearing", b"Calibrations", b"project"]
     text = (
         b"{" + b",".join(b'"%s": %s' % pair for pair in zip(keys, cuts(data), strict=False)) + b"}"
     )
-    _read(_zip(database_dot_json=text, rawdata__1=STORED), "a.prjz")
+    read_or_refused(_zip(database_dot_json=text, rawdata__1=STORED), "a.prjz")
 
 
 @target("foreign")
 def stored_traces(data: bytes) -> None:
     """Any bytes as stored traces, and behind a right header."""
     for member in (data, STORED + data):
-        _read(_zip(database_dot_json=DATABASE, rawdata__1=member), "a.prjz")
+        read_or_refused(_zip(database_dot_json=DATABASE, rawdata__1=member), "a.prjz")
 
 
 @target("foreign")
 def xml_database(data: bytes) -> None:
     """Any bytes as a data set, and within one."""
     for member in (data, XML + data, XML + data + b"</MDDataSet>"):
-        _read(_zip(database_dot_xml=member), "a.dynz")
+        read_or_refused(_zip(database_dot_xml=member), "a.dynz")
 
 
 @target("foreign")
 def jils_file(data: bytes) -> None:
     """Any bytes as a time history, and as the rows of one."""
-    _read(data, "a.thy", header=HEADER)
-    _read(JILS + data, "a.thy", header=HEADER)
+    read_or_refused(data, "a.thy", header=HEADER)
+    read_or_refused(JILS + data, "a.thy", header=HEADER)
     rows = b"".join(b"%d.0 %d -%d 1\n" % (n, byte, byte) for n, byte in enumerate(data[:40]))
-    _read(JILS + rows, "a.thy", header=HEADER)
+    read_or_refused(JILS + rows, "a.thy", header=HEADER)
 
 
 @target("foreign")
@@ -159,16 +163,16 @@ def column_map(data: bytes) -> None:
     """Any bytes as a map, and as more keys of one."""
     text = b"".join(b"%d,1,2\n" % n for n in range(20))
     for columns in (data, MAP + data, data + b"\n" + MAP):
-        _read(text, "a.txt", map_=columns)
+        read_or_refused(text, "a.txt", map_=columns)
 
 
 @target("foreign")
 def delimited_text(data: bytes) -> None:
     """Any bytes as a text, and as cells of one."""
-    _read(data, "a.txt", map_=MAP)
+    read_or_refused(data, "a.txt", map_=MAP)
     cells = [piece[:9].replace(b"\n", b" ") for piece in cuts(data)][:60]
     rows = b"".join(b"%d,%s,2\n" % (n, piece) for n, piece in enumerate(cells))
-    _read(rows, "a.txt", map_=MAP)
+    read_or_refused(rows, "a.txt", map_=MAP)
 
 
 def _lines(data: bytes, head: str) -> bytes:
@@ -185,10 +189,10 @@ def _changed(data: bytes, whole: str) -> bytes:
 
 
 def _peaks_text(data: bytes, name: str, whole: str) -> None:
-    _read(data, name)
-    _read(data, name, header=HEADER)
-    _read(_changed(data, whole), name)
-    _read(_lines(data, whole), name, header=HEADER)
+    read_or_refused(data, name)
+    read_or_refused(data, name, header=HEADER)
+    read_or_refused(_changed(data, whole), name)
+    read_or_refused(_lines(data, whole), name, header=HEADER)
 
 
 @target("foreign")
@@ -218,12 +222,12 @@ def pddx_file(data: bytes) -> None:
 @target("foreign")
 def jils_peaks_file(data: bytes) -> None:
     """Any bytes as a .DAT, and as its lines."""
-    _read(data, "a.dat", header=HEADER)
-    _read(_lines(data, DAT), "a.dat", header=HEADER)
-    _read(_changed(data, DAT), "a.dat", header=HEADER)
+    read_or_refused(data, "a.dat", header=HEADER)
+    read_or_refused(_lines(data, DAT), "a.dat", header=HEADER)
+    read_or_refused(_changed(data, DAT), "a.dat", header=HEADER)
 
 
 @target("foreign")
 def hdf5_bytes(data: bytes) -> None:
     """Any bytes behind the signature of an HDF5 file."""
-    _read(b"\x89HDF\r\n\x1a\n" + data, "a.h5")
+    read_or_refused(b"\x89HDF\r\n\x1a\n" + data, "a.h5")

@@ -2,6 +2,7 @@
 
 import pickle
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -63,6 +64,11 @@ def measured_drop() -> Drop:
     return Drop(1, time, np.ones(100), channels)
 
 
+def with_second_sensor(**changes: Any) -> Drop:
+    first, second = measured_drop().channels
+    return replace(measured_drop(), channels=(first, replace(second, **changes)))
+
+
 def test_a_copy_of_a_drop_has_its_samples_whatever_its_number() -> None:
     drop = measured_drop()
     assert drop.has_samples_of(measured_drop())
@@ -76,27 +82,9 @@ def test_a_copy_of_a_drop_has_its_samples_whatever_its_number() -> None:
         replace(measured_drop(), load=np.nextafter(measured_drop().load, 0.0)),
         replace(measured_drop(), channels=measured_drop().channels[:1]),
         replace(measured_drop(), channels=measured_drop().channels[::-1]),
-        replace(
-            measured_drop(),
-            channels=(
-                measured_drop().channels[0],
-                replace(measured_drop().channels[1], values=np.cos(np.arange(100))),
-            ),
-        ),
-        replace(
-            measured_drop(),
-            channels=(
-                measured_drop().channels[0],
-                replace(measured_drop().channels[1], offset=0.6),
-            ),
-        ),
-        replace(
-            measured_drop(),
-            channels=(
-                measured_drop().channels[0],
-                replace(measured_drop().channels[1], quantity="displacement"),
-            ),
-        ),
+        with_second_sensor(values=np.cos(np.arange(100))),
+        with_second_sensor(offset=0.6),
+        with_second_sensor(quantity="displacement"),
     ],
     ids=["time", "load", "fewer", "order", "values", "offset", "quantity"],
 )

@@ -1,17 +1,13 @@
 """Right files with something changed in them: read or refused on one line, never anything else."""
 
 import json
-import tempfile
 from collections.abc import Callable
-from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pfwd.errors import SurveyError
-from pfwd.files.reading import read_points
+from tests.fuzz.foreign_targets import read_or_refused
 from tests.pfwd.files.foreign.builders import (
     acquired,
     dataset,
@@ -43,6 +39,7 @@ unit = "mm/s"
 offset_m = 0.0
 """
 
+HEADER = b"plate_radius_m = 0.15\nsensor_offsets_m = [0.0]\n"
 Made = tuple[str, bytes, bytes | None]
 MAKERS: dict[str, tuple[bytes, Callable[[bytes], Made]]] = {
     "traces": (
@@ -92,8 +89,8 @@ def changed(data: bytes, changes: list[tuple[float, int, bytes]]) -> bytes:
 
 
 @pytest.mark.parametrize("kind", list(MAKERS))
-def test_the_file_that_is_changed_is_right(kind: str, tmp_path: Path) -> None:
-    assert judged(kind, MAKERS[kind][0], tmp_path)
+def test_the_file_that_is_changed_is_right(kind: str) -> None:
+    assert is_read(kind, MAKERS[kind][0])
 
 
 @pytest.mark.parametrize("kind", list(MAKERS))
@@ -102,31 +99,10 @@ def test_the_file_that_is_changed_is_right(kind: str, tmp_path: Path) -> None:
 def test_a_changed_file_is_read_or_refused(
     kind: str, changes: list[tuple[float, int, bytes]]
 ) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        judged(kind, changed(MAKERS[kind][0], changes), Path(folder))
+    is_read(kind, changed(MAKERS[kind][0], changes))
 
 
-def judged(kind: str, part: bytes, folder: Path) -> bool:
-    """Whether the file is read; what is read is whole."""
+def is_read(kind: str, part: bytes) -> bool:
     name, data, columns = MAKERS[kind][1](part)
-    (folder / name).write_bytes(data)
-    (folder / "h.toml").write_text("plate_radius_m = 0.15\nsensor_offsets_m = [0.0]\n")
-    column_map = None
-    if columns is not None:
-        column_map = folder / "m.toml"
-        column_map.write_bytes(columns)
-    header = folder / "h.toml" if kind == "thy" else None
-    points, refused = [], ""
-    try:
-        points = read_points(folder / name, header, column_map=column_map)
-    except SurveyError as err:
-        refused = str(err)
-    assert points or str(folder) in refused
-    assert len(refused.splitlines()) <= 1
-    for point in points:
-        assert point.setup.point is None or len(str(point.setup.point)) <= 64
-        for drop in point.drops:
-            assert np.isfinite(drop.load).all()
-            assert (np.diff(drop.time) > 0).all()
-            assert all(np.isfinite(channel.values).all() for channel in drop.channels)
-    return not refused
+    header = HEADER if kind == "thy" else None
+    return read_or_refused(data, name, header=header, map_=columns)
