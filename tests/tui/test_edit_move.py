@@ -5,15 +5,14 @@ from pathlib import Path
 import pytest
 
 from pfwd.files.editing import Edit
-from pfwd.files.header import declared_values
 from pfwd.judging import JobRequest, Station, SurveyView, point_views
-from pfwd.procedures import Kind, plain_procedure
+from pfwd.procedures import Kind
 from pfwd.session.events import DropSaved, PointReported
 from pfwd.session.live_view import apply_event
 from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
-from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
-from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
+from pfwd_device.recording import SurveyWriter, read_survey
+from tests.pfwd.report.surveys import write_judged_survey
 from tests.pfwd.scripted_feed import Log, ScriptedFeed
 from tui.cli import main
 
@@ -21,15 +20,7 @@ from tui.cli import main
 @pytest.fixture
 def survey(tmp_path: Path) -> str:
     """Point 1 holds a seating and a measured drop too many, which belong to point 2."""
-    with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
-        for event in JobRequest(procedure=plain_procedure(1, 1), target=40e6).events():
-            writer.note_event(*event)
-        for number, modulus in enumerate((60e6, 61e6, 30e6, 31e6), 1):
-            drop = half_sine_drop(number, 8000.0)
-            metadata = {"key": f"T-1/7/{number}"}
-            record = DropRecord("1", drop, None, declared_values(SETUP), metadata)
-            writer.save_result(writer.save_drop(record), result_of(number, modulus))
-    return str(tmp_path / "s")
+    return str(write_judged_survey(tmp_path / "s", 40e6, {"1": (60e6, 61e6, 30e6, 31e6)}))
 
 
 def edit(survey: str, *options: str) -> int:

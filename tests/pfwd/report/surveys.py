@@ -1,12 +1,17 @@
 """Drops and results that a report can show."""
 
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pfwd.files.header import PointSetup
+from pfwd.files.header import PointSetup, declared_values
+from pfwd.judging import JobRequest
+from pfwd.procedures import plain_procedure
 from pfwd_device import Channel, Drop
+from pfwd_device.recording import DropRecord, SurveyWriter
 
 SETUP = PointSetup(
     plate_radius=0.15, plate_mass=0.0, poisson_ratio=0.35, site="km 1", seating_drops=1
@@ -39,6 +44,19 @@ def result_of(number: int, modulus: float = 45e6) -> dict[str, Any]:
         "seed": 3,
         "warnings": ["a warning of the search"],
     }
+
+
+def write_judged_survey(folder: Path, target: float, moduli: Mapping[str, Sequence[float]]) -> Path:
+    """Write points with a drop for each modulus, of which the first of a point is seating."""
+    with SurveyWriter.open(folder, publish=False) as writer:
+        for event in JobRequest(procedure=plain_procedure(1, 1), target=target).events():
+            writer.note_event(*event)
+        for point, values in moduli.items():
+            for number, modulus in enumerate(values, 1):
+                drop, key = half_sine_drop(number, 8000.0), {"key": f"T-1/{point}/{number}"}
+                record = DropRecord(point, drop, None, declared_values(SETUP), key)
+                writer.save_result(writer.save_drop(record), result_of(number, modulus))
+    return folder
 
 
 def half_sine_drop(number: int, peak: float) -> Drop:

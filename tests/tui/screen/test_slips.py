@@ -8,12 +8,9 @@ from typing import Any
 
 import pytest
 
-from pfwd.files.header import declared_values
-from pfwd.judging import Job, JobRequest
-from pfwd.procedures import plain_procedure
+from pfwd.judging import Job
 from pfwd.session.events import DropNotSaved, JobReported
-from pfwd_device.recording import DropRecord, SurveyWriter
-from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
+from tests.pfwd.report.surveys import write_judged_survey
 from tests.tui.screen.scripted import App, QuietSource, deliver, play, ready, until
 from tui.screen.session import slips
 from tui.screen.session.slips import free_path, signature_error
@@ -21,17 +18,9 @@ from tui.screen.session.slips import free_path, signature_error
 
 @pytest.fixture
 def survey(tmp_path: Path) -> Path:
-    folder = tmp_path / "road"
-    with SurveyWriter.open(folder, publish=False) as writer:
-        request = JobRequest(procedure=plain_procedure(1, 1), target=50e6)
-        for event in request.events():
-            writer.note_event(*event)
-        for name in ("km 12/3", "7"):
-            for number in (1, 2):
-                drop = half_sine_drop(number, 8000.0)
-                record = DropRecord(name, drop, None, declared_values(SETUP), {})
-                writer.save_result(writer.save_drop(record), result_of(number, 60e6))
-    return folder
+    return write_judged_survey(
+        tmp_path / "road", 50e6, dict.fromkeys(("km 12/3", "7"), (60e6, 60e6))
+    )
 
 
 @pytest.fixture

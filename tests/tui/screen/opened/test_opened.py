@@ -17,10 +17,9 @@ from textual.widgets._tabs import Underline
 from pfwd.analysis.result_store import basis_of
 from pfwd.errors import OptionError, SurveyError
 from pfwd.files.header import declared_values
-from pfwd.judging import JobRequest, point_views
-from pfwd.procedures import plain_procedure
+from pfwd.judging import point_views
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
-from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
+from tests.pfwd.report.surveys import SETUP, half_sine_drop, write_judged_survey
 from tests.tui.screen.scripted import until
 from tui.cli import main
 from tui.diagnosis_lines import diagnosis_line, diagnosis_lines, point_cells, survey_lines
@@ -55,16 +54,10 @@ def _separate_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def survey(tmp_path: Path) -> Path:
-    folder = tmp_path / "road"
+    moduli = {name: (modulus, modulus) for name, modulus in MODULI.items()}
+    folder = write_judged_survey(tmp_path / "road", 50e6, moduli)
     with SurveyWriter.open(folder, publish=False) as writer:
-        requests = JobRequest(procedure=plain_procedure(1, 1), target=50e6)
-        for event in requests.events():
-            writer.note_event(*event)
-        for place, (name, modulus) in enumerate(MODULI.items()):
-            for number in (1, 2):
-                drop = half_sine_drop(number, 8000.0)
-                record = DropRecord(name, drop, None, declared_values(SETUP), {})
-                writer.save_result(writer.save_drop(record), result_of(number, modulus))
+        for place, name in enumerate(MODULI):
             where = {"latitude": 48.0 + 1e-4 * place, "longitude": 11.0}
             writer.edit("position", where, point=name)
         writer.edit("note", "wet patch", point="9")
