@@ -34,6 +34,7 @@ from pfwd_device.identity import ChannelIdentity, Identity, Role
 from pfwd_device.wire.messages import Status
 from tui.screen.app import PfwdApp
 from tui.screen.drawing.glyphs import BRAILLE, Glyphs
+from tui.screen.opened.app import OpenApp
 from tui.screen.settings import ScreenSettings
 
 NOON = datetime.datetime(2026, 5, 4, 12, 0, 7)
@@ -289,15 +290,20 @@ class App(PfwdApp):
         return "\n".join("".join(part.text for part in strip).rstrip() for strip in strips)
 
 
-Script = Callable[[App, Any], Awaitable[None]]
+Script = Callable[[Any, Any], Awaitable[None]]
 
 
-def play(app: App, script: Script, size: tuple[int, int] = (120, 40)) -> App:
-    """Run a script against the application, without a terminal."""
+def play(app: Any, script: Script, size: tuple[int, int] = (120, 40)) -> Any:
+    """Run a script against an application, without a terminal."""
+
+    def is_ready() -> bool:
+        if isinstance(app, OpenApp):
+            return app.ready
+        return app.state.session is not None or app.state.ended is not None
 
     async def body() -> None:
         async with app.run_test(size=size) as pilot:
-            await until(pilot, lambda: app.state.session is not None or app.state.ended is not None)
+            await until(pilot, is_ready)
             await script(app, pilot)
 
     asyncio.run(body())

@@ -114,22 +114,21 @@ def test_hostile_text_does_not_disturb_a_page(text: str) -> None:
 
 
 @pytest.mark.parametrize("text", HOSTILE[:8], ids=range(8))
-def test_dialogs_and_the_setup_page_show_markup_as_text(text: str) -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, ready(), saved(1), Edited("name", text, "7", None))
-        await pilot.press("n")
-        await pilot.pause()
-        assert harmless(app.text.replace("\n", ""))
-        await pilot.press("escape", "5")
-        await pilot.pause()
-        page: Any = app.screen
-        page._show_ports([(text, "/dev/ttyUSB9", True)])
-        app.show_message(text)
-        page.draw()
-        await pilot.pause()
-        assert harmless(app.text.replace("\n", ""))
-
-    play(App(), script)
+async def test_dialogs_and_the_setup_page_show_markup_as_text(
+    app: App, pilot: Any, text: str
+) -> None:
+    await deliver(app, pilot, ready(), saved(1), Edited("name", text, "7", None))
+    await pilot.press("n")
+    await pilot.pause()
+    assert harmless(app.text.replace("\n", ""))
+    await pilot.press("escape", "5")
+    await pilot.pause()
+    page: Any = app.screen
+    page._show_ports([(text, "/dev/ttyUSB9", True)])
+    app.show_message(text)
+    page.draw()
+    await pilot.pause()
+    assert harmless(app.text.replace("\n", ""))
 
 
 def test_the_log_has_a_single_line_per_event(tmp_path: Path) -> None:

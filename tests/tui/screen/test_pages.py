@@ -54,21 +54,20 @@ SIZES = [(80, 24), (120, 40), (200, 60)]
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_the_measure_page_follows_the_session(size: tuple[int, int]) -> None:
-    async def script(app: App, pilot: Any) -> None:
-        assert "WAITING" in app.text
-        await deliver(app, pilot, ready(), status(), Ready())
-        assert "READY" in app.text
-        assert "T-1042" in app.text
-        await deliver(app, pilot, saved(1, status="seating"))
-        assert "COMPUTING" in app.text
-        await deliver(app, pilot, analysed(1, full=False, kind="seating"))
-        assert "SAFE" in app.text
-        assert "47.3" in app.text
-        await deliver(app, pilot, *complete_point())
-        await until(pilot, lambda: "POINT DONE" in app.text)  # after SAFE
-
-    play(App(), script, size)
+async def test_the_measure_page_follows_the_session(
+    app: App, pilot: Any, size: tuple[int, int]
+) -> None:
+    assert "WAITING" in app.text
+    await deliver(app, pilot, ready(), status(), Ready())
+    assert "READY" in app.text
+    assert "T-1042" in app.text
+    await deliver(app, pilot, saved(1, status="seating"))
+    assert "COMPUTING" in app.text
+    await deliver(app, pilot, analysed(1, full=False, kind="seating"))
+    assert "SAFE" in app.text
+    assert "47.3" in app.text
+    await deliver(app, pilot, *complete_point())
+    await until(pilot, lambda: "POINT DONE" in app.text)  # after SAFE
 
 
 def test_a_safe_drop_rings_once_and_a_rejected_drop_twice() -> None:
@@ -85,48 +84,39 @@ def test_a_safe_drop_rings_once_and_a_rejected_drop_twice() -> None:
     assert [settings.bell for settings in app.stored] == [False]
 
 
-def test_discarding_goes_to_the_session_and_can_be_undone() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, *complete_point())
-        await pilot.press("up", "d")
-        assert app.source.session.requests == [("discard", "by the operator", None, 5)]  # type: ignore[attr-defined]
-        await pilot.press("u")
-        assert app.source.session.requests[1] == ("restore", None, None, 5)  # type: ignore[attr-defined]
-        await pilot.press("u")
-        assert len(app.source.session.requests) == 2  # type: ignore[attr-defined]
-        app.redraw()
-        await pilot.pause()
-        assert "nothing to take back" in app.text
-
-    play(App(), script)
+async def test_discarding_goes_to_the_session_and_can_be_undone(app: App, pilot: Any) -> None:
+    await deliver(app, pilot, *complete_point())
+    await pilot.press("up", "d")
+    assert app.source.session.requests == [("discard", "by the operator", None, 5)]  # type: ignore[attr-defined]
+    await pilot.press("u")
+    assert app.source.session.requests[1] == ("restore", None, None, 5)  # type: ignore[attr-defined]
+    await pilot.press("u")
+    assert len(app.source.session.requests) == 2  # type: ignore[attr-defined]
+    app.redraw()
+    await pilot.pause()
+    assert "nothing to take back" in app.text
 
 
-def test_undo_restores_the_moved_drop_before_an_earlier_discard() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        requests = app.source.session.requests  # type: ignore[attr-defined]
-        await deliver(app, pilot, *complete_point())
-        await pilot.press("up", "d")
-        assert requests == [("discard", "by the operator", None, 5)]
-        await pilot.press("2", "enter", "w", "8", "enter")
-        assert requests[1:] == [("move", 6, "8")]
-        await pilot.press("u")
-        assert requests[2:] == [("restore", None, None, 6)]
-        await pilot.press("u")
-        assert requests[3:] == [("restore", None, None, 5)]
-
-    play(App(), script)
+async def test_undo_restores_the_moved_drop_before_an_earlier_discard(app: App, pilot: Any) -> None:
+    requests = app.source.session.requests  # type: ignore[attr-defined]
+    await deliver(app, pilot, *complete_point())
+    await pilot.press("up", "d")
+    assert requests == [("discard", "by the operator", None, 5)]
+    await pilot.press("2", "enter", "w", "8", "enter")
+    assert requests[1:] == [("move", 6, "8")]
+    await pilot.press("u")
+    assert requests[2:] == [("restore", None, None, 6)]
+    await pilot.press("u")
+    assert requests[3:] == [("restore", None, None, 5)]
 
 
-def test_an_undone_move_clears_the_drop() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, *complete_point())
-        await pilot.press("2", "enter")
-        await deliver(app, pilot, Edited("discard", {MOVED_TO: {"point": "8", "drop": 1}}, None, 6))
-        assert "moved to" in app.text
-        await deliver(app, pilot, Edited("restore", None, None, 6))
-        assert "moved to" not in app.text
-
-    play(App(), script)
+async def test_an_undone_move_clears_the_drop(app: App, pilot: Any) -> None:
+    await deliver(app, pilot, *complete_point())
+    await pilot.press("2", "enter")
+    await deliver(app, pilot, Edited("discard", {MOVED_TO: {"point": "8", "drop": 1}}, None, 6))
+    assert "moved to" in app.text
+    await deliver(app, pilot, Edited("restore", None, None, 6))
+    assert "moved to" not in app.text
 
 
 def stations_job(*names: str) -> JobReported:
@@ -136,133 +126,111 @@ def stations_job(*names: str) -> JobReported:
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_moving_a_drop_offers_the_points(size: tuple[int, int]) -> None:
-    async def script(app: App, pilot: Any) -> None:
-        requests = app.source.session.requests  # type: ignore[attr-defined]
-        await deliver(app, pilot, stations_job("7", "8", "9"), saved(1, "6"), *complete_point())
-        await pilot.press("2", "enter", "w")
-        await pilot.pause()
-        assert str(app.screen.query_one("#points", Label).content).splitlines() == [
-            "  6  1 drop",
-            "  8  station without drops",
-            "  9  station without drops",
-        ]
-        await pilot.press("up", "down", "down", "up", "up", "down")
-        assert app.screen.query_one("#text", Input).value == "6"
-        assert "▶ 6  1 drop" in str(app.screen.query_one("#points", Label).content)
-        await pilot.press("enter")
-        assert requests == [("move", 6, "6")]
-
-    play(App(), script, size)
+async def test_moving_a_drop_offers_the_points(app: App, pilot: Any, size: tuple[int, int]) -> None:
+    requests = app.source.session.requests  # type: ignore[attr-defined]
+    await deliver(app, pilot, stations_job("7", "8", "9"), saved(1, "6"), *complete_point())
+    await pilot.press("2", "enter", "w")
+    await pilot.pause()
+    assert str(app.screen.query_one("#points", Label).content).splitlines() == [
+        "  6  1 drop",
+        "  8  station without drops",
+        "  9  station without drops",
+    ]
+    await pilot.press("up", "down", "down", "up", "up", "down")
+    assert app.screen.query_one("#text", Input).value == "6"
+    assert "▶ 6  1 drop" in str(app.screen.query_one("#points", Label).content)
+    await pilot.press("enter")
+    assert requests == [("move", 6, "6")]
 
 
-def test_a_moved_drop_has_the_same_word_on_every_page() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, *complete_point())
-        await deliver(app, pilot, Edited("discard", {MOVED_TO: {"point": "8", "drop": 1}}, None, 6))
-        pages = [app.text]
-        await pilot.press("2", "enter")
-        pages.append(app.text)
-        await pilot.press("enter")
-        pages.append(app.text)
-        for page in pages:
-            assert "MOVED" in page
-            assert "moved to point 8, drop 1" in page
-            assert "DISCARDED" not in page
-            assert "rejected" not in page.lower()
-
-    play(App(), script)
+async def test_a_moved_drop_has_the_same_word_on_every_page(app: App, pilot: Any) -> None:
+    await deliver(app, pilot, *complete_point())
+    await deliver(app, pilot, Edited("discard", {MOVED_TO: {"point": "8", "drop": 1}}, None, 6))
+    pages = [app.text]
+    await pilot.press("2", "enter")
+    pages.append(app.text)
+    await pilot.press("enter")
+    pages.append(app.text)
+    for page in pages:
+        assert "MOVED" in page
+        assert "moved to point 8, drop 1" in page
+        assert "DISCARDED" not in page
+        assert "rejected" not in page.lower()
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_the_points_page_names_all_its_keys(size: tuple[int, int]) -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, *complete_point())
-        await pilot.press("2")
-        foot = " ".join(app.text.splitlines()[-2:])
-        for key, effect in PointsPage.KEYS:
-            assert f"{key} {effect}" in foot
-
-    play(App(), script, size)
-
-
-def test_a_refused_move_cannot_be_undone() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        requests = app.source.session.requests  # type: ignore[attr-defined]
-        await deliver(app, pilot, *complete_point())
-        await pilot.press("2", "enter", "w", "7", "enter")
-        app.redraw()
-        await pilot.pause()
-        assert "drop 6 is at point 7 already" in app.text
-        await deliver(app, pilot, Edited("discard", None, None, 6))
-        await pilot.press("w", "8", "enter")
-        app.redraw()
-        await pilot.pause()
-        assert "drop 6 is discarded" in app.text
-        await pilot.press("u")
-        assert requests == []
-
-    play(App(), script)
+async def test_the_points_page_names_all_its_keys(
+    app: App, pilot: Any, size: tuple[int, int]
+) -> None:
+    await deliver(app, pilot, *complete_point())
+    await pilot.press("2")
+    foot = " ".join(app.text.splitlines()[-2:])
+    for key, effect in PointsPage.KEYS:
+        assert f"{key} {effect}" in foot
 
 
-def test_the_next_point_is_named_by_counting_on() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, *complete_point())
-        await pilot.press("n")
-        assert app.screen.query_one("#text", Input).value == "8"
-        await pilot.press("enter")
-        assert app.source.session.requests == [("point", "8")]  # type: ignore[attr-defined]
-        await deliver(app, pilot, PointBegan("8"))
-        assert "no drops at this point yet" in app.text
-        await pilot.press("n", "backspace", "enter")
-        assert "1 to 64 characters" in app.text
-        await pilot.press("escape")
-        assert len(app.source.session.requests) == 1  # type: ignore[attr-defined]
-
-    play(App(), script)
-
-
-def test_a_name_similar_to_an_existing_point_needs_confirmation() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        requests = app.source.session.requests  # type: ignore[attr-defined]
-        await deliver(app, pilot, *complete_point("12+360"))
-        await deliver(app, pilot, PointBegan("12+360"))
-        await pilot.press("n", *"12+36", "enter")
-        await pilot.pause()
-        assert "12+36 is new, but 12+360 exists. Begin it?" in app.text
-        await pilot.press("n")
-        assert app.screen.query_one("#text", Input).value == "12+36"
-        assert requests == []
-        await pilot.press("enter", "y")
-        await pilot.pause()
-        assert requests == [("point", "12+36")]
-        await pilot.press("n", *"12+380", "enter")
-        assert requests[1:] == [("point", "12+380")], "nothing that is like it"
-        await pilot.press("2", "enter", "w", *"12+3600", "enter")
-        await pilot.pause()
-        assert "12+3600 is new, but 12+360 exists" in app.text
-        await pilot.press("y")
-        await pilot.pause()
-        assert requests[2:] == [("move", 6, "12+3600")]
-
-    play(App(), script)
+async def test_a_refused_move_cannot_be_undone(app: App, pilot: Any) -> None:
+    requests = app.source.session.requests  # type: ignore[attr-defined]
+    await deliver(app, pilot, *complete_point())
+    await pilot.press("2", "enter", "w", "7", "enter")
+    app.redraw()
+    await pilot.pause()
+    assert "drop 6 is at point 7 already" in app.text
+    await deliver(app, pilot, Edited("discard", None, None, 6))
+    await pilot.press("w", "8", "enter")
+    app.redraw()
+    await pilot.pause()
+    assert "drop 6 is discarded" in app.text
+    await pilot.press("u")
+    assert requests == []
 
 
-def test_a_proposed_name_needs_no_confirmation() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, *complete_point("1"), *complete_point("9"), PointBegan("9"))
-        await pilot.press("n", "enter")
-        assert app.source.session.requests == [("point", "10")]  # type: ignore[attr-defined]
+async def test_the_next_point_is_named_by_counting_on(app: App, pilot: Any) -> None:
+    await deliver(app, pilot, *complete_point())
+    await pilot.press("n")
+    assert app.screen.query_one("#text", Input).value == "8"
+    await pilot.press("enter")
+    assert app.source.session.requests == [("point", "8")]  # type: ignore[attr-defined]
+    await deliver(app, pilot, PointBegan("8"))
+    assert "no drops at this point yet" in app.text
+    await pilot.press("n", "backspace", "enter")
+    assert "1 to 64 characters" in app.text
+    await pilot.press("escape")
+    assert len(app.source.session.requests) == 1  # type: ignore[attr-defined]
 
-    play(App(), script)
+
+async def test_a_name_similar_to_an_existing_point_needs_confirmation(app: App, pilot: Any) -> None:
+    requests = app.source.session.requests  # type: ignore[attr-defined]
+    await deliver(app, pilot, *complete_point("12+360"))
+    await deliver(app, pilot, PointBegan("12+360"))
+    await pilot.press("n", *"12+36", "enter")
+    await pilot.pause()
+    assert "12+36 is new, but 12+360 exists. Begin it?" in app.text
+    await pilot.press("n")
+    assert app.screen.query_one("#text", Input).value == "12+36"
+    assert requests == []
+    await pilot.press("enter", "y")
+    await pilot.pause()
+    assert requests == [("point", "12+36")]
+    await pilot.press("n", *"12+380", "enter")
+    assert requests[1:] == [("point", "12+380")], "nothing that is like it"
+    await pilot.press("2", "enter", "w", *"12+3600", "enter")
+    await pilot.pause()
+    assert "12+3600 is new, but 12+360 exists" in app.text
+    await pilot.press("y")
+    await pilot.pause()
+    assert requests[2:] == [("move", 6, "12+3600")]
 
 
-def test_a_drop_can_be_recorded_by_hand() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await pilot.press("g")
-        assert app.source.session.requests == [("trigger",)]  # type: ignore[attr-defined]
+async def test_a_proposed_name_needs_no_confirmation(app: App, pilot: Any) -> None:
+    await deliver(app, pilot, *complete_point("1"), *complete_point("9"), PointBegan("9"))
+    await pilot.press("n", "enter")
+    assert app.source.session.requests == [("point", "10")]  # type: ignore[attr-defined]
 
-    play(App(), script)
+
+async def test_a_drop_can_be_recorded_by_hand(app: App, pilot: Any) -> None:
+    await pilot.press("g")
+    assert app.source.session.requests == [("trigger",)]  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -290,16 +258,14 @@ def test_a_changed_calibration_needs_a_single_confirmation(size: tuple[int, int]
     play(App(), refused, size)
 
 
-def test_a_calibration_that_was_accepted_beforehand_is_only_named() -> None:
+async def test_a_calibration_that_was_accepted_beforehand_is_only_named(
+    app: App, pilot: Any
+) -> None:
     event = CalibrationChanged("T-1042", ("zero of load is 1 V, was 0 V",), waits=False)
-
-    async def script(app: App, pilot: Any) -> None:
-        before = len(app.screen_stack)
-        await deliver(app, pilot, event)
-        assert len(app.screen_stack) == before
-        assert "zero of load is 1 V" in app.text
-
-    play(App(), script)
+    before = len(app.screen_stack)
+    await deliver(app, pilot, event)
+    assert len(app.screen_stack) == before
+    assert "zero of load is 1 V" in app.text
 
 
 def contents() -> SurveyRead:
@@ -318,42 +284,38 @@ def contents() -> SurveyRead:
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_the_points_page_goes_from_point_to_drop(size: tuple[int, int]) -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, contents(), *complete_point())
-        await pilot.press("2")
-        await pilot.pause()
-        app.redraw()
-        await pilot.pause()
-        assert "km 12+300" in app.text
-        assert "modulus along the line" in app.text or size[1] < 30
-        await pilot.press("home", "enter")
-        await pilot.pause()
-        assert "point km 12+300" in app.text
-        await pilot.press("escape", "end", "enter", "up", "enter")
-        await pilot.pause()
-        assert "Drop 5 of point 7" in app.text
+async def test_the_points_page_goes_from_point_to_drop(
+    app: App, pilot: Any, size: tuple[int, int]
+) -> None:
+    await deliver(app, pilot, contents(), *complete_point())
+    await pilot.press("2")
+    await pilot.pause()
+    app.redraw()
+    await pilot.pause()
+    assert "km 12+300" in app.text
+    assert "modulus along the line" in app.text or size[1] < 30
+    await pilot.press("home", "enter")
+    await pilot.pause()
+    assert "point km 12+300" in app.text
+    await pilot.press("escape", "end", "enter", "up", "enter")
+    await pilot.pause()
+    assert "Drop 5 of point 7" in app.text
 
-    play(App(), script, size)
 
-
-def test_edits_of_a_point_reach_the_session() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, *complete_point())
-        await pilot.press("2", "m", *"50", "enter")
-        await pilot.press("o", *"48.1,11.5", "enter")
-        await pilot.press("e", *"wet", "enter")
-        await pilot.press("a", *"B1", "enter")
-        await pilot.press("d")
-        assert app.source.session.requests == [  # type: ignore[attr-defined]
-            ("target", 50e6, "7", None),
-            ("position", {"latitude": 48.1, "longitude": 11.5}, "7", None),
-            ("note", "wet", "7", None),
-            ("name", "B1", "7", None),
-            ("discard", None, "7", None),
-        ]
-
-    play(App(), script)
+async def test_edits_of_a_point_reach_the_session(app: App, pilot: Any) -> None:
+    await deliver(app, pilot, *complete_point())
+    await pilot.press("2", "m", *"50", "enter")
+    await pilot.press("o", *"48.1,11.5", "enter")
+    await pilot.press("e", *"wet", "enter")
+    await pilot.press("a", *"B1", "enter")
+    await pilot.press("d")
+    assert app.source.session.requests == [  # type: ignore[attr-defined]
+        ("target", 50e6, "7", None),
+        ("position", {"latitude": 48.1, "longitude": 11.5}, "7", None),
+        ("note", "wet", "7", None),
+        ("name", "B1", "7", None),
+        ("discard", None, "7", None),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -393,122 +355,108 @@ def test_the_setup_takes_no_modulus_for_a_deflection() -> None:
     play(App(), script, (80, 24))
 
 
-def test_a_wrong_position_is_marked_while_it_is_typed() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, *complete_point())
-        await pilot.press("2", "o", *"99,11", "enter")
-        assert "degrees" in app.text
-        assert app.source.session.requests == []  # type: ignore[attr-defined]
-
-    play(App(), script)
+async def test_a_wrong_position_is_marked_while_it_is_typed(app: App, pilot: Any) -> None:
+    await deliver(app, pilot, *complete_point())
+    await pilot.press("2", "o", *"99,11", "enter")
+    assert "degrees" in app.text
+    assert app.source.session.requests == []  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_the_drop_page_shows_everything_of_a_drop(size: tuple[int, int]) -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, *complete_point())
-        await pilot.press("enter")
+async def test_the_drop_page_shows_everything_of_a_drop(
+    app: App, pilot: Any, size: tuple[int, int]
+) -> None:
+    await deliver(app, pilot, *complete_point())
+    await pilot.press("enter")
+    await pilot.pause()
+    on_page = " ".join(app.text.replace("│", " ").split())
+    for part in ("Drop 6 of point 7", "result in force", "modulus 47.6 MPa (47.0 to 48.2)"):
+        assert part in on_page
+    help_text = on_page
+    for _ in range(8):
+        await pilot.press("pagedown")
         await pilot.pause()
-        on_page = " ".join(app.text.replace("│", " ").split())
-        for part in ("Drop 6 of point 7", "result in force", "modulus 47.6 MPa (47.0 to 48.2)"):
-            assert part in on_page
-        help_text = on_page
-        for _ in range(8):
-            await pilot.press("pagedown")
-            await pilot.pause()
-            help_text += " " + " ".join(app.text.replace("│", " ").split())
-        for part in ("viscosity", "correlation", "seed 0", "results", "v looks for them"):
-            assert part in help_text
-        await pilot.press("right", "right")
-        await pilot.pause()
-        assert "residual -" in app.text
-        before = app.text
-        await pilot.press("z")
-        await pilot.pause()
-        assert app.text != before
-        await pilot.press("tab", "tab", "tab", "tab")
-        await pilot.pause()
-        assert "spectrum" in app.text
-        await pilot.press("up")
-        await pilot.pause()
-        assert "Drop 5 of point 7" in app.text
-
-    play(App(), script, size)
-
-
-def test_a_trial_fit_does_not_replace_the_result_in_force() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, *complete_point())
-        await pilot.press("3")
-        trial = result(39e6, refit="half-space")
-        await deliver(app, pilot, Refit("7", 6, "half-space", trial, curves()))
-        drop = app.state.drops["7"][6]
-        assert drop.modulus == 47.6e6
-        assert ("result", 6, trial) in app.source.session.requests  # type: ignore[attr-defined]
-        await pilot.press("m")
-        await pilot.pause()
-        assert "trial fit: half-space" in app.text
-        await pilot.press("m")
-        await pilot.pause()
-        assert "result in force" in app.text
-
-    play(App(), script)
+        help_text += " " + " ".join(app.text.replace("│", " ").split())
+    for part in ("viscosity", "correlation", "seed 0", "results", "v looks for them"):
+        assert part in help_text
+    await pilot.press("right", "right")
+    await pilot.pause()
+    assert "residual -" in app.text
+    before = app.text
+    await pilot.press("z")
+    await pilot.pause()
+    assert app.text != before
+    await pilot.press("tab", "tab", "tab", "tab")
+    await pilot.pause()
+    assert "spectrum" in app.text
+    await pilot.press("up")
+    await pilot.pause()
+    assert "Drop 5 of point 7" in app.text
 
 
-def test_the_refit_dialog_has_words_for_its_choices() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, *complete_point())
-        await pilot.press("enter", "r")
-        await until(pilot, lambda: bool(app.screen.query("#method")))
-        prompts = [
-            str(prompt)
-            for name in ("model", "plate", "method")
-            for prompt, _ in app.screen.query_one(f"#{name}", Select)._options
-        ]
-        assert {"soil on bedrock", "rigid plate without slip", "full search"} < set(prompts)
-        assert not {"layer", "rigid-rough", "mpga"} & set(prompts)
+async def test_a_trial_fit_does_not_replace_the_result_in_force(app: App, pilot: Any) -> None:
+    await deliver(app, pilot, *complete_point())
+    await pilot.press("3")
+    trial = result(39e6, refit="half-space")
+    await deliver(app, pilot, Refit("7", 6, "half-space", trial, curves()))
+    drop = app.state.drops["7"][6]
+    assert drop.modulus == 47.6e6
+    assert ("result", 6, trial) in app.source.session.requests  # type: ignore[attr-defined]
+    await pilot.press("m")
+    await pilot.pause()
+    assert "trial fit: half-space" in app.text
+    await pilot.press("m")
+    await pilot.pause()
+    assert "result in force" in app.text
 
-    play(App(), script)
+
+async def test_the_refit_dialog_has_words_for_its_choices(app: App, pilot: Any) -> None:
+    await deliver(app, pilot, *complete_point())
+    await pilot.press("enter", "r")
+    await until(pilot, lambda: bool(app.screen.query("#method")))
+    prompts = [
+        str(prompt)
+        for name in ("model", "plate", "method")
+        for prompt, _ in app.screen.query_one(f"#{name}", Select)._options
+    ]
+    assert {"soil on bedrock", "rigid plate without slip", "full search"} < set(prompts)
+    assert not {"layer", "rigid-rough", "mpga"} & set(prompts)
 
 
-def test_the_refit_dialog_refuses_contradictions() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        requests: list[Any] = []
-        app.fits.refit = lambda binding, options, label: requests.append((binding.number, label))  # type: ignore[method-assign]
-        await deliver(app, pilot, *complete_point())
-        await pilot.press("r")
-        await until(pilot, lambda: bool(app.screen.query("#model")))
-        app.screen.query_one("#model", Select).value = "half-space"
-        app.screen.query_one("#depth", Input).value = "1.2"
-        await pilot.pause()
-        await pilot.press("ctrl+s")
-        remark = app.screen.query_one("#remark", Label)
-        assert "one of the two" in str(remark.content)
-        assert requests == []
-        app.screen.query_one("#depth", Input).value = "none"
-        await pilot.pause()
-        await pilot.press("ctrl+s")
-        await pilot.pause()
-        assert requests == [(6, "half-space, bedrock none")]
-
-    play(App(), script)
+async def test_the_refit_dialog_refuses_contradictions(app: App, pilot: Any) -> None:
+    requests: list[Any] = []
+    app.fits.refit = lambda binding, options, label: requests.append((binding.number, label))  # type: ignore[method-assign]
+    await deliver(app, pilot, *complete_point())
+    await pilot.press("r")
+    await until(pilot, lambda: bool(app.screen.query("#model")))
+    app.screen.query_one("#model", Select).value = "half-space"
+    app.screen.query_one("#depth", Input).value = "1.2"
+    await pilot.pause()
+    await pilot.press("ctrl+s")
+    remark = app.screen.query_one("#remark", Label)
+    assert "one of the two" in str(remark.content)
+    assert requests == []
+    app.screen.query_one("#depth", Input).value = "none"
+    await pilot.pause()
+    await pilot.press("ctrl+s")
+    await pilot.pause()
+    assert requests == [(6, "half-space, bedrock none")]
 
 
 @pytest.mark.parametrize(("chosen", "layers"), [("3", 3), ("auto", "auto")])
-def test_a_trial_fit_with_layers(chosen: str, layers: int | str) -> None:
-    async def script(app: App, pilot: Any) -> None:
-        requests: list[Any] = []
-        app.fits.refit = lambda _, options, label: requests.append((options.layers, label))  # type: ignore[method-assign]
-        await deliver(app, pilot, *complete_point())
-        await pilot.press("r")
-        await until(pilot, lambda: bool(app.screen.query("#layers")))
-        app.screen.query_one("#layers", Select).value = chosen
-        await pilot.pause()
-        await pilot.press("ctrl+s")
-        await pilot.pause()
-        assert requests == [(layers, f"{chosen} layers")]
-
-    play(App(), script)
+async def test_a_trial_fit_with_layers(
+    app: App, pilot: Any, chosen: str, layers: int | str
+) -> None:
+    requests: list[Any] = []
+    app.fits.refit = lambda _, options, label: requests.append((options.layers, label))  # type: ignore[method-assign]
+    await deliver(app, pilot, *complete_point())
+    await pilot.press("r")
+    await until(pilot, lambda: bool(app.screen.query("#layers")))
+    app.screen.query_one("#layers", Select).value = chosen
+    await pilot.pause()
+    await pilot.press("ctrl+s")
+    await pilot.pause()
+    assert requests == [(layers, f"{chosen} layers")]
 
 
 RECORD = {
@@ -628,44 +576,39 @@ def test_the_diagnosis_page_shows_progress(
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_only_the_judged_value_has_a_verdict(size: tuple[int, int]) -> None:
+async def test_only_the_judged_value_has_a_verdict(
+    app: App, pilot: Any, size: tuple[int, int]
+) -> None:
     procedure = find_procedure("tp-bf-stb-b8.3")
-
-    async def script(app: App, pilot: Any) -> None:
-        job = JobReported(Job(procedure=procedure, target=45e6))
-        await deliver(app, pilot, job, *complete_point(load=7070.0))
-        await pilot.press("up")
-        measure = app.text
-        await pilot.press("2")
-        points = app.text
-        pages = [*measure.splitlines(), *points.splitlines()]
-        summaries = [row for row in pages if row.startswith(" point: E_vd")]
-        assert len(summaries) == (1 if size == SIZES[0] else 2)
-        for summary in summaries:
-            # The verdict follows the judged value; the modulus, if it fits, is marked.
-            judged = r"point: E_vd [\d.]+.* MPa.*, mean of 3  (PASS|FAIL|UNDECIDED)"
-            assert re.search(judged, summary)
-            assert ("modulus" in summary) == ("not judged: modulus" in summary)
-        table = next(row for row in measure.splitlines() if row.startswith(" drop  kind"))
-        assert table.index("E_vd MPa") < table.index("E MPa, not judged")
-        for words in ("noise alone", "peak method"):
-            assert words not in measure
-        titles = next(row for row in points.splitlines() if row.startswith(" point  "))
-        assert "E_vd MPa" in titles
-        assert " E MPa" not in titles
-
-    play(App(), script, size)
+    job = JobReported(Job(procedure=procedure, target=45e6))
+    await deliver(app, pilot, job, *complete_point(load=7070.0))
+    await pilot.press("up")
+    measure = app.text
+    await pilot.press("2")
+    points = app.text
+    pages = [*measure.splitlines(), *points.splitlines()]
+    summaries = [row for row in pages if row.startswith(" point: E_vd")]
+    assert len(summaries) == (1 if size == SIZES[0] else 2)
+    for summary in summaries:
+        # The verdict follows the judged value; the modulus, if it fits, is marked.
+        judged = r"point: E_vd [\d.]+.* MPa.*, mean of 3  (PASS|FAIL|UNDECIDED)"
+        assert re.search(judged, summary)
+        assert ("modulus" in summary) == ("not judged: modulus" in summary)
+    table = next(row for row in measure.splitlines() if row.startswith(" drop  kind"))
+    assert table.index("E_vd MPa") < table.index("E MPa, not judged")
+    for words in ("noise alone", "peak method"):
+        assert words not in measure
+    titles = next(row for row in points.splitlines() if row.startswith(" point  "))
+    assert "E_vd MPa" in titles
+    assert " E MPa" not in titles
 
 
-def test_a_judged_modulus_has_a_single_column() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, *complete_point())
-        await pilot.press("2")
-        titles = next(row for row in app.text.splitlines() if row.startswith(" point  "))
-        assert titles.count("MPa") == 2, "judged value and target"
-        assert "not judged" not in app.text
-
-    play(App(), script)
+async def test_a_judged_modulus_has_a_single_column(app: App, pilot: Any) -> None:
+    await deliver(app, pilot, *complete_point())
+    await pilot.press("2")
+    titles = next(row for row in app.text.splitlines() if row.startswith(" point  "))
+    assert titles.count("MPa") == 2, "judged value and target"
+    assert "not judged" not in app.text
 
 
 def test_a_failed_diagnosis_is_a_sentence(tmp_path: Path) -> None:
@@ -680,27 +623,24 @@ def test_a_failed_diagnosis_is_a_sentence(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_the_setup_page_checks_entries(size: tuple[int, int]) -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, ready())
-        await pilot.press("5")
-        await until(pilot, lambda: bool(app.screen.query("#poisson_ratio")))
-        field = app.screen.query_one("#poisson_ratio", Input)
-        field.focus()
-        await pilot.press(*"0.7")
-        await pilot.pause()
-        assert field.has_class("wrong")
-        assert "expected a number >= 0 and < 0.5" in app.text
-        await pilot.press("ctrl+s")
-        assert app.source.starts == 1  # type: ignore[attr-defined]
-        field.value = "0.4"
-        await pilot.pause()
-        assert not field.has_class("wrong")
-        await pilot.press("ctrl+s")
-        await until(pilot, lambda: app.source.starts == 2)  # type: ignore[attr-defined]
-        assert app.source.plan.setup.declared["poisson_ratio"] == 0.4
-
-    play(App(), script, size)
+async def test_the_setup_page_checks_entries(app: App, pilot: Any, size: tuple[int, int]) -> None:
+    await deliver(app, pilot, ready())
+    await pilot.press("5")
+    await until(pilot, lambda: bool(app.screen.query("#poisson_ratio")))
+    field = app.screen.query_one("#poisson_ratio", Input)
+    field.focus()
+    await pilot.press(*"0.7")
+    await pilot.pause()
+    assert field.has_class("wrong")
+    assert "expected a number >= 0 and < 0.5" in app.text
+    await pilot.press("ctrl+s")
+    assert app.source.starts == 1  # type: ignore[attr-defined]
+    field.value = "0.4"
+    await pilot.pause()
+    assert not field.has_class("wrong")
+    await pilot.press("ctrl+s")
+    await until(pilot, lambda: app.source.starts == 2)  # type: ignore[attr-defined]
+    assert app.source.plan.setup.declared["poisson_ratio"] == 0.4
 
 
 def test_the_setup_is_typed_in_the_units_of_the_screen() -> None:
@@ -717,85 +657,75 @@ def test_the_setup_is_typed_in_the_units_of_the_screen() -> None:
     play(App(settings=ScreenSettings(units="us")), script)
 
 
-def test_stations_are_chosen_with_their_targets(tmp_path: Path) -> None:
+async def test_stations_are_chosen_with_their_targets(app: App, pilot: Any, tmp_path: Path) -> None:
     file = tmp_path / "lot 2.csv"
     file.write_text("name;target\n12+320;0,5\n12+340;\n", encoding="utf-8")
-
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, ready())
-        await pilot.press("5")
-        await until(pilot, lambda: bool(app.screen.query("#stations")))
-        app.screen.query_one("#procedure", Select).value = "mndot"
-        field = app.screen.query_one("#stations", Input)
-        field.value = str(tmp_path)
-        await pilot.pause()
-        assert field.has_class("wrong")
-        assert "stations: expected a file" in app.text
-        second = tmp_path / "other.csv"
-        second.write_text("name;lane\n12+320;left\n", encoding="utf-8")
-        field.value = str(second)
-        await pilot.pause()
-        assert not field.has_class("wrong")
-        assert "columns not used: 'lane'" in " ".join(app.text.split())
-        second.write_text("name;Ziel\n12+320;0,5\n", encoding="utf-8")
-        field.value = f" {second}"
-        await pilot.pause()
-        assert field.has_class("wrong")
-        assert "expected a column target, in mm, got 'Ziel'" in " ".join(app.text.split())
-        field.value = f"'{file}'"  # as a terminal gives a file that is dropped on it
-        await pilot.pause()
-        assert not field.has_class("wrong")
-        await pilot.press("ctrl+s")
-        await until(pilot, lambda: app.source.starts == 2)  # type: ignore[attr-defined]
-        requests = app.source.plan.job.stations
-        assert requests is not None
-        assert [(it.name, it.target) for it in requests] == [("12+320", 0.5e-3), ("12+340", None)]
-        assert app.state.job.stations == requests
-        await pilot.press("5")
-        await until(pilot, lambda: bool(app.screen.query("#stations")))
-        field = app.screen.query_one("#stations", Input)
-        assert field.placeholder == "empty: the 2 stations of the survey"
-        assert field.value == ""
-
-    play(App(), script)
+    await deliver(app, pilot, ready())
+    await pilot.press("5")
+    await until(pilot, lambda: bool(app.screen.query("#stations")))
+    app.screen.query_one("#procedure", Select).value = "mndot"
+    field = app.screen.query_one("#stations", Input)
+    field.value = str(tmp_path)
+    await pilot.pause()
+    assert field.has_class("wrong")
+    assert "stations: expected a file" in app.text
+    second = tmp_path / "other.csv"
+    second.write_text("name;lane\n12+320;left\n", encoding="utf-8")
+    field.value = str(second)
+    await pilot.pause()
+    assert not field.has_class("wrong")
+    assert "columns not used: 'lane'" in " ".join(app.text.split())
+    second.write_text("name;Ziel\n12+320;0,5\n", encoding="utf-8")
+    field.value = f" {second}"
+    await pilot.pause()
+    assert field.has_class("wrong")
+    assert "expected a column target, in mm, got 'Ziel'" in " ".join(app.text.split())
+    field.value = f"'{file}'"  # as a terminal gives a file that is dropped on it
+    await pilot.pause()
+    assert not field.has_class("wrong")
+    await pilot.press("ctrl+s")
+    await until(pilot, lambda: app.source.starts == 2)  # type: ignore[attr-defined]
+    requests = app.source.plan.job.stations
+    assert requests is not None
+    assert [(it.name, it.target) for it in requests] == [("12+320", 0.5e-3), ("12+340", None)]
+    assert app.state.job.stations == requests
+    await pilot.press("5")
+    await until(pilot, lambda: bool(app.screen.query("#stations")))
+    field = app.screen.query_one("#stations", Input)
+    assert field.placeholder == "empty: the 2 stations of the survey"
+    assert field.value == ""
 
 
-def test_the_setup_page_offers_the_shipped_procedures() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, *complete_point())
-        await pilot.press("5")
-        await until(pilot, lambda: bool(app.screen.query("#procedure")))
-        app.screen.query_one("#procedure", Select).value = "tp-bf-stb-b8.3"
-        await pilot.pause()
-        await pilot.press("ctrl+s")
-        await until(pilot, lambda: app.source.starts == 2)  # type: ignore[attr-defined]
-        await until(pilot, lambda: app.state.procedure.name != "plain")
-        app.redraw()
-        await pilot.pause()
-        assert "tp-bf-stb-b8.3" in app.text
-        assert "E_vd" in app.text
-
-    play(App(), script)
+async def test_the_setup_page_offers_the_shipped_procedures(app: App, pilot: Any) -> None:
+    await deliver(app, pilot, *complete_point())
+    await pilot.press("5")
+    await until(pilot, lambda: bool(app.screen.query("#procedure")))
+    app.screen.query_one("#procedure", Select).value = "tp-bf-stb-b8.3"
+    await pilot.pause()
+    await pilot.press("ctrl+s")
+    await until(pilot, lambda: app.source.starts == 2)  # type: ignore[attr-defined]
+    await until(pilot, lambda: app.state.procedure.name != "plain")
+    app.redraw()
+    await pilot.pause()
+    assert "tp-bf-stb-b8.3" in app.text
+    assert "E_vd" in app.text
 
 
-def test_leaving_the_setup_needs_confirmation_after_changes() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await pilot.press("5")
-        await until(pilot, lambda: bool(app.screen.query("#operator")))
-        await pilot.press("escape")
-        assert app.screen.NAME == "measure"  # type: ignore[attr-defined]
-        await pilot.press("5")
-        await until(pilot, lambda: bool(app.screen.query("#operator")))
-        app.screen.query_one("#operator", Input).value = "Ada"
-        await pilot.press("escape")
-        await pilot.pause()
-        assert "not in force yet" in app.text
-        await pilot.press("enter")
-        assert app.screen.NAME == "setup"  # type: ignore[attr-defined]
-        await pilot.press("escape", "y")
-        assert app.screen.NAME == "measure"  # type: ignore[attr-defined]
-
-    play(App(), script)
+async def test_leaving_the_setup_needs_confirmation_after_changes(app: App, pilot: Any) -> None:
+    await pilot.press("5")
+    await until(pilot, lambda: bool(app.screen.query("#operator")))
+    await pilot.press("escape")
+    assert app.screen.NAME == "measure"  # type: ignore[attr-defined]
+    await pilot.press("5")
+    await until(pilot, lambda: bool(app.screen.query("#operator")))
+    app.screen.query_one("#operator", Input).value = "Ada"
+    await pilot.press("escape")
+    await pilot.pause()
+    assert "not in force yet" in app.text
+    await pilot.press("enter")
+    assert app.screen.NAME == "setup"  # type: ignore[attr-defined]
+    await pilot.press("escape", "y")
+    assert app.screen.NAME == "measure"  # type: ignore[attr-defined]
 
 
 def help_of(key: str, app: App) -> str:
@@ -867,16 +797,13 @@ def test_every_page_has_its_help_with_its_keys(key: str) -> None:
     play(App(), script, (80, 24))
 
 
-def test_the_palette_runs_the_actions_of_keys() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await pilot.press("ctrl+p")
-        await pilot.pause()
-        await pilot.press(*"daylight")
-        await pilot.pause()
-        await pilot.press("enter")
-        await until(pilot, lambda: app.settings.theme == "daylight")
-
-    play(App(), script)
+async def test_the_palette_runs_the_actions_of_keys(app: App, pilot: Any) -> None:
+    await pilot.press("ctrl+p")
+    await pilot.pause()
+    await pilot.press(*"daylight")
+    await pilot.pause()
+    await pilot.press("enter")
+    await until(pilot, lambda: app.settings.theme == "daylight")
 
 
 def test_theme_type_and_units_change_at_once_and_are_stored() -> None:
@@ -934,37 +861,32 @@ def test_leaving_ends_the_session_without_a_question_if_all_is_safe() -> None:
     assert app.return_value == 0
 
 
-def test_leaving_asks_when_a_drop_is_only_in_memory() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, ready(), DropNotSaved("7", 1, "no room"))
-        assert "NOT SAFE" in app.text
-        await pilot.press("q")
-        await pilot.pause()
-        assert "would be lost" in app.text
-        await pilot.press("enter")
-        assert not app.source.session.stopped.is_set()  # type: ignore[attr-defined]
-        await pilot.press("q", "y")
-        await until(pilot, lambda: app.source.session.stopped.is_set())  # type: ignore[attr-defined]
-
-    play(App(), script)
+async def test_leaving_asks_when_a_drop_is_only_in_memory(app: App, pilot: Any) -> None:
+    await deliver(app, pilot, ready(), DropNotSaved("7", 1, "no room"))
+    assert "NOT SAFE" in app.text
+    await pilot.press("q")
+    await pilot.pause()
+    assert "would be lost" in app.text
+    await pilot.press("enter")
+    assert not app.source.session.stopped.is_set()  # type: ignore[attr-defined]
+    await pilot.press("q", "y")
+    await until(pilot, lambda: app.source.session.stopped.is_set())  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_messages_are_not_cut_on_any_page(size: tuple[int, int]) -> None:
+async def test_messages_are_not_cut_on_any_page(
+    app: App, pilot: Any, size: tuple[int, int]
+) -> None:
     sentence = (
         "diagnosis: EXPLAINED by geophone response and bedrock: 55.2 → 47.3 MPa, residual 0.4 %"
     )
-
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, *complete_point())
-        for key in "234":
-            await pilot.press(key)
-            app.show_message(sentence)
-            app.redraw()
-            await pilot.pause()
-            assert sentence in " ".join(app.text.split()), f"page {key}"
-
-    play(App(), script, size)
+    await deliver(app, pilot, *complete_point())
+    for key in "234":
+        await pilot.press(key)
+        app.show_message(sentence)
+        app.redraw()
+        await pilot.pause()
+        assert sentence in " ".join(app.text.split()), f"page {key}"
 
 
 def test_the_points_page_shows_drops_and_positions_where_there_is_room() -> None:
@@ -981,14 +903,11 @@ def test_the_points_page_shows_drops_and_positions_where_there_is_room() -> None
     play(App(), script, (120, 40))
 
 
-def test_leaving_a_changed_procedure_asks() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await pilot.press("5")
-        await until(pilot, lambda: bool(app.screen.query("#procedure")))
-        app.screen.query_one("#procedure", Select).value = "mndot"
-        await pilot.pause()
-        await pilot.press("escape")
-        await pilot.pause()
-        assert "not in force yet" in app.text
-
-    play(App(), script)
+async def test_leaving_a_changed_procedure_asks(app: App, pilot: Any) -> None:
+    await pilot.press("5")
+    await until(pilot, lambda: bool(app.screen.query("#procedure")))
+    app.screen.query_one("#procedure", Select).value = "mndot"
+    await pilot.pause()
+    await pilot.press("escape")
+    await pilot.pause()
+    assert "not in force yet" in app.text

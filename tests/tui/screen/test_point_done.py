@@ -44,40 +44,35 @@ LOT = Job(
 )
 
 
-def quiet() -> App:
+@pytest.fixture
+def app() -> App:
     return App(settings=ScreenSettings(bell=False))
 
 
-def test_the_judged_quantity_is_in_large_digits() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, JobReported(Job(procedure=E_LWD)), *complete_point()[:4])
-        assert "E_LWD, drop 1" in app.text
-        assert "not judged: modulus 47.1 MPa (46.5 to 47.7)" in app.text
-
-    play(quiet(), script)
+async def test_the_judged_quantity_is_in_large_digits(app: App, pilot: Any) -> None:
+    await deliver(app, pilot, JobReported(Job(procedure=E_LWD)), *complete_point()[:4])
+    assert "E_LWD, drop 1" in app.text
+    assert "not judged: modulus 47.1 MPa (46.5 to 47.7)" in app.text
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 40)])
 @pytest.mark.parametrize(
     ("target", "word"), [(40e6, "reaches the target"), (60e6, "misses the target")]
 )
-def test_the_verdict_of_a_complete_point_fills_the_screen(
-    size: tuple[int, int], target: float, word: str
+async def test_the_verdict_of_a_complete_point_fills_the_screen(
+    app: App, pilot: Any, size: tuple[int, int], target: float, word: str
 ) -> None:
-    async def script(app: App, pilot: Any) -> None:
-        job = JobReported(Job(procedure=app.state.procedure, target=target))
-        await deliver(app, pilot, job, *complete_point())
-        app.state.last.saved_at = time.monotonic() - 60  # type: ignore[union-attr]
-        app.redraw()
-        await pilot.pause()
-        assert word in app.text
-        assert "modulus 47.5 MPa (46.9 to 48.2)" in app.text
-        assert "mean of 3 drops" in app.text
-        assert app.text.count("████") > 10
-        await pilot.press("up")
-        assert "soil on bedrock" in app.text, "a chosen drop is shown"
-
-    play(quiet(), script, size)
+    job = JobReported(Job(procedure=app.state.procedure, target=target))
+    await deliver(app, pilot, job, *complete_point())
+    app.state.last.saved_at = time.monotonic() - 60  # type: ignore[union-attr]
+    app.redraw()
+    await pilot.pause()
+    assert word in app.text
+    assert "modulus 47.5 MPa (46.9 to 48.2)" in app.text
+    assert "mean of 3 drops" in app.text
+    assert app.text.count("████") > 10
+    await pilot.press("up")
+    assert "soil on bedrock" in app.text, "a chosen drop is shown"
 
 
 def test_each_verdict_has_its_sound() -> None:
@@ -97,67 +92,50 @@ def test_each_verdict_has_its_sound() -> None:
     play(App(), script)
 
 
-def test_a_failed_fit_has_no_result() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        failed = analysed(1, modulus=None, reason="no table")
-        await deliver(app, pilot, ready(), saved(1), failed)
-        assert "NO FIT: no table" in " ".join(app.text.split())
-        poor = result(residual_rms_over_peak=0.2, explained=False)
-        assert poor.residual_rms_over_peak == 0.2
-        assert "no result yet" in app.text
-
-    play(quiet(), script)
+async def test_a_failed_fit_has_no_result(app: App, pilot: Any) -> None:
+    failed = analysed(1, modulus=None, reason="no table")
+    await deliver(app, pilot, ready(), saved(1), failed)
+    assert "NO FIT: no table" in " ".join(app.text.split())
+    poor = result(residual_rms_over_peak=0.2, explained=False)
+    assert poor.residual_rms_over_peak == 0.2
+    assert "no result yet" in app.text
 
 
-def test_not_safe_ends_once_the_drop_is_stored() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, ready(), DropNotSaved("7", 1, "the disk is full"))
-        assert "drop 1 is NOT SAFE" in app.message
-        await deliver(app, pilot, saved(1))
-        assert app.message == "drop 1 is safe now"
-
-    play(quiet(), script)
+async def test_not_safe_ends_once_the_drop_is_stored(app: App, pilot: Any) -> None:
+    await deliver(app, pilot, ready(), DropNotSaved("7", 1, "the disk is full"))
+    assert "drop 1 is NOT SAFE" in app.message
+    await deliver(app, pilot, saved(1))
+    assert app.message == "drop 1 is safe now"
 
 
-def test_discard_applies_to_the_drop_on_the_terminal() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, ready(), saved(1), analysed(1))
-        app.state.last.saved_at = time.monotonic() - 60  # type: ignore[union-attr]
-        await deliver(app, pilot, saved(2), analysed(2))  # while the finger was on its way
-        await pilot.press("d")
-        assert app.message == "drop 2 has just come: d again discards it"
-        assert not [request for request in app.source.session.requests if request[0] == "discard"]
-        await pilot.press("d")
-        assert [
-            request[3] for request in app.source.session.requests if request[0] == "discard"
-        ] == [2]
-
-    play(quiet(), script)
+async def test_discard_applies_to_the_drop_on_the_terminal(app: App, pilot: Any) -> None:
+    await deliver(app, pilot, ready(), saved(1), analysed(1))
+    app.state.last.saved_at = time.monotonic() - 60  # type: ignore[union-attr]
+    await deliver(app, pilot, saved(2), analysed(2))  # while the finger was on its way
+    await pilot.press("d")
+    assert app.message == "drop 2 has just come: d again discards it"
+    assert not [request for request in app.source.session.requests if request[0] == "discard"]
+    await pilot.press("d")
+    assert [request[3] for request in app.source.session.requests if request[0] == "discard"] == [2]
 
 
-def test_pasted_text_is_ignored() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, ready(), saved(1), analysed(1))
-        app.post_message(events.Paste("dqn"))
-        await until(pilot, lambda: app.message == "pasted text is ignored: it is not typed as keys")
-        assert app.is_running
-        assert app.source.session.requests == []
-
-    play(quiet(), script)
+async def test_pasted_text_is_ignored(app: App, pilot: Any) -> None:
+    await deliver(app, pilot, ready(), saved(1), analysed(1))
+    app.post_message(events.Paste("dqn"))
+    await until(pilot, lambda: app.message == "pasted text is ignored: it is not typed as keys")
+    assert app.is_running
+    assert app.source.session.requests == []
 
 
-def test_earlier_losses_of_an_instrument_are_not_counted() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        before = status()
-        counters = dict(before.counters) | {"instrument_overruns": 5350}
-        old = type(before)(before.status, counters)
-        await deliver(app, pilot, ready(), old)
-        assert app.state.device.lost_samples == 0
-        new = type(before)(before.status, counters | {"instrument_overruns": 5353})
-        await deliver(app, pilot, new)
-        assert app.state.device.lost_samples == 3
-
-    play(quiet(), script)
+async def test_earlier_losses_of_an_instrument_are_not_counted(app: App, pilot: Any) -> None:
+    before = status()
+    counters = dict(before.counters) | {"instrument_overruns": 5350}
+    old = type(before)(before.status, counters)
+    await deliver(app, pilot, ready(), old)
+    assert app.state.device.lost_samples == 0
+    new = type(before)(before.status, counters | {"instrument_overruns": 5353})
+    await deliver(app, pilot, new)
+    assert app.state.device.lost_samples == 3
 
 
 def test_the_next_station_by_the_list_and_by_the_receiver() -> None:
@@ -189,7 +167,7 @@ def test_a_complete_point_gives_the_next_station() -> None:
 
 
 @pytest.mark.parametrize("drops", [6, 5])
-def test_the_verdict_stays_when_the_instrument_has_ended(drops: int) -> None:
+def test_the_verdict_stays_when_the_instrument_has_ended(app: App, drops: int) -> None:
     async def script(app: App, pilot: Any) -> None:
         job = JobReported(Job(procedure=app.state.procedure, target=40e6))
         *events, last = complete_point()
@@ -200,7 +178,7 @@ def test_the_verdict_stays_when_the_instrument_has_ended(drops: int) -> None:
         assert "END" in app.text
         assert ("target at least 40.0 MPa" in app.text) == (drops == 6)
 
-    play(quiet(), script, (80, 24))
+    play(app, script, (80, 24))
 
 
 def test_leaving_prints_a_summary_and_the_next_commands(tmp_path: Path) -> None:

@@ -1,10 +1,8 @@
 """`pfwd open`: rows of a survey, its tabs and keys, and the page for a browser."""
 
-import asyncio
 import dataclasses
 import json
 import re
-from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +18,7 @@ from pfwd.files.header import declared_values
 from pfwd.judging import point_views
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from tests.pfwd.report.surveys import SETUP, half_sine_drop, write_judged_survey
-from tests.tui.screen.scripted import until
+from tests.tui.screen.scripted import play, until
 from tui.cli import main
 from tui.diagnosis_lines import diagnosis_line, diagnosis_lines, point_cells, survey_lines
 from tui.page.server import is_local, parse_place
@@ -206,17 +204,9 @@ def test_the_profile_shows_its_window(survey: Path) -> None:
     assert (figure.start, figure.end, figure.cursor) == (1.5, 4.5, 3.0)
 
 
-Script = Callable[[OpenApp, Any], Awaitable[None]]
-
-
-def run_script(folder: Path, script: Script, size: tuple[int, int] = (120, 40)) -> None:
-    async def body() -> None:
-        app = OpenApp(OpenedSurvey(folder), glyphs=BRAILLE)
-        async with app.run_test(size=size) as pilot:
-            await until(pilot, lambda: app.ready)
-            await script(app, pilot)
-
-    asyncio.run(body())
+@pytest.fixture
+def app(survey: Path) -> OpenApp:
+    return OpenApp(OpenedSurvey(survey), glyphs=BRAILLE)
 
 
 def page_text(app: OpenApp) -> str:
@@ -225,57 +215,51 @@ def page_text(app: OpenApp) -> str:
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 40)])
-def test_filter_profile_map_drops_and_job_by_keys(survey: Path, size: tuple[int, int]) -> None:
-    async def script(app: OpenApp, pilot: Any) -> None:
-        assert "2 PASS, 2 FAIL, 1 UNDECIDED" in page_text(app)
-        await pilot.press("slash", *"fail")
-        await until(pilot, lambda: "2 by the filter" in page_text(app))
-        assert app.query_one("#points-table", DataTable).row_count == 2
-        await pilot.press("escape")
-        await until(pilot, lambda: app.query_one("#points-table", DataTable).row_count == 5)
-        app.query_one("#points-table", DataTable).move_cursor(row=0)
-        await pilot.press("down", "p")
-        await until(
-            pilot, lambda: re.search(r"0\+020: 40.* MPa .*  FAIL", page_text(app)) is not None
-        )
-        await pilot.press("plus", "right", "m")
-        await until(pilot, lambda: "@ 0+100" in page_text(app))
-        assert app.chosen == "0+100"
-        await pilot.press("escape", "enter")
-        await until(pilot, lambda: app.tab == "drops")
-        await until(pilot, lambda: "seating drop 1 of 1" in page_text(app))
-        await pilot.press("j")
-        await until(pilot, lambda: "procedure  plain" in page_text(app))
-
-    run_script(survey, script, size)
+async def test_filter_profile_map_drops_and_job_by_keys(
+    app: OpenApp, pilot: Any, size: tuple[int, int]
+) -> None:
+    assert "2 PASS, 2 FAIL, 1 UNDECIDED" in page_text(app)
+    await pilot.press("slash", *"fail")
+    await until(pilot, lambda: "2 by the filter" in page_text(app))
+    assert app.query_one("#points-table", DataTable).row_count == 2
+    await pilot.press("escape")
+    await until(pilot, lambda: app.query_one("#points-table", DataTable).row_count == 5)
+    app.query_one("#points-table", DataTable).move_cursor(row=0)
+    await pilot.press("down", "p")
+    await until(pilot, lambda: re.search(r"0\+020: 40.* MPa .*  FAIL", page_text(app)) is not None)
+    await pilot.press("plus", "right", "m")
+    await until(pilot, lambda: "@ 0+100" in page_text(app))
+    assert app.chosen == "0+100"
+    await pilot.press("escape", "enter")
+    await until(pilot, lambda: app.tab == "drops")
+    await until(pilot, lambda: "seating drop 1 of 1" in page_text(app))
+    await pilot.press("j")
+    await until(pilot, lambda: "procedure  plain" in page_text(app))
 
 
 @pytest.mark.parametrize(
     ("size", "place"), [((200, 60), "beside"), ((120, 40), "below"), ((80, 24), "none")]
 )
-def test_the_chosen_point_is_drawn_where_there_is_room(
-    survey: Path, size: tuple[int, int], place: str
+async def test_the_chosen_point_is_drawn_where_there_is_room(
+    app: OpenApp, pilot: Any, size: tuple[int, int], place: str
 ) -> None:
-    async def script(app: OpenApp, pilot: Any) -> None:
-        table, plot = app.query_one("#points-table"), app.query_one("#points-plot", Plot)
-        assert plot.display == (place != "none")
-        if place == "none":
-            return
-        await until(pilot, lambda: "deflection as recorded" in plot.text)
-        assert "0+000  PASS" in plot.text
-        assert "modulus 60.0 MPa" in plot.text
-        assert "target 50" in plot.text
-        if place == "beside":
-            assert plot.region.x > table.region.right - 2
-            assert plot.size.width > size[0] / 3
-        else:
-            assert plot.region.y >= table.region.bottom
-            assert table.region.height < size[1] / 3
-        await pilot.press("down")
-        await until(pilot, lambda: "0+020  FAIL" in plot.text)
-        await until(pilot, lambda: "deflection as recorded" in plot.text)
-
-    run_script(survey, script, size)
+    table, plot = app.query_one("#points-table"), app.query_one("#points-plot", Plot)
+    assert plot.display == (place != "none")
+    if place == "none":
+        return
+    await until(pilot, lambda: "deflection as recorded" in plot.text)
+    assert "0+000  PASS" in plot.text
+    assert "modulus 60.0 MPa" in plot.text
+    assert "target 50" in plot.text
+    if place == "beside":
+        assert plot.region.x > table.region.right - 2
+        assert plot.size.width > size[0] / 3
+    else:
+        assert plot.region.y >= table.region.bottom
+        assert table.region.height < size[1] / 3
+    await pilot.press("down")
+    await until(pilot, lambda: "0+020  FAIL" in plot.text)
+    await until(pilot, lambda: "deflection as recorded" in plot.text)
 
 
 def test_a_modulus_that_is_not_judged_has_a_title_that_says_so(survey: Path) -> None:
@@ -300,96 +284,79 @@ def test_a_column_that_no_point_fills_is_left_out(survey: Path) -> None:
     assert {"use", "misfit", "verdict"} <= set(table_titles([row, diagnosed]))
 
 
-def test_a_change_of_the_tab_builds_no_line_of_keys(survey: Path) -> None:
-    async def script(app: OpenApp, pilot: Any) -> None:
-        keys = list(app.query_one(KeysLine).children)
-        assert "⏎ Drops" in page_text(app)  # on the points too, where it is pressed
-        for key in ("p", "m", "j", "1", "enter", "1"):
-            await pilot.press(key)
-            await pilot.pause()
+async def test_a_change_of_the_tab_builds_no_line_of_keys(app: OpenApp, pilot: Any) -> None:
+    keys = list(app.query_one(KeysLine).children)
+    assert "⏎ Drops" in page_text(app)  # on the points too, where it is pressed
+    for key in ("p", "m", "j", "1", "enter", "1"):
+        await pilot.press(key)
         await pilot.pause()
-        assert list(app.query_one(KeysLine).children) == keys
-        assert "⏎ Drops" in page_text(app)
-        await pilot.press("slash")  # letters are typed now and no keys
-        await until(pilot, lambda: "p Profile" not in page_text(app))
-
-    run_script(survey, script)
+    await pilot.pause()
+    assert list(app.query_one(KeysLine).children) == keys
+    assert "⏎ Drops" in page_text(app)
+    await pilot.press("slash")  # letters are typed now and no keys
+    await until(pilot, lambda: "p Profile" not in page_text(app))
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 40)])
-def test_the_last_line_names_every_key(survey: Path, size: tuple[int, int]) -> None:
-    async def script(app: OpenApp, pilot: Any) -> None:
+async def test_the_last_line_names_every_key(
+    app: OpenApp, pilot: Any, size: tuple[int, int]
+) -> None:
+    await pilot.pause()
+    last = page_text(app).splitlines()[-1]
+    for part in ("/ Find", "s Sort", "⏎ Drops", "c Compare", "r Report", "x Export", "q Leave"):
+        assert part in last
+    assert ("palette" in last) == (size[0] > 100)
+
+
+async def test_fast_keys_use_the_row_of_the_cursor(app: OpenApp, pilot: Any) -> None:
+    app.action_compare()
+    app.query_one("#points-table", DataTable).action_cursor_down()
+    app.action_compare()  # the message of the row has not come yet
+    assert app.marked == ["0+000", "0+020"]
+
+
+async def test_a_tab_is_marked_and_has_the_focus_at_once(app: OpenApp, pilot: Any) -> None:
+    bar = app.query_one(Underline)
+    for name, focused in (
+        ("profile", None),
+        ("drops", "drops-table"),
+        ("points", "points-table"),
+    ):
+        app.action_tab(name)
+        tab = app.query_one("#tabs", TabbedContent).get_tab(name).virtual_region
+        assert tab.x <= bar.highlight_start < bar.highlight_end <= tab.right
+        assert (app.focused and app.focused.id) == focused
         await pilot.pause()
-        last = page_text(app).splitlines()[-1]
-        for part in ("/ Find", "s Sort", "⏎ Drops", "c Compare", "r Report", "x Export", "q Leave"):
-            assert part in last
-        assert ("palette" in last) == (size[0] > 100)
-
-    run_script(survey, script, size)
-
-
-def test_fast_keys_use_the_row_of_the_cursor(survey: Path) -> None:
-    async def script(app: OpenApp, pilot: Any) -> None:
-        app.action_compare()
-        app.query_one("#points-table", DataTable).action_cursor_down()
-        app.action_compare()  # the message of the row has not come yet
-        assert app.marked == ["0+000", "0+020"]
-
-    run_script(survey, script)
-
-
-def test_a_tab_is_marked_and_has_the_focus_at_once(survey: Path) -> None:
-    async def script(app: OpenApp, pilot: Any) -> None:
-        bar = app.query_one(Underline)
-        for name, focused in (
-            ("profile", None),
-            ("drops", "drops-table"),
-            ("points", "points-table"),
-        ):
-            app.action_tab(name)
-            tab = app.query_one("#tabs", TabbedContent).get_tab(name).virtual_region
-            assert tab.x <= bar.highlight_start < bar.highlight_end <= tab.right
-            assert (app.focused and app.focused.id) == focused
-            await pilot.pause()
-
-    run_script(survey, script)
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 40)])
-def test_two_points_are_compared(survey: Path, size: tuple[int, int]) -> None:
-    async def script(app: OpenApp, pilot: Any) -> None:
-        await pilot.press("c", "down", "c")
-        await until(pilot, lambda: app.tab == "compare")
-        await until(pilot, lambda: "second / first" in page_text(app))
-        assert "0.667" in page_text(app)
-        await until(pilot, lambda: "deflection as recorded" in page_text(app))
-        assert "0+000 and 0+020" in page_text(app)
-
-    run_script(survey, script, size)
+async def test_two_points_are_compared(app: OpenApp, pilot: Any, size: tuple[int, int]) -> None:
+    await pilot.press("c", "down", "c")
+    await until(pilot, lambda: app.tab == "compare")
+    await until(pilot, lambda: "second / first" in page_text(app))
+    assert "0.667" in page_text(app)
+    await until(pilot, lambda: "deflection as recorded" in page_text(app))
+    assert "0+000 and 0+020" in page_text(app)
 
 
-def test_a_click_on_a_title_sorts_and_a_second_click_reverses(survey: Path) -> None:
-    async def script(app: OpenApp, pilot: Any) -> None:
-        table = app.query_one("#points-table", DataTable)
-        for expected in ("0+020", "0+000"):
-            app._sort("value")
-            await pilot.pause()
-            assert str(table.get_row_at(0)[0]) == expected
-        await pilot.press("s")
-        assert app.order == "verdict"
+async def test_a_click_on_a_title_sorts_and_a_second_click_reverses(
+    app: OpenApp, pilot: Any
+) -> None:
+    table = app.query_one("#points-table", DataTable)
+    for expected in ("0+020", "0+000"):
+        app._sort("value")
+        await pilot.pause()
+        assert str(table.get_row_at(0)[0]) == expected
+    await pilot.press("s")
+    assert app.order == "verdict"
 
-    run_script(survey, script)
 
-
-def test_a_report_and_an_export_by_a_key(survey: Path, tmp_path: Path) -> None:
-    async def script(app: OpenApp, pilot: Any) -> None:
-        await pilot.press("x")
-        await until(pilot, lambda: bool(app.screen.query("#text")))
-        app.screen.query_one("#text", Input).value = str(tmp_path / "t.csv")
-        await pilot.press("enter")
-        await until(pilot, lambda: (tmp_path / "t.csv").exists())
-
-    run_script(survey, script)
+async def test_a_report_and_an_export_by_a_key(app: OpenApp, pilot: Any, tmp_path: Path) -> None:
+    await pilot.press("x")
+    await until(pilot, lambda: bool(app.screen.query("#text")))
+    app.screen.query_one("#text", Input).value = str(tmp_path / "t.csv")
+    await pilot.press("enter")
+    await until(pilot, lambda: (tmp_path / "t.csv").exists())
 
 
 def test_a_page_of_the_table_is_more_than_a_terminal_shows() -> None:
@@ -514,16 +481,13 @@ def test_names_in_cells_are_not_read_as_markup(tmp_path: Path, survey: Path) -> 
         assert drawn[0][0].style is not None
         assert drawn[0][0].style.meta == {"row": 0, "column": 0}, "a click finds its cell"
 
-    run_script(survey, script)
+    play(OpenApp(OpenedSurvey(survey), glyphs=BRAILLE), script)
 
 
-def test_row_messages_after_the_end_draw_no_plot(survey: Path) -> None:
-    async def script(app: OpenApp, pilot: Any) -> None:
-        await app.query_one("#tabs").remove()
-        assert app.tab == ""
-        app.draw_plots()
-
-    run_script(survey, script)
+async def test_row_messages_after_the_end_draw_no_plot(app: OpenApp, pilot: Any) -> None:
+    await app.query_one("#tabs").remove()
+    assert app.tab == ""
+    app.draw_plots()
 
 
 def test_a_receiver_s_position_is_on_the_map(tmp_path: Path) -> None:
@@ -537,13 +501,10 @@ def test_a_receiver_s_position_is_on_the_map(tmp_path: Path) -> None:
     assert (row.latitude, row.longitude) == (48.2, 11.6)
 
 
-def test_the_curves_are_drawn_for_another_size_too(survey: Path) -> None:
-    async def script(app: OpenApp, pilot: Any) -> None:
-        await pilot.press("enter")
-        plot = app.query_one("#drops-plot", Plot)
-        await until(pilot, lambda: "load" in plot.text)
-        wide = max(map(len, plot.text.split("\n")))
-        await pilot.resize_terminal(160, 40)
-        await until(pilot, lambda: max(map(len, plot.text.split("\n"))) > wide + 30)
-
-    run_script(survey, script)
+async def test_the_curves_are_drawn_for_another_size_too(app: OpenApp, pilot: Any) -> None:
+    await pilot.press("enter")
+    plot = app.query_one("#drops-plot", Plot)
+    await until(pilot, lambda: "load" in plot.text)
+    wide = max(map(len, plot.text.split("\n")))
+    await pilot.resize_terminal(160, 40)
+    await until(pilot, lambda: max(map(len, plot.text.split("\n"))) > wide + 30)
