@@ -18,6 +18,7 @@ PARTS = {
     "firmware": "sizes of the instrument's core on a Cortex-M3; fuzzing with --fuzz SECONDS",
     "loop": "the diagnosis on a blind campaign of undeclared effects (an hour; --short)",
     "measured": "fit and held-out prediction of measured drops in FILES (some minutes)",
+    "same_answer": "diagnoses of measured drops in FILES from more and from fewer data (an hour)",
     "layers": "layered ground: accuracy and speed; --inverted (some minutes; --short)",
     "tables": "build the response tables of the package that are missing",
     "example_files": "make the files of pfwd.example from finite elements (a minute)",
