@@ -27,7 +27,10 @@ from pfwd.analysis.options import AnalysisOptions
 
 _PART = 4
 # Quantities that are compared: values and intervals of `FittedState`.
-_QUANTITIES = {"modulus": ("fitted_modulus", "modulus_interval_pa")}
+_QUANTITIES = {
+    "modulus": ("fitted_modulus", "modulus_interval_pa"),
+    "equivalent modulus": ("equivalent_modulus_pa", "equivalent_modulus_interval_pa"),
+}
 
 
 def run(arguments: list[str]) -> int:

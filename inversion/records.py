@@ -25,6 +25,8 @@ from inversion.errors import RecordFormatError
 from inversion.notices import WARNING_CODES, WARNINGS, Notice
 
 Interval = tuple[float, float]
+DepthRange = tuple[float, float | None]
+"""Depths from and to, m; to None: any depth below."""
 _T = TypeVar("_T")
 
 TableColumn = Literal["established", "layers", "last"]
@@ -213,6 +215,12 @@ def _interval(value: Any) -> Interval | None:
     return (value[0], value[1]) if sound else None
 
 
+def _depth_range(value: Any) -> DepthRange | None:
+    if isinstance(value, list | tuple) and len(value) == 2 and value[1] is None:
+        return (value[0], None) if is_number(value[0]) else None
+    return _interval(value)
+
+
 def _texts(value: Any) -> tuple[str, ...] | None:
     sound = isinstance(value, list | tuple) and all(isinstance(item, str) for item in value)
     return tuple(value) if sound else None
@@ -235,6 +243,7 @@ _READERS: dict[Any, Callable[[Any], Any]] = {
     str | int | float | None: _free_text,
     bool | None: _flag,
     Interval | None: _interval,
+    DepthRange | None: _depth_range,
     tuple[str, ...] | None: _texts,
     tuple[int, ...] | None: _numbers,
     tuple[Notice, ...] | None: _notices,

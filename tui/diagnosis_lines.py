@@ -232,7 +232,8 @@ def _conditions(results: Sequence[DiagnosisResult]) -> list[str]:
         return []
     return [
         "E: secant modulus of the ground at the peak stress of the largest drop, of the layer "
-        "above rock where rock was found, with the effects of the device taken out; "
+        "above rock where rock was found, with the effects of the device taken out; equivalent: "
+        "modulus of the half-space that deflects as much under the plate; "
         f"{' or '.join(plates)}, Poisson's ratio {' or '.join(ratios)}. "
         "Misfit: residual beyond the noise, over the peak."
     ]
@@ -254,7 +255,7 @@ def _unusable_lines(
     ]
 
 
-_COLUMNS = ("point", "E, MPa (95 %)", "at stress, kPa", "use", "misfit")
+_COLUMNS = ("point", "E, MPa (95 %)", "at stress, kPa", "equivalent, MPa", "use", "misfit")
 
 
 class PointCells(NamedTuple):
@@ -265,6 +266,8 @@ class PointCells(NamedTuple):
     """Modulus in force with its interval, MPa."""
     stress: str
     """Stress at which a diagnosed modulus is valid, kPa; empty for a fitted modulus."""
+    equivalent: str
+    """Equivalent modulus with its interval, MPa; empty where no diagnosed modulus is in force."""
     use: str
     """What the modulus may be used for."""
     misfit: str
@@ -293,6 +296,7 @@ def point_cells(name: str, result: DiagnosisResult, modulus: "PointModulus | Non
     else:
         key = result.use
     use, action = USES[key], _ACTIONS[key]
+    is_diagnosed = modulus is not None and modulus.source == "diagnosed"
     stress = ""
     if modulus is not None and modulus.source == "fitted":
         use, action = "fit without effects", ""
@@ -308,6 +312,7 @@ def point_cells(name: str, result: DiagnosisResult, modulus: "PointModulus | Non
         name,
         "none" if modulus is None else _in_force(modulus),
         stress,
+        _equivalent(after).replace(" MPa", "") if is_diagnosed else "",
         use,
         misfit_text(result),
         "" if held is None else f"{_percent(held.after)} off",
@@ -543,6 +548,8 @@ def _modulus(state: FittedState) -> str:
 
 def _state(state: FittedState) -> str:
     text = _modulus(state) or "no ground"
+    if state.equivalent_modulus_interval_pa is not None:
+        text += f", equivalent {_equivalent(state)}"
     over_noise = state.residual_over_noise
     times = f"{over_noise:.1f}" if _is_finite(over_noise) else "-"
     contact = _percent(state.contact_residual_rms_over_peak)
@@ -551,6 +558,11 @@ def _state(state: FittedState) -> str:
         f"{_percent(state.residual_rms_over_peak)} of the peak (contact {contact}), "
         f"{times} times the noise"
     )
+
+
+def _equivalent(state: FittedState) -> str:
+    """Return the equivalent modulus with its interval as text; empty: there is none."""
+    return modulus_text(state.equivalent_modulus_pa, state.equivalent_modulus_interval_pa)
 
 
 def _change(before: FittedState, after: FittedState) -> list[str]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from inversion.notices import Notice
-from inversion.records import Interval, JsonRecord, known, not_stored, quantity
+from inversion.records import DepthRange, Interval, JsonRecord, known, not_stored, quantity
 
 if TYPE_CHECKING:
     # A stored diagnosis is read and shown without loading what found it.
@@ -127,6 +127,9 @@ class FittedState(JsonRecord):
         {
             "stress_pa",
             "modulus_100kpa_pa",
+            "modulus_depth_m",
+            "equivalent_modulus_pa",
+            "equivalent_modulus_interval_pa",
             "viscosity_pa_s",
             "density_kg_m3",
             "bedrock_depth_m",
@@ -144,6 +147,17 @@ class FittedState(JsonRecord):
         "95 % interval, with what is left unexplained, over all sets of effects that fit nearly as "
         "well",
         "Pa",
+    )
+    modulus_depth_m: DepthRange | None = quantity(
+        "Depths between which the modulus holds; the lower one none: half-space", "m"
+    )
+    equivalent_modulus_pa: float | None = quantity(
+        "Modulus of the half-space that deflects as much under the plate; none: no ground, no "
+        "sensor on the plate, or the interval leaves it open",
+        "Pa",
+    )
+    equivalent_modulus_interval_pa: Interval | None = quantity(
+        "95 % interval of that, over the same sets of effects", "Pa"
     )
     stress_pa: float | None = quantity(
         "Mean contact pressure at the peak of the last drop: the modulus is the secant one there",
@@ -179,9 +193,14 @@ class FittedState(JsonRecord):
 
     @property
     def is_undetermined(self) -> bool:
-        """True if the 95 % interval is too wide to determine a modulus: a ratio of more than 10."""
-        low, high = self.modulus_interval_pa or (0.0, 0.0)
-        return all(map(math.isfinite, (low, high))) and high > MAX_INTERVAL_RATIO * low
+        """True if the 95 % interval is too wide to determine a modulus."""
+        return is_open(self.modulus_interval_pa)
+
+
+def is_open(interval: Interval | None) -> bool:
+    """Return whether a 95 % interval leaves a modulus open: a ratio of more than 10."""
+    low, high = interval or (0.0, 0.0)
+    return all(map(math.isfinite, (low, high))) and high > MAX_INTERVAL_RATIO * low
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -354,16 +354,7 @@ class DropModel:
             All have the same effects in the same order; unchanged values should be the same
             objects.
         """
-        steps = [
-            [
-                place
-                for place, ((_, start_values), (_, moved_values)) in enumerate(
-                    zip(active, moved_effects, strict=True)
-                )
-                if start_values is not moved_values and start_values != moved_values
-            ]
-            for _, moved_effects in moved
-        ]
+        steps = _changed(active, moved)
         motions, places = self._motions_nearby(ground, active, moved, steps)
         records = self._padded(motions)
         for number, (effect, values) in enumerate(active):
@@ -380,6 +371,30 @@ class DropModel:
                     places[column], count = count, count + 1
             records = np.concatenate(stacked)
         return self._read(records)[places]
+
+    def peaks_of_ground(
+        self, ground: Ground, active: Active, moved: Sequence[tuple[Ground, Active]] = ()
+    ) -> FloatArray:
+        """Return the largest deflection under the plate, m, and for small steps, (1 + m,).
+
+        It is that of the ground under the recorded load, without a mass on it, effects of the
+        device, and effects on the motion.
+
+        Parameters
+        ----------
+        ground, active, moved : as for `predict_nearby`
+        """
+        shaping = [
+            i for i, (e, _) in enumerate(active) if _shapes_ground(e) and e.scope != "device"
+        ]
+        start, *near = (
+            (replace(g, plate_mass=0.0), [effects[i] for i in shaping])
+            for g, effects in ((ground, active), *moved)
+        )
+        motions, places = self._motions_nearby(*start, near, _changed(start[1], near))
+        contact = self.context.time <= _MAX_PEAK_TIME * self.context.contact_end
+        rows = motions[:, self._plate, contact]
+        return _largest(rows)[[0, *places]]
 
     def _motions_nearby(
         self,
@@ -585,6 +600,11 @@ class DropModel:
         return compliance
 
     @property
+    def measures_plate(self) -> bool:
+        """True if the innermost sensor is on the plate or under it."""
+        return bool(self._under_plate[self._plate])
+
+    @property
     def peak_in_contact(self) -> float:
         """Largest deflection of the innermost sensor up to 1.3 contact times, m."""
         row = self.observed[int(np.argmin(self.context.offsets))]
@@ -645,6 +665,30 @@ def _stages_of(effect: Effect) -> frozenset[str]:
 def _shapes_ground(effect: Effect) -> bool:
     """Return whether an effect acts on the ground or its compliance, before the motion."""
     return bool(_stages_of(effect) & {"ground", "compliance", "nonlinear_stiffness"})
+
+
+def _changed(active: Active, moved: Sequence[tuple[Ground, Active]]) -> list[list[int]]:
+    """Return, for each item, the indices of the effects whose values have changed."""
+    return [
+        [
+            place
+            for place, ((_, start_values), (_, moved_values)) in enumerate(
+                zip(active, moved_effects, strict=True)
+            )
+            if start_values is not moved_values and start_values != moved_values
+        ]
+        for _, moved_effects in moved
+    ]
+
+
+def _largest(rows: FloatArray) -> FloatArray:
+    """Return the largest value of each row (m, n), of a parabola through three samples."""
+    top = np.clip(np.argmax(rows, axis=1), 1, rows.shape[1] - 2)
+    before, peak, after = (rows[np.arange(top.size), top + step] for step in (-1, 0, 1))
+    bend = before - 2.0 * peak + after
+    shift = np.where(bend < 0.0, 0.5 * (before - after) / np.minimum(bend, -1e-300), 0.0)
+    result: FloatArray = peak - 0.25 * (before - after) * np.clip(shift, -1.0, 1.0)
+    return result
 
 
 def _parts(compliances: ComplexArray) -> FloatArray:

@@ -174,9 +174,6 @@ class Effect:
 
     result_name: ClassVar[str] = ""
     """Name in results; empty: `name`. Two forms of one effect may share a name."""
-    min_gain: ClassVar[float] = 0.0
-    """Log evidence by which a model with the effect has to exceed models without it. It is positive
-    for effects that imitate other causes."""
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
         """Return whether the effect is a candidate for these drops."""

@@ -25,9 +25,6 @@ class _Gradient(Effect):
         "the modulus grows with depth: the stated one is that of uniform ground with the same "
         "stiffness under this plate; a wider plate gives a larger one"
     )
-    # Reflections from rock and errors of plate and sensor imitate growth with a log evidence of
-    # some ten units.
-    min_gain = 30.0
     exponent: ClassVar[float]
     deviation: ClassVar[float]
     """Prior standard deviation of 1/z0, 1/m."""

@@ -19,8 +19,6 @@ class SpringRig(Effect):
         Parameter("damping_ratio", "-", 0.001, 0.5, (0.1,), logarithmic=True),
     )
     replaces_ground = True
-    # Log evidence against a rig, because drops on rigs are rare.
-    min_gain = 3.0
     # A rig together with an effect of the ground fits any record.
     excludes = frozenset(
         {

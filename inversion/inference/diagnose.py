@@ -7,7 +7,7 @@ beyond noise, see :mod:`inversion.inference.discrepancy`.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from inversion.diagnosis.findings import (
     HeldOut,
     PointDiagnosis,
     Verdict,
+    is_open,
 )
 from inversion.diagnosis.model import DropModel, PointRecords
 from inversion.diagnosis.problem import Point
@@ -31,16 +32,25 @@ from inversion.inference.effect_results import effect_results
 from inversion.inference.held_out import last_drop_error
 from inversion.inference.modulus import (
     Component,
-    component,
+    depth_range,
+    equivalent_estimate,
     ground_of,
-    interval,
     mean_stress,
+    quantiles,
+    secant_estimate,
     secant_modulus,
 )
-from inversion.inference.point_model import STIFFNESS, PointModel
+from inversion.inference.point_model import PointModel
 from inversion.inference.population import InstrumentKnowledge, summarise
 from inversion.inference.posterior import PointFit, Posterior
-from inversion.inference.selection import Selection, is_sound, select
+from inversion.inference.selection import (
+    EXPLAINED_TO,
+    LOG_ODDS,
+    SIMILAR_DISCREPANCY_RATIO,
+    Selection,
+    is_sound,
+    select,
+)
 from inversion.inference.structures import effects_of
 from inversion.measured.bad_sensors import (
     MIN_LOAD_STEP_DEVIATIONS,
@@ -48,11 +58,8 @@ from inversion.measured.bad_sensors import (
     find_step,
 )
 from inversion.notices import Notice, Value
-from inversion.records import known
+from inversion.records import Interval, known
 from inversion.threads import single_threaded_blas
-
-EXPLAINED_TO = 5e-3
-"""Largest discrepancy over the peak at which a record counts as explained."""
 
 # Contact pressure at which moduli of different drops are compared, Pa.
 _REFERENCE_PA = 100e3
@@ -65,10 +72,9 @@ _NO_PRIORS = 30.0
 _MAX_RESIDUAL_OVER_NOISE, _MAX_NOISE_OVER_PEAK = 2.0, 0.02
 # Smallest posterior probability, relative to the best structure, of a structure in the interval.
 _MIN_WEIGHT = 0.02
-# If the best structure does not explain the record, structures with up to this multiple of its
-# discrepancy have equal weights.
-_SIMILAR_DISCREPANCY_RATIO = 1.5
-_SEATING_LOG_ODDS = -3.0
+# If the best structure does not explain the record, structures of similar discrepancy have at least
+# this weight, relative to the best one.
+_SIMILAR_WEIGHT = 0.1
 _MAX_REFIT_ITERATIONS = 12
 # Largest ratio of the base model's residual with a sensor turned or exchanged to that as declared,
 # at which the full diagnosis is repeated.
@@ -116,7 +122,8 @@ def diagnose_point(
         objections = _find_steps(point)
         if objections:
             return _point_diagnosis(point, base, base, None, objections)
-        selection, best, seating = _choose_structure(point, instrument)
+        selection = select(point.coarse(), instrument)
+        best, seating = fit_drops_of_selection(point, selection, instrument)
         diagnosis = _point_diagnosis(point, base, best, (selection, seating), [])
         if predict_last and len(records.records) > 1:
             part = last_drop_error(records, (base, best), instrument, library)
@@ -159,33 +166,6 @@ def fit_base(point: Point) -> Posterior:
     return fit.posterior()
 
 
-def _choose_structure(
-    point: Point, instrument: InstrumentKnowledge
-) -> tuple[Selection, Posterior, float]:
-    """Return a drop's structures, the fit of all drops, and the evidence of seating.
-
-    The structure is selected on the last drop. If all drops together have a much larger discrepancy
-    than that drop, the structure of the drop before is tried too, unless other points supply
-    starting structures.
-    """
-    coarse, last = point.coarse(), len(point.drops) - 1
-    selection = select(coarse, last, instrument)
-    by_last = (selection, *fit_drops_of_selection(point, selection, instrument))
-    together, alone = (f.discrepancy.scale for f in (by_last[1], selection.fits[selection.best]))
-    if (
-        last == 0
-        or instrument.starting_structures
-        or together < max(_SIMILAR_DISCREPANCY_RATIO * alone, EXPLAINED_TO)
-    ):
-        return by_last
-    previous = select(coarse, last - 1, instrument)
-    by_previous = (previous, *fit_drops_of_selection(point, previous, instrument))
-    return max(
-        (by_last, by_previous),
-        key=lambda choice: choice[1].log_evidence + choice[0].log_odds(choice[0].best),
-    )
-
-
 def fit_drops_of_selection(
     point: Point, selection: Selection, instrument: InstrumentKnowledge
 ) -> tuple[Posterior, float]:
@@ -208,12 +188,9 @@ def fit_drops_of_selection(
             )
             model.apply_priors(instrument.priors(model))
             values = model.start_from(selection.fits[structure].by_key)
-            for place, unknown in enumerate(model.unknowns):
-                if unknown.name == STIFFNESS and unknown.drop is not None:
-                    values[place] = model.starting_deviation(unknown.drop)
             fits.append(PointFit(model, values).run_nearby(_MAX_REFIT_ITERATIONS))
         evidence = fits[-1].log_evidence - fits[0].log_evidence
-        if evidence + _SEATING_LOG_ODDS > 0.0:
+        if evidence + LOG_ODDS > 0.0:
             fits.reverse()
         sound = [fit for fit in fits if is_sound(fit)]
         if sound or len(selection.fits) == 1:
@@ -318,80 +295,120 @@ def _fitted_state(
     if rig:
         return replace(state, modulus_interval_pa=None)
     modulus = secant_modulus(posterior, stress)
-    best_component = component(posterior, 1.0, math.log(modulus), stress)
-    components = [best_component]
-    if selection is not None:
-        components += _alternative_components(selection, best_component.log_modulus, stress)
-    low, high = interval(components)
+
+    def mixture(of: Callable[[Posterior], tuple[float, float]]) -> tuple[float, float, float]:
+        return quantiles(_components(posterior, selection, of))
+
+    low, median, high = mixture(lambda fit: secant_estimate(fit, stress))
     state = replace(
         state,
-        fitted_modulus=modulus,
-        modulus_pa=modulus,
-        modulus_sd_pa=modulus * best_component.deviation,
-        modulus_interval_pa=(min(low, modulus), max(high, modulus)),
-        modulus_100kpa_pa=secant_modulus(posterior, _REFERENCE_PA),
+        fitted_modulus=median,
+        modulus_pa=median,
+        modulus_sd_pa=median * secant_estimate(posterior, stress)[1],
+        modulus_interval_pa=(low, high),
+        modulus_depth_m=depth_range(ground),
+        modulus_100kpa_pa=median / modulus * secant_modulus(posterior, _REFERENCE_PA),
         viscosity_pa_s=float(ground.viscosity),
         density_kg_m3=float(ground.density),
         bedrock_depth_m=1.0 / float(ground.inverse_depth) if ground.inverse_depth > 0.0 else None,
     )
-    return _without_modulus(state) if state.is_undetermined else state
+    if drops[-1].measures_plate:
+        low, median, high = mixture(equivalent_estimate)
+        state = replace(
+            state, equivalent_modulus_pa=median, equivalent_modulus_interval_pa=(low, high)
+        )
+    return _without_open_moduli(state)
 
 
-def _alternative_components(
-    selection: Selection, log_modulus: float, stress: float
+def _components(
+    posterior: Posterior,
+    selection: Selection | None,
+    of: Callable[[Posterior], tuple[float, float]],
 ) -> list[Component]:
-    """Return the modulus by each of the other structures, with its weight in the interval.
+    """Return a modulus by the chosen and by each of the other structures, with its weight.
 
     Evidence weights structures correctly only if one of them is right. If even the best one does
-    not explain the record, or has too many effects, others of similar discrepancy get the full
-    weight.
+    not explain the record, or has too many effects, others of similar discrepancy get a weight that
+    the interval shows.
 
     Parameters
     ----------
-    selection : Selection, of one drop
-    log_modulus : float, logarithm of the modulus by the best structure and all drops
-    stress : float, Pa, contact pressure at which the moduli are compared
+    posterior : Posterior, final fit of the chosen structure
+    selection : Selection or None
+    of : returns the logarithm of the modulus of a fit, and its standard deviation
     """
+    log_modulus, deviation = of(posterior)
+    components = [Component(1.0, log_modulus, deviation)]
+    if selection is None:
+        return components
     best = selection.fits[selection.best]
     weights = selection.weights()
     if best.discrepancy.scale > EXPLAINED_TO or selection.is_overparameterised:
-        close = _SIMILAR_DISCREPANCY_RATIO * best.discrepancy.scale
-        weights |= {s: 1.0 for s, fit in selection.fits.items() if fit.discrepancy.scale <= close}
-    single_drop_log_modulus = math.log(secant_modulus(best, stress))
-    components = []
+        close = SIMILAR_DISCREPANCY_RATIO * best.discrepancy.scale
+        weights |= {
+            structure: max(weights[structure], _SIMILAR_WEIGHT)
+            for structure, fit in selection.fits.items()
+            if fit.discrepancy.scale <= close
+        }
+    # Fits of the selection have a narrower frequency band than the final one.
+    log_modulus_of_best, _ = of(best)
     for structure, weight in weights.items():
         fit = selection.fits[structure]
         on_rig = any(effect.replaces_ground for effect in fit.model.effects)
         if fit is best or weight < _MIN_WEIGHT or on_rig:
             continue
-        shift = math.log(secant_modulus(fit, stress)) - single_drop_log_modulus
-        components.append(component(fit, weight, log_modulus + shift, stress))
+        alternative, deviation = of(fit)
+        components.append(
+            Component(weight, log_modulus + alternative - log_modulus_of_best, deviation)
+        )
     return components
 
 
 def _without_modulus(state: FittedState) -> FittedState:
-    """Return a state without its modulus, which the data do not determine."""
-    return replace(state, modulus_pa=None, modulus_sd_pa=None, modulus_100kpa_pa=None)
+    """Return a state without its moduli, which the data do not determine."""
+    return replace(
+        state,
+        modulus_pa=None,
+        modulus_sd_pa=None,
+        modulus_100kpa_pa=None,
+        equivalent_modulus_pa=None,
+    )
+
+
+def _without_open_moduli(state: FittedState) -> FittedState:
+    """Return a state without those moduli that their intervals leave open."""
+    if is_open(state.equivalent_modulus_interval_pa):
+        state = replace(state, equivalent_modulus_pa=None)
+    if not state.is_undetermined:
+        return state
+    return replace(_without_modulus(state), equivalent_modulus_pa=state.equivalent_modulus_pa)
 
 
 def _with_discrepancy_error(state: FittedState) -> FittedState:
-    """Return a state whose modulus interval includes the error that the discrepancy indicates."""
+    """Return a state whose intervals include the error that the discrepancy indicates."""
     if math.isnan(state.fitted_modulus):
         return state
-    modulus = state.fitted_modulus
+    modulus, equivalent = state.fitted_modulus, state.equivalent_modulus_pa
     discrepancy = max(
         known(state.discrepancy_over_peak), known(state.contact_residual_rms_over_peak)
     )
     error = math.log1p(_MODULUS_ERROR_PER_DISCREPANCY * discrepancy)
-    low, high = (
-        modulus * math.exp(sign * math.hypot(math.log(end / modulus), error))
-        for sign, end in zip((-1.0, 1.0), known(state.modulus_interval_pa), strict=True)
-    )
-    wider = replace(state, modulus_interval_pa=(low, high))
-    if wider.is_undetermined or state.modulus_sd_pa is None:
-        return _without_modulus(wider)
-    relative = math.hypot(state.modulus_sd_pa / modulus, error / NORMAL_95)
-    return replace(wider, modulus_sd_pa=modulus * relative)
+
+    def wider(value: float, limits: Interval) -> Interval:
+        low, high = (
+            value * math.exp(sign * math.hypot(math.log(end / value), error))
+            for sign, end in zip((-1.0, 1.0), limits, strict=True)
+        )
+        return low, high
+
+    if equivalent is not None:
+        limits = wider(equivalent, known(state.equivalent_modulus_interval_pa))
+        state = replace(state, equivalent_modulus_interval_pa=limits)
+    if state.modulus_sd_pa is not None:
+        relative = math.hypot(state.modulus_sd_pa / modulus, error / NORMAL_95)
+        state = replace(state, modulus_sd_pa=modulus * relative)
+    limits = wider(modulus, known(state.modulus_interval_pa))
+    return _without_open_moduli(replace(state, modulus_interval_pa=limits))
 
 
 def _unexplained_reasons(posterior: Posterior) -> list[Notice]:

@@ -29,7 +29,6 @@ from inversion.inference.structures import (
     effects_of,
     fit_briefly,
     fit_drops,
-    min_gain,
     rank_structures,
 )
 from inversion.threads import single_threaded_blas
@@ -61,7 +60,7 @@ def structure_evidence(
     """
     point = Point(records, library).coarse()
     fit = fit_briefly(point, structure, len(point.drops) - 1, declared_effects)
-    return None if fit is None else fit.log_evidence - min_gain(structure)
+    return None if fit is None else fit.log_evidence
 
 
 def choose_structure(

@@ -11,6 +11,7 @@ from scipy.special import ndtr
 
 from inversion.arrays import FloatArray
 from inversion.diagnosis.findings import CALIBRATION
+from inversion.diagnosis.model import Active
 from inversion.effects.base import DropContext, Ground
 from inversion.fitting.uncertainty import NORMAL_95
 from inversion.inference.point_model import ActiveEffects, PointModel
@@ -21,6 +22,9 @@ _MODULUS_STEP_OVER_POSTERIOR_SD = 0.05
 # Tolerance of the ends of an interval and smallest standard deviation, both of the logarithm of the
 # modulus. Half of the range that is searched, in standard deviations.
 _LOG_TOLERANCE, _MIN_DEVIATION, _SEARCH_DEVIATIONS = 1e-9, 1e-9, 9.0
+# Step of numerical derivatives with respect to the logarithm of a modulus; largest number of
+# Newton's steps, of which three are usual.
+_LOG_STEP, _MAX_SECANT_STEPS = 1e-3, 20
 
 
 def ground_of(posterior: Posterior) -> Ground:
@@ -28,6 +32,15 @@ def ground_of(posterior: Posterior) -> Ground:
     model = posterior.model
     ground, active = model.ground_and_effects(posterior.values, model.last)
     return _with_effects(ground, active, _context(model))
+
+
+def depth_range(ground: Ground) -> tuple[float, float | None]:
+    """Return the depths between which the modulus of the ground holds, m; None: any depth.
+
+    Where the modulus grows with depth, that of the ground is the effective one of all depths.
+    """
+    top = sum(medium.thickness for medium in ground.above)
+    return top, 1.0 / ground.inverse_depth if ground.inverse_depth > 0.0 else None
 
 
 def mean_stress(model: PointModel) -> float:
@@ -62,6 +75,47 @@ def log_deviation(posterior: Posterior, stress: float) -> float:
         if high > low:
             gradient[place] = (above - below) / (high - low)
     return math.sqrt(max(float(gradient @ posterior.covariance @ gradient), 0.0))
+
+
+def equivalent_modulus(posterior: Posterior) -> tuple[float, float]:
+    """Return the logarithm of the equivalent modulus, Pa, and its standard deviation.
+
+    It is the modulus of the elastic half-space, with density and damping of the fit, that deflects
+    under the plate as much as the fitted ground, for the load of the last drop. Effects of the
+    device and the mass of the plate are left out of both. The standard deviation excludes the
+    errors of calibration.
+    """
+    model, values = posterior.model, posterior.values
+    drop = model.point.drops[model.last]
+    steps = np.where(values + model.step > model.upper, -model.step, model.step)
+    start = model.ground_and_effects(values, model.last)
+    moved = [model.ground_and_effects(values + row, model.last) for row in np.diag(steps)]
+    peaks = drop.peaks_of_ground(*start, moved)
+    context = _context(model)
+
+    def half_space(log_modulus: float, ground: Ground) -> Ground:
+        modulus = math.exp(log_modulus)
+        relaxation = ground.viscosity / ground.modulus
+        return Ground(modulus, modulus * relaxation, ground.density, 0.0, 0.0)
+
+    ground = _with_effects(*start, context)
+    log_modulus, slope = math.log(ground.modulus), -1.0
+    for _ in range(_MAX_SECANT_STEPS):
+        here, there = drop.peaks_of_ground(
+            half_space(log_modulus, ground), [], [(half_space(log_modulus + _LOG_STEP, ground), [])]
+        )
+        slope = math.log(there / here) / _LOG_STEP
+        change = math.log(peaks[0] / here) / slope
+        log_modulus += change
+        if abs(change) < _LOG_TOLERANCE:
+            break
+    halves: list[tuple[Ground, Active]] = [
+        (half_space(log_modulus, _with_effects(*at_step, context)), []) for at_step in moved
+    ]
+    of_halves = drop.peaks_of_ground(half_space(log_modulus, ground), [], halves)
+    changes = np.log(peaks[1:] / peaks[0]) - np.log(of_halves[1:] / of_halves[0])
+    gradient = changes / (steps * slope)
+    return log_modulus, math.sqrt(max(float(gradient @ posterior.covariance @ gradient), 0.0))
 
 
 def model_error(posterior: Posterior) -> float:
@@ -104,18 +158,30 @@ class Component:
     deviation: float
 
 
-def interval(components: Sequence[Component]) -> tuple[float, float]:
-    """Return the 95 % interval of a modulus, Pa, over a mixture of structures."""
-    low, high = (math.exp(_quantile(components, part)) for part in (0.025, 0.975))
-    return low, high
+def quantiles(components: Sequence[Component]) -> tuple[float, float, float]:
+    """Return the median and the ends of the 95 % interval of a modulus, Pa: low, median, high.
+
+    The distribution is a mixture of structures.
+    """
+    low, median, high = (math.exp(_quantile(components, part)) for part in (0.025, 0.5, 0.975))
+    return low, median, high
 
 
-def component(posterior: Posterior, weight: float, log_modulus: float, stress: float) -> Component:
-    """Return the component of a structure, with the errors of calibration and effects."""
+def secant_estimate(posterior: Posterior, stress: float) -> tuple[float, float]:
+    """Return the logarithm of the secant modulus, Pa, and its standard deviation.
+
+    The standard deviation includes the errors of calibration and effects.
+    """
     deviation = math.hypot(
         log_deviation(posterior, stress), model_error(posterior) / NORMAL_95, _MIN_DEVIATION
     )
-    return Component(weight, log_modulus, deviation)
+    return _log_modulus(posterior.model, posterior.values, stress), deviation
+
+
+def equivalent_estimate(posterior: Posterior) -> tuple[float, float]:
+    """Return `equivalent_modulus` with the error of calibration in the standard deviation."""
+    log_modulus, deviation = equivalent_modulus(posterior)
+    return log_modulus, math.hypot(deviation, CALIBRATION / NORMAL_95)
 
 
 def _quantile(components: Sequence[Component], part: float) -> float:

@@ -112,8 +112,8 @@ class PointModel:
         self.upper = np.array([c.upper for c in coordinates])
         self.mean = np.array([c.mean for c in coordinates])
         self.deviation = np.array([c.deviation for c in coordinates])
-        self.start = np.array([c.start(variant) for c in coordinates])
-        self._step = _STEP_OVER_PRIOR_SD * self.deviation
+        self.start = np.array([self._start(unknown, variant) for unknown in self.unknowns])
+        self.step = _STEP_OVER_PRIOR_SD * self.deviation
 
     @property
     def last(self) -> int:
@@ -252,12 +252,12 @@ class PointModel:
             plate_mass=record.instrument.plate_mass,
         )
 
-    def starting_deviation(self, drop: int | None) -> float:
-        """Return the starting value of a drop's log modulus over that of the last drop."""
-        if drop is None:
-            return 0.0
-        share = 1.0 if self.is_seating(drop) else _LATER_SHARE
-        return share * float(np.clip(self.peak_ratio(drop), *_STARTING_RATIOS))
+    def _start(self, unknown: Unknown, variant: int) -> float:
+        """Return the starting value of an unknown; that of a stiffness ratio is from the peaks."""
+        if unknown.drop is None or unknown.name != STIFFNESS:
+            return unknown.coordinate.start(variant)
+        share = 1.0 if self.is_seating(unknown.drop) else _LATER_SHARE
+        return share * float(np.clip(self.peak_ratio(unknown.drop), *_STARTING_RATIOS))
 
     def take_off_speed(self, values: FloatArray, drop: int) -> float | None:
         """Return the upward speed at which the plate leaves the ground, m/s; None: it does not."""
@@ -289,7 +289,7 @@ class PointModel:
         ]
         steps, moved = [], [start]
         for column in columns:
-            step = self._step[column]
+            step = self.step[column]
             if values[column] + step > self.upper[column]:
                 step = -step
             shifted = values.copy()

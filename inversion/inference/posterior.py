@@ -313,6 +313,7 @@ class PointFit:
             - sum(map(log_determinant, whiteners))
             - float(np.log(model.deviation).sum())
             - 0.5 * float(np.linalg.slogdet(hessian)[1])
+            + _log_prior(self.discrepancy)
         )
         return Posterior(
             model,

@@ -14,7 +14,6 @@ from contextlib import suppress
 import numpy as np
 
 from inversion.diagnosis.problem import Point
-from inversion.effects.base import Effect
 from inversion.effects.catalogue import BY_NAME, CATALOGUE
 from inversion.fitting.misfit import MODEL_FLOOR_FRACTION
 from inversion.inference.modulus import ground_of
@@ -27,11 +26,15 @@ from inversion.inference.structures import (
     candidate_structures,
     effects_of,
     fit_richest_first,
-    min_gain,
 )
 
-# Logarithm of the prior odds of an effect.
-_LOG_ODDS = -3.0
+EXPLAINED_TO = 5e-3
+"""Largest discrepancy over the peak at which a record counts as explained."""
+SIMILAR_DISCREPANCY_RATIO = 1.5
+"""Ratio of discrepancies up to which a record is explained about as well."""
+
+LOG_ODDS = -3.0
+"""Logarithm of the prior odds of an effect."""
 # Smallest root mean square change of a record by an effect, over the peak: the error of the forward
 # model.
 _MIN_CHANGE = MODEL_FLOOR_FRACTION
@@ -48,9 +51,11 @@ _GROWTHS = frozenset({"modulus_gradient_root", "modulus_gradient"})
 _SLOW_GROUNDS = _GROWTHS | {"layer", "damping_law"}
 _GROUNDS = _SLOW_GROUNDS | {"bedrock"}
 _N_STRUCTURES_WITH_SLOW_GROUNDS = 2
-# Largest number of starting points that are refined.
+# Largest number of starting points that are refined, and of structures of one drop that are fitted
+# to all drops.
 _MAX_STARTS = 4
-# Loss of log evidence from which an effect is not tried again in other structures.
+# Loss of log evidence from which an effect is not tried again in other structures, and a structure
+# not from the values of the best one.
 _HOPELESS_EVIDENCE_LOSS = 40.0
 # Largest number of effects at a point without other points of the instrument. For simulated points
 # with more effects the true modulus was outside of the interval.
@@ -60,24 +65,24 @@ _SELECTED_ELSEWHERE = frozenset({"seating"})
 
 
 class Selection:
-    """Structures of a point, fitted to one of its drops.
+    """Structures of a point, fitted to some of its drops.
 
     Parameters
     ----------
     point : Point
-    drop : int, index of the drop
+    drops : sequence of int, indices of the drops
     instrument : InstrumentKnowledge
     """
 
-    def __init__(self, point: Point, drop: int, instrument: InstrumentKnowledge) -> None:
+    def __init__(self, point: Point, drops: Sequence[int], instrument: InstrumentKnowledge) -> None:
         self._point = point
-        self._drop = drop
+        self._drops = tuple(drops)
         self._instrument = instrument
         self._contexts = tuple(model.context for model in point.drops)
         self.fits: dict[Structure, Posterior] = {}
         self._refused: set[Structure] = set()
         self._unpromising: set[str] = set()
-        self._small_gains: dict[str, float] = {}
+        self._other_gains: dict[str, float] = {}
 
     def score(self, structure: Structure) -> float:
         """Return the log evidence of a structure plus its log prior odds; -inf: it has no fit."""
@@ -87,7 +92,7 @@ class Selection:
 
     def log_odds(self, structure: Structure) -> float:
         """Return the logarithm of the prior odds of a structure, relative to the base model."""
-        return sum(map(_log_odds, effects_of(structure)))
+        return LOG_ODDS * len(structure)
 
     @property
     def best(self) -> Structure:
@@ -105,21 +110,19 @@ class Selection:
         return not self._instrument.peer_points and len(selected) > _MAX_EFFECTS
 
     def weights(self) -> dict[Structure, float]:
-        """Return the probability of each structure relative to the best one, at most 1.
-
-        The minimum gain that some effects require is not subtracted: a structure that is rejected
-        because of it may still be right.
-        """
+        """Return the probability of each structure relative to the best one, at most 1."""
         best_score = self.score(self.best)
-        scores = {structure: self.score(structure) + min_gain(structure) for structure in self.fits}
-        return {
-            structure: math.exp(min(score - best_score, 0.0)) for structure, score in scores.items()
-        }
+        return {structure: math.exp(self.score(structure) - best_score) for structure in self.fits}
 
-    def gains(self) -> dict[str, float]:
-        """Return the log evidence of each effect, in the best structure or added to it."""
-        best = self.best
-        gains = {name: gain for name, gain in self._small_gains.items() if name not in best}
+    def gains(self, structure: Structure | None = None) -> dict[str, float]:
+        """Return the log evidence of each effect, in a structure or added to it.
+
+        Parameters
+        ----------
+        structure : Structure; None: the best one
+        """
+        best = self.best if structure is None else structure
+        gains = {name: gain for name, gain in self._other_gains.items() if name not in best}
         for effect in CATALOGUE:
             pair = best | {effect.name}, best - {effect.name}
             if all(structure in self.fits for structure in pair):
@@ -165,6 +168,48 @@ class Selection:
                 for structure in [s for s in self.fits if needed < s <= best]:
                     self.refuse(structure)
 
+    def adopt(self, of_drop: Selection) -> None:
+        """Fit the best structures of one drop, each with another ground, to these drops.
+
+        Fits that are nearly as good as the best one are repeated from its values.
+        """
+        best_of_ground: dict[Structure, Structure] = {}
+        for structure in sorted(of_drop.fits, key=of_drop.score, reverse=True):
+            best_of_ground.setdefault(structure & _GROUNDS, structure)
+        for structure in [*best_of_ground.values()][:_MAX_STARTS]:
+            self._refit(structure, of_drop.fits[structure])
+        best = self.best
+        limit = self.score(best) - _HOPELESS_EVIDENCE_LOSS
+        for structure in [*self.fits]:
+            if structure != best and self.score(structure) > limit:
+                self._refit(structure, self.fits[best])
+        self._other_gains |= of_drop.gains(best)
+
+    def reduce(self) -> None:
+        """Fit the best structure without each of its effects, until it is the best of these."""
+        structure: Structure | None = None
+        while structure != self.best:
+            structure = self.best
+            for name in sorted(structure - self._instrument.effects):
+                if structure - {name} not in self.fits:
+                    self._refit(structure - {name}, self.fits[structure])
+
+    def _refit(self, structure: Structure, start: Posterior) -> None:
+        """Fit a structure from another fit, and keep the fit if it is plausible and better."""
+        declared = self._instrument.declared_effects
+        model = PointModel(self._point, effects_of(structure, declared), self._drops, declared)
+        model.apply_priors(self._instrument.priors(model))
+        fit = PointFit(model, model.start_from(start.by_key))
+        with suppress(np.linalg.LinAlgError):
+            # The discrepancy of one drop says little about that of all.
+            same_drops = start.model.drops == model.drops
+            found = fit.run_nearby(
+                _MAX_SELECTION_ITERATIONS, start.discrepancy if same_drops else None
+            )
+            known = self.fits.get(structure)
+            if is_sound(found) and (known is None or found.log_evidence > known.log_evidence):
+                self.fits[structure] = found
+
     def refuse(self, structure: Structure) -> None:
         """Remove a structure and its fit; it is not fitted again."""
         self._refused.add(structure)
@@ -185,7 +230,7 @@ class Selection:
         """
         if _change(fit, without) >= _MIN_CHANGE:
             return False
-        self._small_gains[name] = fit.log_evidence - without.log_evidence
+        self._other_gains[name] = fit.log_evidence - without.log_evidence
         return True
 
     def _fit_candidates(self) -> None:
@@ -262,7 +307,7 @@ class Selection:
             and effect.name not in self._instrument.absent
             and effect not in present
             and effect.offered(self._contexts)
-            and effect.parameters_for(self._contexts[self._drop])
+            and effect.parameters_for(self._contexts[self._drops[-1]])
             and not any(effect.conflicts_with(present_effect) for present_effect in present)
         ]
 
@@ -285,10 +330,10 @@ class Selection:
             len(coordinate.starts)
             for effect in effects
             if effect.name not in inherited
-            for coordinate in effect.coordinates(self._contexts[self._drop])
+            for coordinate in effect.coordinates(self._contexts[self._drops[-1]])
         ]
         models = [
-            PointModel(self._point, effects, [self._drop], declared, variant)
+            PointModel(self._point, effects, self._drops, declared, variant)
             for variant in range(max(starts, default=1))
         ]
         for model in models:
@@ -374,18 +419,30 @@ def _change(fit: Posterior, without: Posterior) -> float:
     return float(np.sqrt(np.mean(((fit.predictions[-1] - without.predictions[-1]) / peak) ** 2)))
 
 
-def _log_odds(effect: Effect) -> float:
-    return _LOG_ODDS - effect.min_gain
+def select(point: Point, instrument: InstrumentKnowledge) -> Selection:
+    """Fit structures to each of the last drops of a point, and the best of these to all drops.
 
-
-def select(point: Point, drop: int, instrument: InstrumentKnowledge) -> Selection:
-    """Fit structures to one drop of a point, and return them.
+    The drop before the last one is used if all drops together have a much larger discrepancy than
+    the last one, unless other points supply starting structures.
 
     Raises
     ------
     LinAlgError
         If not even the base model can be fitted.
     """
-    selection = Selection(point, drop, instrument)
-    selection.search()
-    return selection
+    last = len(point.drops) - 1
+    of_last = Selection(point, [last], instrument)
+    of_last.search()
+    if last == 0:
+        return of_last
+    result = Selection(point, range(last + 1), instrument)
+    result.adopt(of_last)
+    alone, together = (s.fits[s.best].discrepancy.scale for s in (of_last, result))
+    if together > max(SIMILAR_DISCREPANCY_RATIO * alone, EXPLAINED_TO) and not (
+        instrument.starting_structures
+    ):
+        of_previous = Selection(point, [last - 1], instrument)
+        of_previous.search()
+        result.adopt(of_previous)
+    result.reduce()
+    return result

@@ -15,7 +15,7 @@ import numpy as np
 from inversion.diagnosis.problem import Point
 from inversion.effects.base import DropContext, Effect, Values
 from inversion.effects.catalogue import BY_NAME, CATALOGUE
-from inversion.inference.point_model import STIFFNESS, PointModel
+from inversion.inference.point_model import PointModel
 from inversion.inference.posterior import PointFit, Posterior
 
 Structure = frozenset[str]
@@ -30,7 +30,7 @@ _BRIEF_ITERATIONS = 8
 
 @dataclass(frozen=True)
 class Ranking:
-    """Log evidence of the candidate structures of a point, minus `min_gain`.
+    """Log evidence of the candidate structures of a point.
 
     Parameters
     ----------
@@ -149,9 +149,8 @@ def fit_richest_first(
     evidence = ranking.evidence
     for structure in sorted(candidates, key=len, reverse=True):
         best = max(fits, key=lambda s: evidence[s], default=structure)
-        needed = min_gain(structure)
         bounds = {
-            richer: fit_of_richer.log_evidence + fit_of_richer.occam_factor(structure) - needed
+            richer: fit_of_richer.log_evidence + fit_of_richer.occam_factor(structure)
             for richer, fit_of_richer in fits.items()
             if structure < richer
         }
@@ -162,13 +161,8 @@ def fit_richest_first(
         fit_of_richer = fit(structure)
         if fit_of_richer is not None:
             fits[structure] = fit_of_richer
-            ranking.add(structure, fit_of_richer.log_evidence - needed)
+            ranking.add(structure, fit_of_richer.log_evidence)
     return ranking
-
-
-def min_gain(structure: Structure) -> float:
-    """Return the log evidence by which a structure must exceed others to be preferred."""
-    return sum(effect.min_gain for effect in effects_of(structure))
 
 
 def fit_drops(
@@ -177,11 +171,4 @@ def fit_drops(
     """Fit drops with the priors of the effects; the fit starts at one of the last drop."""
     model = PointModel(point, effects_of(structure, declared_effects), drops, declared_effects)
     last = fit_briefly(point, structure, drops[-1], declared_effects)
-    values = model.start.copy()
-    for place, unknown in enumerate(model.unknowns):
-        if unknown.drop is not None:
-            if unknown.name == STIFFNESS:
-                values[place] = model.starting_deviation(unknown.drop)
-        elif last is not None:
-            values[place] = last.by_key[unknown.key]
-    return PointFit(model, values).run()
+    return PointFit(model, None if last is None else model.start_from(last.by_key)).run()

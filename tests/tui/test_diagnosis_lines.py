@@ -198,7 +198,11 @@ def survey() -> list[DiagnosisResult]:
     points = []
     for number, (name, (verdict, misfit)) in enumerate(misfits.items()):
         after = replace(
-            state(50e6, 47e6, 53e6), residual_rms_over_peak=misfit, discrepancy_over_peak=misfit
+            state(50e6, 47e6, 53e6),
+            residual_rms_over_peak=misfit,
+            discrepancy_over_peak=misfit,
+            equivalent_modulus_pa=48e6,
+            equivalent_modulus_interval_pa=(45e6, 51e6),
         )
         base = replace(state(40e6, 20e6, 60e6), contact_residual_rms_over_peak=0.4)
         points.append(
@@ -216,8 +220,8 @@ def survey() -> list[DiagnosisResult]:
     return points
 
 
-def lines_of(points: list[DiagnosisResult]) -> list[str]:
-    return survey_lines(points, [modulus_in_force(point) for point in points])
+def lines_of(points: list[DiagnosisResult], width: int = 140) -> list[str]:
+    return survey_lines(points, [modulus_in_force(point) for point in points], width)
 
 
 def test_several_points_begin_with_a_table() -> None:
@@ -225,16 +229,27 @@ def test_several_points_begin_with_a_table() -> None:
     assert lines[0] == "3 points: 1 with a design value, 1 to use with care, 1 not to use"
     heading, *rows = [re.split(" {2,}", line) for line in lines[2:6]]
     assert heading == [
-        *("point", "E, MPa (95 %)", "at stress, kPa", "use", "misfit", "next drop", "found"),
-        "what to do",
+        *("point", "E, MPa (95 %)", "at stress, kPa", "equivalent, MPa", "use", "misfit"),
+        *("next drop", "found", "what to do"),
     ]
-    rock = "bedrock 1.55 m"
+    rock, equivalent = "bedrock 1.55 m", "48 (45 to 51)"
     assert rows == [
-        ["A", "50 (47 to 53)", "100", "design value", "0.4 %", "2 % off", rock, "use it"],
+        [
+            "A",
+            "50 (47 to 53)",
+            "100",
+            equivalent,
+            "design value",
+            "0.4 %",
+            "2 % off",
+            rock,
+            "use it",
+        ],
         [
             "B",
             "50 (47 to 53)",
             "100",
+            equivalent,
             "use with care",
             "2 %",
             "4 % off",
@@ -268,7 +283,7 @@ def test_below_the_table_stands_each_advice_once() -> None:
 
 def test_twelve_points_fit_one_screen() -> None:
     many = [replace(point, point=f"km {n}") for n, point in enumerate(4 * survey())]
-    lines = lines_of(many)
+    lines = lines_of(many, WIDTH)
     assert len(lines) < 40
     assert max(map(len, lines)) <= WIDTH
 

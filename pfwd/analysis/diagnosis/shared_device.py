@@ -17,8 +17,8 @@ from statistics import median
 from inversion.diagnosis import DeviceFindings, LeaveOut, PointDiagnosis
 from inversion.diagnosis.findings import EffectParameter, HeldOut, HeldOutPart, effect_result
 from inversion.effects import BY_NAME
-from inversion.inference.diagnose import EXPLAINED_TO
 from inversion.inference.instrument import InstrumentKnowledge, shared_effects
+from inversion.inference.selection import EXPLAINED_TO
 from inversion.notices import Notice, Value
 from inversion.records import known
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint

@@ -110,7 +110,7 @@ def high_passed(drop: SimulatedDrop, frequency: float) -> FloatArray:
 def test_a_high_pass_that_changes_less_than_the_model_errs_is_none(
     drop: SimulatedDrop, library: SurrogateLibrary
 ) -> None:
-    found = diagnose(drop, library, displacement=high_passed(drop, 0.3))
+    found = diagnose(drop, library, displacement=high_passed(drop, 0.2))
     assert found.verdict == "clean"
     assert found.after.modulus_pa == pytest.approx(MODULUS, rel=0.01)
 

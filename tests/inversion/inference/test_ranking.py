@@ -25,7 +25,6 @@ from inversion.inference.structures import (
     Structure,
     candidate_structures,
     fit_briefly,
-    min_gain,
     rank_structures,
 )
 from pfwd.analysis.diagnosis.entries import entries_of
@@ -74,7 +73,7 @@ def fit_all(point: Point, drop: int) -> dict[Structure, float]:
     """Return the log evidence of every candidate structure."""
     candidates = candidate_structures([model.context for model in point.drops])
     fits = {structure: fit_briefly(point, structure, drop, {}) for structure in candidates}
-    return {s: fit.log_evidence - min_gain(s) for s, fit in fits.items() if fit is not None}
+    return {s: fit.log_evidence for s, fit in fits.items() if fit is not None}
 
 
 def assert_same_choice(

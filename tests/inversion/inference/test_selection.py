@@ -36,7 +36,7 @@ class Toy(Selection):
     ) -> None:
         drops: Any = (SimpleNamespace(context=context(count=1)),)
         point: Any = SimpleNamespace(drops=drops)
-        super().__init__(point, 0, instrument)
+        super().__init__(point, [0], instrument)
         self._evidence = evidence
         self._discrepancy = SimpleNamespace(scale=discrepancy)
         self._changes = changes

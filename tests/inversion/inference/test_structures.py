@@ -14,6 +14,7 @@ from inversion.effects.catalogue import BY_NAME
 from inversion.forward.model import Instrument
 from inversion.inference.diagnose import fit_drops_of_selection
 from inversion.inference.instrument import choose_structure
+from inversion.inference.modulus import equivalent_modulus
 from inversion.inference.point_model import PointModel
 from inversion.inference.population import InstrumentKnowledge
 from inversion.inference.selection import Selection
@@ -24,7 +25,7 @@ from inversion.inference.structures import (
     effects_of,
     fit_briefly,
 )
-from simulators.drop import Hammer, simulate_drop
+from simulators.drop import Hammer, PrescribedLoad, simulate_drop
 from simulators.mesh import Ground, Plate
 
 RADIUS, MASS, STEP, BEFORE = 0.15, 12.0, 1e-4, 200
@@ -69,6 +70,28 @@ def test_rock_is_preferred_where_it_is(depth: float) -> None:
     assert gain > 10.0
     assert with_rock.by_key["bedrock", "depth", None] == pytest.approx(1.0 / depth, rel=0.02)
     assert with_rock.model.modulus(with_rock.values) == pytest.approx(MODULUS, rel=0.02)
+
+
+@pytest.mark.parametrize("depth", [0.35, DEPTH])
+def test_the_equivalent_half_space_deflects_as_much_in_finite_elements(depth: float) -> None:
+    records = point(depth)
+    fit = fit_briefly(Point(records, SurrogateLibrary()), ALWAYS | {"bedrock"}, 0, {})
+    assert fit is not None
+    modulus, deviation = equivalent_modulus(fit)
+    ground, _ = fit.model.ground_and_effects(fit.values, 0)
+    relaxation = ground.viscosity / ground.modulus
+    load = PrescribedLoad(records.records[0].time[BEFORE:], records.records[0].load[BEFORE:])
+
+    def peak(modulus: float, viscosity: float, density: float, depth: float) -> float:
+        simulated = Ground.uniform(modulus, viscosity, density, 0.35, depth)
+        drop = simulate_drop(simulated, Plate(RADIUS), load, duration=0.03, time_step=2e-4)
+        return float(drop.plate_displacement.max())
+
+    equivalent = math.exp(modulus)
+    half_space = peak(equivalent, equivalent * relaxation, ground.density, math.inf)
+    assert half_space == pytest.approx(peak(MODULUS, 5e4, 1900.0, depth), rel=0.005)
+    assert equivalent > 1.02 * MODULUS
+    assert 0.0 < deviation < 0.02
 
 
 def test_the_interval_of_the_modulus_holds_the_truth() -> None:
@@ -135,7 +158,7 @@ def test_a_structure_whose_fit_of_all_drops_is_implausible_is_not_reported(
 ) -> None:
     simulated = Point(point(DEPTH), SurrogateLibrary())
     known = InstrumentKnowledge(effects=ALWAYS, starting_structures=(frozenset({"bedrock"}),))
-    selection = Selection(simulated, 0, known)
+    selection = Selection(simulated, [0], known)
     for structure in (ALWAYS, ALWAYS | {"bedrock"}):
         assert selection._fit(structure) is not None
     assert selection.best == ALWAYS | {"bedrock"}
@@ -147,7 +170,7 @@ def test_a_structure_whose_fit_of_all_drops_is_implausible_is_not_reported(
     assert {effect.name for effect in fit.model.effects} == ALWAYS
     assert selection.best == ALWAYS
     # Without an alternative the last fit is returned.
-    alone = Selection(simulated, 0, known)
+    alone = Selection(simulated, [0], known)
     alone.fits[ALWAYS] = fit
     monkeypatch.setattr(type(BY_NAME["sensor_lag"]), "is_sound", lambda *_: False)
     assert fit_drops_of_selection(simulated, alone, known)[0].model.effects == fit.model.effects
