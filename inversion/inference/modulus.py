@@ -105,7 +105,7 @@ def equivalent_modulus(posterior: Posterior) -> tuple[float, float]:
             half_space(log_modulus, ground), [], [(half_space(log_modulus + _LOG_STEP, ground), [])]
         )
         slope = math.log(there / here) / _LOG_STEP
-        change = math.log(peaks[0] / here) / slope
+        change = float(np.clip(math.log(peaks[0] / here) / slope, -1.0, 1.0))
         log_modulus += change
         if abs(change) < _LOG_TOLERANCE:
             break

@@ -83,10 +83,14 @@ class Selection:
         self._refused: set[Structure] = set()
         self._unpromising: set[str] = set()
         self._other_gains: dict[str, float] = {}
+        self._postponed: Structure = frozenset()
 
     def score(self, structure: Structure) -> float:
-        """Return the log evidence of a structure plus its log prior odds; -inf: it has no fit."""
-        if structure not in self.fits:
+        """Return the log evidence of a structure plus its log prior odds.
+
+        The result is -inf if it has no fit, or has effects that are postponed.
+        """
+        if structure not in self.fits or structure & self._postponed:
             return -math.inf
         return self.fits[structure].log_evidence + self.log_odds(structure)
 
@@ -141,6 +145,10 @@ class Selection:
                 self._fit(base | {name})
             if self.fits[self.best].discrepancy.scale > _NEGLIGIBLE_DISCREPANCY:
                 self._fit_candidates()
+        # Growth with depth resembles effects of plate and sensor, which then would not be found.
+        self._postponed = _GROWTHS
+        self._climb()
+        self._postponed = frozenset()
         best = self._climb()
         if len(best) == 2:
             for name in sorted(best - base):
@@ -178,6 +186,8 @@ class Selection:
             best_of_ground.setdefault(structure & _GROUNDS, structure)
         for structure in [*best_of_ground.values()][:_MAX_STARTS]:
             self._refit(structure, of_drop.fits[structure])
+        if not self.fits:
+            return
         best = self.best
         limit = self.score(best) - _HOPELESS_EVIDENCE_LOSS
         for structure in [*self.fits]:
@@ -258,7 +268,7 @@ class Selection:
         structure : Structure
         without : names of grounds to skip
         """
-        for name in sorted(_SLOW_GROUNDS - self._instrument.absent - frozenset(without)):
+        for name in sorted(_GROUNDS - structure - self._instrument.absent - frozenset(without)):
             effect = BY_NAME[name]
             present = effects_of(structure, self._instrument.declared_effects)
             rivals = {
@@ -437,6 +447,8 @@ def select(point: Point, instrument: InstrumentKnowledge) -> Selection:
         return of_last
     result = Selection(point, range(last + 1), instrument)
     result.adopt(of_last)
+    if not result.fits:
+        return of_last
     alone, together = (s.fits[s.best].discrepancy.scale for s in (of_last, result))
     if together > max(SIMILAR_DISCREPANCY_RATIO * alone, EXPLAINED_TO) and not (
         instrument.starting_structures

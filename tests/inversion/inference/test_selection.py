@@ -116,6 +116,19 @@ def test_one_of_two_effects_is_exchanged() -> None:
     assert toy.best == {"sensor_lag", "baseline_drift"}
 
 
+def test_growth_with_depth_does_not_hide_the_effects_that_it_resembles() -> None:
+    values = {
+        frozenset({"modulus_gradient"}): 50.0,
+        frozenset({"bedrock"}): 40.0,
+        frozenset({"bedrock", "sensor_lag"}): 90.0,
+    }
+    toy = searched(lambda structure: values.get(structure, 0.0), discrepancy=1e-3)
+    assert toy.best == {"bedrock", "sensor_lag"}
+    values[frozenset({"modulus_gradient"})] = 100.0
+    growing = searched(lambda structure: values.get(structure, 0.0), discrepancy=1e-3)
+    assert growing.best == {"modulus_gradient"}
+
+
 def test_effects_of_the_instrument_stay_and_absent_ones_are_not_tried() -> None:
     lag: Structure = frozenset({"sensor_lag"})
     known = InstrumentKnowledge(effects=lag, absent=frozenset({"geophone_response"}))
