@@ -42,7 +42,7 @@ MAX_RESPONSE_TIME_S = 1.0
 """Longest time from a request to its response that the protocol allows, s."""
 LINK_DELAY_S = 0.3
 """Additional delay of a Bluetooth adapter, s."""
-RESPONSE_TIMEOUT_S = MAX_RESPONSE_TIME_S + LINK_DELAY_S
+LATEST_RESPONSE_S = MAX_RESPONSE_TIME_S + LINK_DELAY_S
 DROP_TIMEOUT_S = 15.0
 """Longest wait for a drop, s."""
 
@@ -103,7 +103,7 @@ def sample_blocks(
     return [message for message in messages if stream in (None, message.stream)]
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class StoredDrop:
     """Drop in the memory of the instrument under test."""
 
@@ -191,7 +191,7 @@ class InstrumentLink:
         return self.received[first:]
 
     def wait_for(
-        self, kind: type[Kind], seconds: float = RESPONSE_TIMEOUT_S, accept: Accept[Kind] = _any
+        self, kind: type[Kind], seconds: float = LATEST_RESPONSE_S, accept: Accept[Kind] = _any
     ) -> Kind | None:
         """Return the next message of a class for which `accept` is true; None after `seconds`."""
         end = time.monotonic() + seconds
@@ -226,7 +226,7 @@ class InstrumentLink:
             response = self.wait_for(kind, accept=accept)
             if response is not None:
                 return response
-        expected = f"{kind.__name__} within {MAX_RESPONSE_TIME_S:g} s s"
+        expected = f"{kind.__name__} within {MAX_RESPONSE_TIME_S:g} s"
         after = type(message).__name__
         raise Failed(f"expected {expected} after {after}, got {self.latest_kinds()}")
 
@@ -320,7 +320,7 @@ class InstrumentLink:
         offer, numbers = drop.offer, range(drop.offer.blocks)
         for _ in range(8):  # a link may damage some blocks each time
             if missing := [number for number in numbers if number not in drop.blocks]:
-                drop.blocks |= self.fetch(missing[0], offer.blocks - missing[0])
+                drop.blocks.update(self.fetch(missing[0], offer.blocks - missing[0]))
         if n_missing := offer.blocks - len(drop.blocks):
             expected = f"blocks 0 to {offer.blocks - 1}"
             raise Failed(f"expected {expected}, {n_missing} of them were not received")
@@ -349,7 +349,7 @@ class InstrumentLink:
 
     def latest_kinds(self) -> str:
         """Return the names of the messages received in the last 1.3 s, for an error text."""
-        since = time.monotonic() - RESPONSE_TIMEOUT_S
+        since = time.monotonic() - LATEST_RESPONSE_S
         kinds = [type(each.message).__name__ for each in self.received if each.at >= since]
         return ", ".join(dict.fromkeys(kinds)) or "nothing"
 
