@@ -104,8 +104,8 @@ def _write(file: Any, content: Survey) -> None:
 
 def _entry(item: SurveyPoint | SurveyDrop, **more: Any) -> dict[str, Any]:
     """Return the fields of a point or drop, with further values."""
-    references = ("drops", "source", "_origin")
-    return {f.name: getattr(item, f.name) for f in fields(item) if f.name not in references} | more
+    names = [f.name for f in fields(item) if f.name not in ("drops", "source") and f.repr]
+    return {name: getattr(item, name) for name in names} | more
 
 
 def _write_json(group: Any, name: str, content: Any) -> None:
