@@ -94,12 +94,13 @@ def assert_same_choice(
     assert set(ranked) == set(every)
     assert set(ranking.evidence) == set(fitted)
     assert len(fitted) < len(every)
-    best = max(every, key=lambda structure: every[structure])
+    # A short fit may end in another optimum in the other order of the fits; the better one counts.
+    reached = {s: max(value, ranking.evidence.get(s, -np.inf)) for s, value in every.items()}
+    best = max(reached, key=lambda structure: reached[structure])
     assert max(ranked, key=lambda structure: ranked[structure]) == best
     assert best in fitted
     for structure in fitted:
-        # A short fit may end in a better optimum than in the other order of the fits: on one
-        # processor that of a measured drop is 4.7 better. A worse one would be a wrong ranking.
+        # That of a measured drop is up to 31 better. A worse one would be a wrong ranking.
         assert ranking.evidence[structure] > every[structure] - 0.5
     return best
 
