@@ -148,8 +148,10 @@ def last_drop_error(
             is_same_ground=of_all.model.is_same_ground,
         )
         model.apply_priors(knowledge.priors(model))
-        of_point = {key: value for key, value in of_all.by_key.items() if key[2] is None}
-        fit = PointFit(model, model.start_from(of_point)).run_nearby(_MAX_REFIT_ITERATIONS)
+        # Deviations of the drops start at zero: from the ratios of their peaks the fit of two drops
+        # ends in optima that predict the next drop worse.
+        start = {k: 0.0 if k[2] is not None else value for k, value in of_all.by_key.items()}
+        fit = PointFit(model, model.start_from(start)).run_nearby(_MAX_REFIT_ITERATIONS)
         points = [*knowledge.peer_points, summarise(fit)]
         laws = [learn_next_drop(points, first=first) for first in (True, False)]
         predictors.append(DropPredictor(fit, *laws))
