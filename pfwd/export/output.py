@@ -156,8 +156,9 @@ def _locked_draft(target: Path) -> Iterator[Path]:
     draft = target.with_name(f"{target.name}.{secrets.token_hex(4)}.tmp")
     path = draft.with_suffix(".lock")
     lock = FileLock(path)
-    # On a disk without locks the draft has none, and `clear_leftovers` does not remove it, because
-    # it cannot lock it either. A disk that refuses every file is reported for the draft itself.
+    # On a disk without locks the draft has none (NotImplementedError in filelock 3, which is
+    # allowed), and `clear_leftovers` does not remove it, because it cannot lock it either. A disk
+    # that refuses every file (OSError) is reported for the draft itself.
     with contextlib.suppress(OSError, NotImplementedError):
         lock.acquire()
     try:
