@@ -276,7 +276,6 @@ def diagnose(
     Parameters
     ----------
     data : a drop, a point, points, a survey, several of these, or a path; or ``time, load, values``
-    quantity, offsets, header : as for `pfwd.invert`
     device : path of a TOML file that ``pfwd diagnose --write-device`` wrote, optional
         Known device effects, which are not fitted.
     jobs : int
@@ -287,6 +286,7 @@ def diagnose(
 
     Other Parameters
     ----------------
+    quantity, offsets, header : as for `pfwd.invert`
     elastic : True: a base model without dashpot, so that viscosity is an effect
     load : "measured" or "half-sine"
     plate_radius, plate_mass, poisson_ratio, density : declared values, m, kg, -, kg/m3

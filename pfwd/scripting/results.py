@@ -237,11 +237,11 @@ def invert(data: Any, /, *arrays: Any, **options: Any) -> Result | Results:
     ----------
     data : a drop, a point, points, a survey, several of these, or a path; or ``time, load, values``
         with ``quantity`` and ``offsets`` as for `pfwd.drop`
-    header : path of a TOML file, or its keys as a dict, optional
-        Overrides the declarations of the file; with a path only.
 
     Other Parameters
     ----------------
+    header : path of a TOML file, or its keys as a dict
+        Overrides the declarations of the file; with a path only.
     model : "layer" or "half-space"; default: the layer, unless the depth excludes it
     bedrock_depth : depth of the rigid base, m, or "unknown" or "none"; default: as declared
     layers : number of media with a modulus, the lowest included, 1 to 4, or "auto"; default: 1
