@@ -29,7 +29,7 @@ from inversion.measured.half_sine import HalfSineFit, fit_half_sine, fit_half_si
 from inversion.measured.peak_method import PeakModulus, peak_modulus
 from inversion.measured.record import PreparedDrop, Record, prepare
 from inversion.notices import Notice, Value
-from inversion.result import HalfSinePulse, InversionResult, TimeHistories
+from inversion.result import HalfSinePulse, InversionResult, TimeHistories, is_open
 from inversion.threads import single_threaded_blas
 
 Load = Literal["measured", "half-sine", "half-sine-equal-area"]
@@ -312,6 +312,7 @@ def _report(
     history = _histories(item, fit)
     # The bounds of homogeneous ground are near its peak modulus, so that it is always stated.
     is_stated = settings.homogeneous or estimate.is_modulus_known
+    equivalent, equivalent_interval = estimate.equivalent or (None, None)
     noise = (drop.noise[0], drop.quantisation[0], item.model_floor[0])
     result = InversionResult(
         method=settings.method,
@@ -319,6 +320,9 @@ def _report(
         modulus_pa=lowest.modulus_pa if is_stated else None,
         modulus_sd_pa=lowest.modulus_sd_pa if is_stated else None,
         modulus_interval_pa=lowest.modulus_interval_pa,
+        modulus_depth_m=estimate.modulus_depth,
+        equivalent_modulus_pa=None if is_open(equivalent_interval) else equivalent,
+        equivalent_modulus_interval_pa=equivalent_interval,
         viscosity_pa_s=lowest.viscosity_pa_s,
         viscosity_sd_pa_s=estimate.viscosity_deviation,
         density_kg_m3=lowest.density_kg_m3,

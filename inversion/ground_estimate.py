@@ -14,15 +14,15 @@ from functools import lru_cache
 import numpy as np
 
 from inversion.arrays import FloatArray
+from inversion.fitting.equivalent_modulus import equivalent_modulus
 from inversion.fitting.ground_fit import GroundFit
 from inversion.fitting.parameters import ParameterSpace, Quantity
 from inversion.fitting.uncertainty import NORMAL_95, Uncertainty, estimate_uncertainty
 from inversion.forward.layered import LayeredGround, LayeredPlateModel, Medium
 from inversion.forward.layered.statics import effective_depth, effective_modulus
 from inversion.notices import Notice
-from inversion.result import OPEN_FACTOR, LayerResult
-
-Interval = tuple[float, float]
+from inversion.records import DepthRange, Interval, known
+from inversion.result import LayerResult, is_open
 
 # Step, as a fraction of a parameter's range, in the derivatives of the effective modulus.
 _UNIT_STEP = 1e-4
@@ -54,6 +54,8 @@ class GroundEstimate:
     uncertainty : Uncertainty
     layers : tuple of LayerResult, from the top
     effective : EffectiveModulus
+    equivalent : (float, (float, float)) or None, Pa, equivalent modulus with its 95 % interval;
+        None: no sensor is on the plate
     bedrock_depth : float, m, or None: no bedrock in the model
     solves : int, number of evaluations of the model, in all fits that were compared
     remarks : tuple of Notice
@@ -63,6 +65,7 @@ class GroundEstimate:
     uncertainty: Uncertainty
     layers: tuple[LayerResult, ...]
     effective: EffectiveModulus
+    equivalent: tuple[float, Interval] | None
     bedrock_depth: float | None
     solves: int
     remarks: tuple[Notice, ...] = ()
@@ -80,8 +83,13 @@ class GroundEstimate:
     @property
     def is_modulus_known(self) -> bool:
         """True if the lowest layer's 95 % interval spans less than a factor of ten."""
-        low, high = interval_of(self.lowest)
-        return high <= OPEN_FACTOR * low
+        return not is_open(self.lowest.modulus_interval_pa)
+
+    @property
+    def modulus_depth(self) -> DepthRange:
+        """Depths between which the lowest layer's modulus holds, m; to None: any depth below."""
+        top = sum((known(layer.thickness_m) for layer in self.layers[:-1]), 0.0)
+        return top, self.bedrock_depth
 
     @property
     def depth_deviation(self) -> float | None:
@@ -170,6 +178,7 @@ def estimate_ground(
         uncertainty,
         layers,
         effective,
+        equivalent_modulus(fit, uncertainty),
         ground.rock_depth if ground.rock else None,
         fit.solves,
     )
@@ -259,7 +268,6 @@ def _layered_effective(
         moved[column] += step
         moved_value = effective_modulus(plate, plate_radius, ground_at(space, moved))
         slopes[column] = math.log(moved_value / value) / step
-    covariance = uncertainty.correlation * np.outer(uncertainty.spread, uncertainty.spread)
-    reach = NORMAL_95 * math.sqrt(max(0.0, float(slopes @ covariance @ slopes)))
+    reach = NORMAL_95 * math.sqrt(max(0.0, float(slopes @ uncertainty.covariance @ slopes)))
     interval = (value * math.exp(-reach), value * math.exp(reach))
     return EffectiveModulus(value, interval, effective_depth(plate, plate_radius, ground))

@@ -30,7 +30,7 @@ from inversion.fitting.parameters import ParameterSpace
 from inversion.forward.layered import LayeredPlateModel
 from inversion.ground_estimate import GroundEstimate, estimate_ground, interval_of
 from inversion.notices import Notice, Value
-from inversion.result import OPEN_FACTOR
+from inversion.result import is_open
 
 # Two media fit as well as one if their mean square residual is at most this multiple of that of
 # one.
@@ -144,10 +144,14 @@ def _widened_by_layers(estimate: GroundEstimate, layered: GroundEstimate) -> Gro
 
     interval = union(interval_of(estimate.lowest), interval_of(layered.lowest))
     effective = union(estimate.effective.interval, layered.effective.interval)
+    equivalent = estimate.equivalent
+    if equivalent and layered.equivalent:
+        equivalent = equivalent[0], union(equivalent[1], layered.equivalent[1])
     return replace(
         estimate,
         layers=(replace(estimate.lowest, modulus_interval_pa=interval),),
         effective=replace(estimate.effective, interval=effective),
+        equivalent=equivalent,
         remarks=(*estimate.remarks, Notice("layers-need-sensors")),
         solves=layered.solves,
     )
@@ -264,9 +268,8 @@ def _remarks(estimate: GroundEstimate, candidates: tuple[Candidate, ...]) -> tup
         }
         remarks.append(Notice("subgrade-modulus-unknown", values))
     for number, layer in enumerate(estimate.layers[:-1], 1):
-        low, high = interval_of(layer)
-        if high > OPEN_FACTOR * low:
-            values = {"layer": number, "modulus_interval_pa": (low, high)}
+        if is_open(layer.modulus_interval_pa):
+            values = {"layer": number, "modulus_interval_pa": interval_of(layer)}
             remarks.append(Notice("layer-modulus-unknown", values))
     media = len(estimate.layers)
     if estimate.fit.misfit.sensors.size == 1 and media > 1:

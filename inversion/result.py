@@ -6,11 +6,12 @@ computed. JSON, tables, workbooks, Python and reports take it from the field.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from inversion.notices import Notice
-from inversion.records import Interval, JsonRecord, not_stored, quantity
+from inversion.records import DepthRange, Interval, JsonRecord, not_stored, quantity
 
 if TYPE_CHECKING:
     # A result is read and shown without loading what computed it.
@@ -19,8 +20,14 @@ if TYPE_CHECKING:
 
     FloatArray = NDArray[np.float64]
 
-OPEN_FACTOR = 10.0
-"""Ratio of the upper to the lower end of a 95 % interval from which the value counts as unknown."""
+# Ratio of the upper to the lower end of a 95 % interval above which the value counts as unknown.
+_OPEN_FACTOR = 10.0
+
+
+def is_open(interval: Interval | None) -> bool:
+    """Return whether a 95 % interval leaves a modulus open: a ratio of more than 10."""
+    low, high = interval or (0.0, 0.0)
+    return all(map(math.isfinite, (low, high))) and high > _OPEN_FACTOR * low
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,10 +84,7 @@ class LayerResult(JsonRecord):
         >>> LayerResult(modulus_pa=9e7, modulus_interval_pa=(4e7, 4.1e8)).modulus_known
         False
         """
-        if self.modulus_pa is None:
-            return False
-        low, high = self.modulus_interval_pa or (1.0, 1.0)
-        return high <= OPEN_FACTOR * low
+        return self.modulus_pa is not None and not is_open(self.modulus_interval_pa)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -218,6 +222,17 @@ class InversionResult(JsonRecord):
         "Duration of the analysis without the start of the program", "s", column=None
     )
     seed: int | None = quantity("Random seed of the search", column="established")
+    equivalent_modulus_pa: float | None = quantity(
+        "Modulus of the half-space that deflects as much under the plate; none: no sensor on the "
+        "plate, or the interval leaves it open",
+        "Pa",
+    )
+    equivalent_modulus_interval_pa: Interval | None = quantity(
+        "95 % interval of the equivalent modulus", "Pa"
+    )
+    modulus_depth_m: DepthRange | None = quantity(
+        "Depths between which the modulus holds; the lower one none: half-space", "m"
+    )
     warnings: tuple[Notice, ...] | None = quantity(
         "Remarks on the result; none: the record does not say", column="established"
     )

@@ -30,8 +30,8 @@ def point_lines(results: Sequence[DropResult]) -> list[str]:
     Returns
     -------
     list of str
-        For each setting of the fit a table of ground properties and one of pulse and fit, then
-        rejected drops and warnings. The tables fit into 80 columns.
+        For each setting of the fit tables of moduli, of damping and density, and of pulse and fit,
+        then rejected drops and warnings. The tables fit into 80 columns.
     """
     lines = []
     inverted = [result for result in results if not _is_rejected(result)]
@@ -39,6 +39,7 @@ def point_lines(results: Sequence[DropResult]) -> list[str]:
         rows = list(group)
         lines += [f"  {line}" for line in settings]
         lines += _table(_GROUND, rows)
+        lines += _table(_DAMPING, [row for row in rows if not _is_layered(row)])
         lines += layer_lines(rows)
         lines += _table(_PULSE, rows)
         lines += _search_lines(rows)
@@ -53,6 +54,10 @@ def point_lines(results: Sequence[DropResult]) -> list[str]:
 
 def _is_rejected(result: DropResult) -> bool:
     return result.status == "rejected"
+
+
+def _is_layered(result: DropResult) -> bool:
+    return result.layers is not None and len(result.layers) > 1
 
 
 def settings_lines(
@@ -85,7 +90,7 @@ def word(words: Mapping[str, str], value: str | None) -> str:
 def layer_lines(rows: Iterable[DropResult]) -> list[str]:
     """Return a table of the layers of drops with several layers, and one modulus for all layers."""
     lines = []
-    layered = [row for row in rows if row.layers is not None and len(row.layers) > 1]
+    layered = [row for row in rows if _is_layered(row)]
     layers = [(row, number) for row in layered for number in range(len(row.layers or ()))]
     if layers:
         cells = [list(_LAYER), *([show(*item) for show in _LAYER.values()] for item in layers)]
@@ -132,7 +137,8 @@ def _message_lines(
 def _table(
     columns: Mapping[str, Callable[[DropResult], str]], rows: Sequence[DropResult]
 ) -> list[str]:
-    return aligned([list(columns), *([show(row) for show in columns.values()] for row in rows)])
+    cells = [[show(row) for show in columns.values()] for row in rows]
+    return aligned([list(columns), *cells]) if cells else []
 
 
 def aligned(cells: Sequence[Sequence[str]], text_columns: Collection[int] = ()) -> list[str]:
@@ -187,6 +193,14 @@ def _with_deviation(key: str, unit: str, scale: float = 1.0) -> Callable[[DropRe
 def modulus_and_ends(result: DropResult) -> tuple[str, str]:
     """Return the modulus and its 95 % interval as texts in MPa."""
     return value_and_ends(result.modulus_pa, result.modulus_interval_pa, 1e6)
+
+
+def equivalent_modulus(result: DropResult) -> str:
+    """Return the equivalent modulus with its 95 % interval as text in MPa."""
+    value, interval = value_and_ends(
+        result.equivalent_modulus_pa, result.equivalent_modulus_interval_pa, 1e6
+    )
+    return value if interval == NO_VALUE else f"{value} ({interval})"
 
 
 def value_and_ends(
@@ -276,9 +290,13 @@ _GROUND: dict[str, Callable[[DropResult], str]] = {
     "drop": lambda result: _text(result.drop),
     "E MPa": _modulus,
     "95 % MPa": _interval,
+    "equivalent MPa": equivalent_modulus,
+    "bedrock m": bedrock_depth,
+}
+_DAMPING: dict[str, Callable[[DropResult], str]] = {
+    "drop": lambda result: _text(result.drop),
     "η kPa s": _with_deviation("viscosity", "pa_s", 1e3),
     "ρ kg/m³": _with_deviation("density", "kg_m3"),
-    "bedrock m": bedrock_depth,
 }
 _LAYER: dict[str, Callable[[DropResult, int], str]] = {
     "drop": lambda result, number: _text(result.drop),
@@ -343,8 +361,10 @@ def drop_line(point: str, number: int, result: DropResult) -> str:
     status = _text(result.status)
     if modulus is None:
         return f"{name}  {status}" + (f": {clean(result.reason)}" if result.reason else "")
+    equivalent = equivalent_modulus(result)
     parts = [
         f"{name}  E {_modulus(result)} MPa ({_interval(result)})",
+        *([] if equivalent == NO_VALUE else [f"equivalent {equivalent} MPa"]),
         f"{word(MODEL_WORDS, result.model)}, {word(PLATE_WORDS, result.plate)} "
         f"{_fixed(_finite(result.plate_radius_m), 3)} m, "
         f"ν {_short(_finite(result.poisson_ratio))}",

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from inversion.notices import Notice
 from inversion.records import DepthRange, Interval, JsonRecord, known, not_stored, quantity
+from inversion.result import is_open
 
 if TYPE_CHECKING:
     # A stored diagnosis is read and shown without loading what found it.
@@ -26,8 +27,6 @@ MAX_UNEXPLAINED_SHARE = 0.5
 # Relative error (95 %) of a modulus due to calibration, which no record can show: gain errors of
 # load cell and sensors, each of the 2 % that ASTM D4694 allows.
 CALIBRATION = 0.028
-# Ratio of the ends of a 95 % interval above which the modulus counts as undetermined.
-MAX_INTERVAL_RATIO = 10.0
 DeviceValues = dict[str, dict[str, float]]
 CHOICE_OF_EFFECTS = "choice of effects"
 """Entry in the list of what was fitted to held-out data, if these were used to choose the
@@ -195,12 +194,6 @@ class FittedState(JsonRecord):
     def is_undetermined(self) -> bool:
         """True if the 95 % interval is too wide to determine a modulus."""
         return is_open(self.modulus_interval_pa)
-
-
-def is_open(interval: Interval | None) -> bool:
-    """Return whether a 95 % interval leaves a modulus open: a ratio of more than 10."""
-    low, high = interval or (0.0, 0.0)
-    return all(map(math.isfinite, (low, high))) and high > MAX_INTERVAL_RATIO * low
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

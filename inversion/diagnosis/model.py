@@ -27,6 +27,7 @@ from inversion.diagnosis.flat_tops import (
 from inversion.diagnosis.ground_response import GroundResponse
 from inversion.diagnosis.rest import PreTriggerNoise, estimate_pre_trigger_noise
 from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
+from inversion.fitting.equivalent_modulus import MAX_PEAK_TIME, largest_deflections
 from inversion.fitting.layer_starts import LayerStarts
 from inversion.fitting.misfit import model_floor
 from inversion.forward.laplace import DampedTransform, band_of_load
@@ -53,8 +54,6 @@ _MAX_CACHED = 24
 _AT_REST_S = 1e-3
 # Fits begin with this sample: the first one is zero by construction.
 FROM_SAMPLE = 1
-# Latest time of the peak deflection, in contact times.
-_MAX_PEAK_TIME = 1.3
 # Smallest upward motion that counts as a rebound, as a fraction of the largest deflection and as a
 # multiple of the noise.
 _MIN_REBOUND, _MIN_REBOUND_OVER_NOISE = 0.01, 3.0
@@ -392,9 +391,9 @@ class DropModel:
             for g, effects in ((ground, active), *moved)
         )
         motions, places = self._motions_nearby(*start, near, _changed(start[1], near))
-        contact = self.context.time <= _MAX_PEAK_TIME * self.context.contact_end
+        contact = self.context.time <= MAX_PEAK_TIME * self.context.contact_end
         rows = motions[:, self._plate, contact]
-        return _largest(rows)[[0, *places]]
+        return largest_deflections(rows)[[0, *places]]
 
     def _motions_nearby(
         self,
@@ -608,7 +607,7 @@ class DropModel:
     def peak_in_contact(self) -> float:
         """Largest deflection of the innermost sensor up to 1.3 contact times, m."""
         row = self.observed[int(np.argmin(self.context.offsets))]
-        return float(row[self.context.time <= _MAX_PEAK_TIME * self.context.contact_end].max())
+        return float(row[self.context.time <= MAX_PEAK_TIME * self.context.contact_end].max())
 
     def noise_covariance(self, sensor: int, floor: float) -> FloatArray:
         """Return the covariance of the noise of a sensor at the fitted samples, m2.
@@ -679,16 +678,6 @@ def _changed(active: Active, moved: Sequence[tuple[Ground, Active]]) -> list[lis
         ]
         for _, moved_effects in moved
     ]
-
-
-def _largest(rows: FloatArray) -> FloatArray:
-    """Return the largest value of each row (m, n), of a parabola through three samples."""
-    top = np.clip(np.argmax(rows, axis=1), 1, rows.shape[1] - 2)
-    before, peak, after = (rows[np.arange(top.size), top + step] for step in (-1, 0, 1))
-    bend = before - 2.0 * peak + after
-    shift = np.where(bend < 0.0, 0.5 * (before - after) / np.minimum(bend, -1e-300), 0.0)
-    result: FloatArray = peak - 0.25 * (before - after) * np.clip(shift, -1.0, 1.0)
-    return result
 
 
 def _parts(compliances: ComplexArray) -> FloatArray:

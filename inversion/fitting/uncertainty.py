@@ -68,6 +68,11 @@ class Uncertainty:
     open_ends: tuple[tuple[bool, bool], ...]
     depth_unique: bool
 
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance (d, d) of the unit values, of all parts together."""
+        return np.asarray(self.correlation * np.outer(self.spread, self.spread))
+
 
 def estimate_uncertainty(fit: GroundFit) -> Uncertainty:
     """Return the uncertainty of the best ground of a fit."""

@@ -21,7 +21,6 @@ from inversion.diagnosis.findings import (
     HeldOut,
     PointDiagnosis,
     Verdict,
-    is_open,
 )
 from inversion.diagnosis.model import DropModel, PointRecords
 from inversion.diagnosis.problem import Point
@@ -59,6 +58,7 @@ from inversion.measured.bad_sensors import (
 )
 from inversion.notices import Notice, Value
 from inversion.records import Interval, known
+from inversion.result import is_open
 from inversion.threads import single_threaded_blas
 
 # Contact pressure at which moduli of different drops are compared, Pa.

@@ -6,7 +6,7 @@ from functools import cache
 from typing import Any, Literal, NamedTuple, get_args, get_type_hints
 
 from inversion.notices import Notice
-from inversion.records import Interval, JsonRecord, TableColumn, stored_fields
+from inversion.records import DepthRange, Interval, JsonRecord, TableColumn, stored_fields
 from inversion.result import HalfSinePulse, InversionResult, LayerResult
 from pfwd.analysis.options import MOST_LAYERS
 
@@ -35,6 +35,10 @@ _KINDS: Mapping[Any, Kind] = {
     tuple[str, ...] | None: "texts",
     tuple[Notice, ...] | None: "texts",
 }
+_ENDS: Mapping[Any, tuple[str, str]] = {
+    Interval | None: ("low", "high"),
+    DepthRange | None: ("from", "to"),
+}
 
 
 @cache
@@ -61,9 +65,9 @@ def _columns_of(
         meaning = ", ".join(part for part in parts if part)
         if hint in _KINDS:
             yield ResultColumn(name, _KINDS[hint], meaning)
-        elif hint == Interval | None:
-            for end in ("low", "high"):
-                yield ResultColumn(_end_of(name, end), "number", meaning)
+        elif hint in _ENDS:
+            for column in _ends_of(name, hint):
+                yield ResultColumn(column, "number", meaning)
         elif HalfSinePulse in get_args(hint):
             yield from _columns_of(HalfSinePulse, "established", f"{name}_")
         else:
@@ -85,23 +89,24 @@ def _in_table_order(record: type[JsonRecord]) -> list[Field[Any]]:
     return list(ordered.values())
 
 
-def _end_of(name: str, end: str) -> str:
-    """Return the name of the column for one end of an interval.
+def _ends_of(name: str, hint: Any) -> tuple[str, str]:
+    """Return the names of the columns for the ends of an interval or a range of depths.
 
-    The unit stays at the end of the name.
+    The unit stays at the end of the name, also one of two parts.
     """
-    quantity, _, unit = name.rpartition("_interval_")
-    return f"{quantity}_interval_{end}_{unit}"
+    quantity, separator, unit = name.rpartition("_interval_")
+    if not separator:
+        quantity, separator, unit = name.rpartition("_")
+    first, last = (f"{quantity}{separator}{end}_{unit}" for end in _ENDS[hint])
+    return first, last
 
 
 @cache
 def _interval_columns(record: Any, prefix: str = "") -> tuple[tuple[str, ...], ...]:
     """Return field, column of the lower and of the upper end for each interval."""
     hints = get_type_hints(record)
-    names = [f.name for f in stored_fields(record) if hints[f.name] == Interval | None]
-    return tuple(
-        (name, _end_of(prefix + name, "low"), _end_of(prefix + name, "high")) for name in names
-    )
+    names = [f.name for f in stored_fields(record) if hints[f.name] in _ENDS]
+    return tuple((name, *_ends_of(prefix + name, hints[name])) for name in names)
 
 
 @cache

@@ -392,7 +392,10 @@ class DropResult(InversionResult, StoredRecord):
         return pressure * math.pi * self.plate_radius_m**2
 
 
-_GROUND_FIELDS = ("modulus_", "viscosity_", "density_", "bedrock_depth_", "layers", "effective_")
+_GROUND_FIELDS = (
+    *("modulus_", "viscosity_", "density_", "bedrock_depth_", "layers", "effective_"),
+    "equivalent_",
+)
 """Beginnings of the names of the fields of `DropResult` that a fit determines."""
 
 

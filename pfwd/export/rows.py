@@ -441,7 +441,7 @@ _CONVERTERS: Mapping[Kind, Callable[[Any], Any]] = {
 }
 """Functions that convert a value of a result to the type of its column."""
 
-_WITHHELD = [column.name for column in result_columns("layers")]
+_WITHHELD = [c.name for part in ("layers", "last") for c in result_columns(part)]
 
 
 _EMPTY_POINT: Mapping[str, Any] = dict.fromkeys(column.name for column in POINT_COLUMNS)

@@ -26,6 +26,8 @@ RESULT = DropResult.from_json(
         "bedrock_depth_m": 0.7021,
         "bedrock_depth_sd_m": 0.0041,
         "modulus_interval_pa": [34.2e6, 35.9e6],
+        "equivalent_modulus_pa": 36.04e6,
+        "equivalent_modulus_interval_pa": [35.3e6, 36.8e6],
         "bedrock_depth_interval_m": [0.64, 0.76],
         "explained": True,
         "poisson_ratio": 0.35,
@@ -45,6 +47,7 @@ RESULT = DropResult.from_json(
         "warnings": ["plate_mass_kg is not declared: taken as 0"],
     }
 )
+NO_EQUIVALENT = {"equivalent_modulus_pa": None, "equivalent_modulus_interval_pa": None}
 REJECTED = DropResult.from_json(
     {
         "file": "point.csv",
@@ -132,7 +135,7 @@ def test_what_is_left_of_the_record_blurs_what_the_fit_found() -> None:
 def test_tables_fit_80_columns() -> None:
     wide = replace(RESULT, modulus_pa=135.1e6, viscosity_pa_s=120e3, drop=10)
     lines = result_lines([RESULT, replace(wide, converged=False)])
-    assert max(map(len, lines[3:9])) <= 80
+    assert max(map(len, lines[3:12])) <= 80
 
 
 def test_a_failed_search_is_told() -> None:
@@ -177,6 +180,14 @@ def test_the_method_that_ran_is_shown() -> None:
     published = replace(RESULT, method="published")
     assert "  soil on bedrock; measured load; published method, seed 0" in result_lines([published])
     assert "  published" in drop_line("A", 1, published)
+
+
+def test_the_line_of_a_drop_has_both_moduli() -> None:
+    line = drop_line("A", 1, RESULT)
+    assert line.startswith(
+        "A/1  E 35.1 MPa (34.2 to 35.9)  equivalent 36.0 (35.3 to 36.8) MPa  soil"
+    )
+    assert "equivalent" not in drop_line("A", 1, replace(RESULT, **NO_EQUIVALENT))
 
 
 # --- layers --------------------------------------------------------------------------------------

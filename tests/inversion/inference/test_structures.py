@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from inversion import Record, Sensor, SurrogateLibrary
+from inversion import Record, Sensor, SurrogateLibrary, invert
 from inversion.diagnosis import PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.effects.catalogue import BY_NAME
@@ -92,6 +92,9 @@ def test_the_equivalent_half_space_deflects_as_much_in_finite_elements(depth: fl
     assert half_space == pytest.approx(peak(MODULUS, 5e4, 1900.0, depth), rel=0.005)
     assert equivalent > 1.02 * MODULUS
     assert 0.0 < deviation < 0.02
+    inverted = invert(records.records[0])
+    assert inverted.equivalent_modulus_pa == pytest.approx(equivalent, rel=0.005)
+    assert inverted.modulus_depth_m == (0.0, inverted.bedrock_depth_m)
 
 
 def test_the_interval_of_the_modulus_holds_the_truth() -> None:

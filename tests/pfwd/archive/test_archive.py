@@ -57,7 +57,8 @@ def test_what_plain_inverting_says_has_a_column(
     # Intervals and the half-sine stand in several columns; these, which tell of the fit and not of
     # the ground, in none.
     parted = {"modulus_interval_pa", "bedrock_depth_interval_m", "half_sine"}
-    parted |= {"effective_modulus_interval_pa"}
+    parted |= {"effective_modulus_interval_pa", "equivalent_modulus_interval_pa"}
+    parted |= {"modulus_depth_m"}
     without = {"half_sine_equal_area", "contact_end_s", "window_end_s", "facts"}
     # What a run was asked, and by what, is told once for all of its rows.
     without |= {"question", "software", "settings", "priors"}
