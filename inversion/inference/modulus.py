@@ -39,7 +39,7 @@ def depth_range(ground: Ground) -> tuple[float, float | None]:
 
     Where the modulus grows with depth, that of the ground is the effective one of all depths.
     """
-    top = sum(medium.thickness for medium in ground.above)
+    top = sum((medium.thickness for medium in ground.above), 0.0)
     return top, 1.0 / ground.inverse_depth if ground.inverse_depth > 0.0 else None
 
 

@@ -339,6 +339,9 @@ def with_modulus(
             record_fault=fault,
             modulus=None,
             modulus_interval=None,
+            equivalent_modulus=None,
+            equivalent_interval=None,
+            modulus_depth=None,
             residual=None,
             fit_fault=None,
         )
@@ -347,6 +350,9 @@ def with_modulus(
         record_fault=fault,
         modulus=result.modulus_pa,
         modulus_interval=result.modulus_interval_pa,
+        equivalent_modulus=result.equivalent_modulus_pa,
+        equivalent_interval=result.equivalent_modulus_interval_pa,
+        modulus_depth=result.modulus_depth_m,
         residual=result.contact_residual_rms_over_peak,
         fit_fault=fault or fit_fault(result),
     )

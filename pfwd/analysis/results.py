@@ -16,7 +16,7 @@ from inversion.diagnosis.findings import HeldOut as HeldOut
 from inversion.diagnosis.findings import HeldOutPart as HeldOutPart
 from inversion.errors import RecordFormatError
 from inversion.notices import Notice, invalidating
-from inversion.records import JsonRecord
+from inversion.records import Interval, JsonRecord
 from inversion.result import HalfSinePulse as HalfSinePulse
 from inversion.result import InversionResult
 from inversion.result import LayerResult as LayerResult
@@ -125,7 +125,7 @@ class DiagnosisResult(StoredRecord):
     stored: bool | None = None
     """True: the result comes from the survey; None: it was computed now."""
 
-    DERIVED: ClassVar[tuple[str, ...]] = ("use", "use_reason", "explained_to")
+    DERIVED: ClassVar[tuple[str, ...]] = ("use", "use_reason", "equivalent_use", "explained_to")
     """Keys of the JSON that follow from the others; they are written, and ignored when a file is
     read."""
 
@@ -155,22 +155,39 @@ class DiagnosisResult(StoredRecord):
     @property
     def use(self) -> Use:
         """Permitted use of the modulus: "design", "with-care" or "do-not-use"."""
-        return self._assess_use().use
+        return self._assess_modulus().use
 
     @property
     def use_reason(self) -> str:
         """Reason for `use`, in one sentence."""
-        return self._assess_use().reason
+        return self._assess_modulus().reason
+
+    @property
+    def equivalent_use(self) -> Use | None:
+        """Permitted use of the equivalent modulus; None: as `use`, or there is none."""
+        after = self.after
+        if after is None or after.equivalent_modulus_interval_pa is None:
+            return None
+        use = self._assess_use(
+            after.equivalent_modulus_pa, after.equivalent_modulus_interval_pa
+        ).use
+        return None if use == self.use else use
 
     @property
     def remedy(self) -> str:
         """Advice for a new measurement if the modulus is not to be used; else empty."""
-        return self._assess_use().remedy
+        return self._assess_modulus().remedy
 
-    def _assess_use(self) -> _UseAssessment:
-        after, explained_to = self.after, self.explained_to
-        ends = None if after is None else after.modulus_interval_pa
-        value = None if after is None else after.modulus_pa
+    def _assess_modulus(self) -> _UseAssessment:
+        after = self.after
+        return self._assess_use(
+            None if after is None else after.modulus_pa,
+            None if after is None else after.modulus_interval_pa,
+        )
+
+    def _assess_use(self, value: float | None, ends: Interval | None) -> _UseAssessment:
+        """Return the use that the diagnosis permits for a modulus, Pa, with its interval."""
+        explained_to = self.explained_to
         if value is None or ends is None or explained_to is None or not 0.0 < value < math.inf:
             reason = "the diagnosis leaves the modulus open"
             return _UseAssessment("do-not-use", reason, self._remedy(_REMEDY_OPEN))

@@ -127,6 +127,9 @@ DIAGNOSIS_COLUMNS: tuple[tuple[str, Kind], ...] = (
     ("effects", "texts"),
     ("rejected", "texts"),
     ("warnings", "texts"),
+    ("equivalent_modulus_pa", "number"),
+    ("equivalent_modulus_interval_low_pa", "number"),
+    ("equivalent_modulus_interval_high_pa", "number"),
 )
 """Name and type of each column of the table ``diagnoses``, a row for each point. Names with
 ``before_`` hold values of the base model, without effects."""
@@ -168,8 +171,9 @@ def diagnosis_row(result: DiagnosisResult, digest: str) -> dict[str, Any]:
     flat |= {f"before_{key}": value for key, value in (flat.get("before") or {}).items()}
     flat |= {f"held_out_{key}": value for key, value in (flat.get("held_out") or {}).items()}
     flat |= flat.get("after") or {}
-    ends = flat.get("modulus_interval_pa") or (None, None)
-    flat["modulus_interval_low_pa"], flat["modulus_interval_high_pa"] = ends
+    for name in ("modulus", "equivalent_modulus"):
+        ends = flat.get(f"{name}_interval_pa") or (None, None)
+        flat[f"{name}_interval_low_pa"], flat[f"{name}_interval_high_pa"] = ends
     flat["effects"] = [str(effect.name) for effect in result.effects or ()]
     return {name: _cell(flat.get(name), kind) for name, kind in DIAGNOSIS_COLUMNS}
 

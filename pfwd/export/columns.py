@@ -98,6 +98,16 @@ POINT_COLUMNS = (
     ResultColumn("photos", "text", "paths of photos within the survey; empty: none"),
     ResultColumn("use", "text", "use of the diagnosed modulus: design, with-care or do-not-use"),
     ResultColumn("use_reason", "text", "reason for that use, one sentence; empty: not diagnosed"),
+    ResultColumn(
+        "equivalent_modulus_pa",
+        "number",
+        "half-space that deflects as much under the plate, Pa; source: modulus_source",
+    ),
+    ResultColumn("equivalent_modulus_interval_low_pa", "number", "lower end of its interval, Pa"),
+    ResultColumn("equivalent_modulus_interval_high_pa", "number", "upper end of its interval, Pa"),
+    ResultColumn("modulus_depth_from_m", "number", "depths of modulus_in_force_pa, from, m"),
+    ResultColumn("modulus_depth_to_m", "number", "to, m; empty: a half-space"),
+    ResultColumn("equivalent_use", "text", "use of the equivalent modulus; empty: as use"),
 )
 """Columns of the table of points, in their order, and properties of a point in every other format.
 """

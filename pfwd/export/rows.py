@@ -510,6 +510,7 @@ def judged_values(point: PointView) -> dict[str, Any]:
         **_use_values(progress, diagnosis),
         **_modulus_values("modulus", fitted),
         **_modulus_values("modulus_in_force", in_force),
+        **_equivalent_values(in_force),
         "modulus_source": None if in_force is None else in_force.source,
         "modulus_not_supported": progress.withheld if fitted is None else fitted.not_supported,
     }
@@ -521,12 +522,26 @@ def _use_values(progress: PointProgress, diagnosis: DiagnosisResult | None) -> d
     If the records of the point do not support it, that is "do-not-use".
     """
     if diagnosis is None:
-        return {"use": None, "use_reason": None}
+        return {"use": None, "use_reason": None, "equivalent_use": None}
     modulus = progress.modulus
     fault = None if modulus is None else modulus.not_supported
     if diagnosis.use != "do-not-use" and fault is not None:
-        return {"use": "do-not-use", "use_reason": fault}
-    return {"use": diagnosis.use, "use_reason": diagnosis.use_reason}
+        return {"use": "do-not-use", "use_reason": fault, "equivalent_use": None}
+    return {key: getattr(diagnosis, key) for key in ("use", "use_reason", "equivalent_use")}
+
+
+def _equivalent_values(modulus: PointModulus | None) -> dict[str, float | None]:
+    interval, depth = (
+        (None, None) if modulus is None else (modulus.equivalent_interval, modulus.depth)
+    )
+    (low, high), (top, bottom) = interval or (None, None), depth or (None, None)
+    return {
+        "equivalent_modulus_pa": None if modulus is None else number(modulus.equivalent),
+        "equivalent_modulus_interval_low_pa": number(low),
+        "equivalent_modulus_interval_high_pa": number(high),
+        "modulus_depth_from_m": number(top),
+        "modulus_depth_to_m": number(bottom),
+    }
 
 
 def _modulus_values(name: str, modulus: PointModulus | None) -> dict[str, float | None]:

@@ -51,6 +51,7 @@ _NUMBER_FORMAT = "0.000"
 _UNIT_OF_NAME = {
     **dict.fromkeys(("latitude", "longitude"), _DEGREE),
     **dict.fromkeys(("chainage_m", "altitude_m"), _METRE),
+    **dict.fromkeys(("modulus_depth_from_m", "modulus_depth_to_m"), _METRE),
     **dict.fromkeys(("sci_m", "bdi_m", "bci_m", "noise_rms_m"), _MICROMETRE),
 }
 _UNIT_OF_END = (
@@ -85,6 +86,7 @@ _POINT_TITLES = {
     **_FIT_TITLES,
     "use": "use_of_diagnosed_modulus",
     "use_reason": "reason_of_use",
+    "equivalent_use": "use_of_equivalent_modulus",
 }
 _DROP_TITLES = {
     **_FIT_TITLES,

@@ -160,8 +160,23 @@ def _diagnosed(point: PointView) -> DiagnosedModulus | None:
     if diagnosis is None or after is None:
         return None
     return DiagnosedModulus(
-        after.modulus_pa, after.modulus_interval_pa, diagnosis.use, diagnosis.use_reason
+        after.modulus_pa,
+        after.modulus_interval_pa,
+        diagnosis.use,
+        diagnosis.use_reason,
+        *_equivalent(diagnosis),
+        after.modulus_depth_m,
     )
+
+
+def _equivalent(
+    diagnosis: DiagnosisResult,
+) -> tuple[float | None, tuple[float, float] | None]:
+    """Return the equivalent modulus of a diagnosis that may be used, Pa, with its interval."""
+    after = diagnosis.after
+    if after is None or diagnosis.equivalent_use == "do-not-use":
+        return None, None
+    return after.equivalent_modulus_pa, after.equivalent_modulus_interval_pa
 
 
 def fit_before_diagnosis(diagnosis: DiagnosisResult) -> PointModulus | None:
@@ -175,7 +190,15 @@ def fit_before_diagnosis(diagnosis: DiagnosisResult) -> PointModulus | None:
     limit = OUR_TOLERANCES["most_residual"]
     fault: str | None = invalidating(diagnosis.warnings or (), "fit")
     fault = fault or residual_fault(before.contact_residual_rms_over_peak, limit)
-    return PointModulus(before.modulus_pa, before.modulus_interval_pa, "fitted", fault)
+    return PointModulus(
+        before.modulus_pa,
+        before.modulus_interval_pa,
+        "fitted",
+        fault,
+        before.equivalent_modulus_pa,
+        before.equivalent_modulus_interval_pa,
+        before.modulus_depth_m,
+    )
 
 
 def modulus_in_force(
@@ -204,7 +227,14 @@ def modulus_in_force(
         fault = unsupported_records([fact for fact in point.facts if fact.number in drops])
     after = diagnosis.after
     if diagnosis.use != "do-not-use" and after is not None and after.modulus_pa is not None:
-        return PointModulus(after.modulus_pa, after.modulus_interval_pa, "diagnosed", fault)
+        return PointModulus(
+            after.modulus_pa,
+            after.modulus_interval_pa,
+            "diagnosed",
+            fault,
+            *_equivalent(diagnosis),
+            after.modulus_depth_m,
+        )
     if fitted is None or (fitted.not_supported is not None and fault is None):
         return None
     return dataclasses.replace(fitted, not_supported=fault)

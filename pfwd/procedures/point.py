@@ -51,6 +51,12 @@ class PointDrop:
     """Modulus of the ground, Pa, fitted to the full traces."""
     modulus_interval: tuple[float, float] | None = None
     """95 % interval of the modulus, Pa; it includes the error of the model."""
+    equivalent_modulus: float | None = None
+    """Modulus, Pa, of the half-space that deflects as much under the plate."""
+    equivalent_interval: tuple[float, float] | None = None
+    """95 % interval of the equivalent modulus, Pa."""
+    modulus_depth: tuple[float, float | None] | None = None
+    """Depths between which the modulus holds, m; to None: any depth below."""
     residual: float | None = None
     """Root mean square residual of the fit while the load acts, over the peak deflection."""
     fit_fault: str | None = None
@@ -165,6 +171,11 @@ class DiagnosedModulus:
     use: Use
     use_reason: str
     """Reason for the permitted use, one sentence."""
+    equivalent: float | None = None
+    """Equivalent modulus, Pa; None: there is none, or it may not be used."""
+    equivalent_interval: tuple[float, float] | None = None
+    depth: tuple[float, float | None] | None = None
+    """Depths between which the modulus holds, m."""
 
 
 ModulusSource = Literal["diagnosed", "fitted"]
@@ -182,6 +193,12 @@ class PointModulus:
     """"diagnosed": from the diagnosis of the point; "fitted": from the fits of its drops."""
     not_supported: str | None = None
     """Reason why the data do not support the modulus; None: they do."""
+    equivalent: float | None = None
+    """Equivalent modulus, Pa, from the same source; None: there is none."""
+    equivalent_interval: tuple[float, float] | None = None
+    """95 % interval of the equivalent modulus, Pa."""
+    depth: tuple[float, float | None] | None = None
+    """Depths between which the modulus holds, m; of several drops those of the last one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -311,14 +328,17 @@ class PointProgress:
 def in_force_as_dict(modulus: PointModulus | None) -> dict[str, Any]:
     """Return the modulus in force as JSON values in SI units.
 
-    The keys are ``modulus_in_force_pa``, ``modulus_in_force_interval_pa`` and ``modulus_source``;
-    their values are None when the data support no modulus.
+    The keys are ``modulus_in_force_pa``, ``modulus_source``, ``modulus_depth_m`` and
+    ``equivalent_modulus_pa``, with the intervals; their values are None when the data support no
+    modulus.
     """
-    interval = None if modulus is None else modulus.interval
     return {
-        "modulus_in_force_pa": None if modulus is None else modulus.value,
-        "modulus_in_force_interval_pa": None if interval is None else list(interval),
-        "modulus_source": None if modulus is None else modulus.source,
+        "modulus_in_force_pa": modulus and modulus.value,
+        "modulus_in_force_interval_pa": modulus and _plain(modulus.interval),
+        "modulus_source": modulus and modulus.source,
+        "modulus_depth_m": modulus and _plain(modulus.depth),
+        "equivalent_modulus_pa": modulus and modulus.equivalent,
+        "equivalent_modulus_interval_pa": modulus and _plain(modulus.equivalent_interval),
     }
 
 

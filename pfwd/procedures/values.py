@@ -192,7 +192,15 @@ def moduli_of(
     reason = None if usable else diagnosed.use_reason
     result = None
     if diagnosed.value is not None:
-        result = PointModulus(diagnosed.value, diagnosed.interval, "diagnosed", reason)
+        result = PointModulus(
+            diagnosed.value,
+            diagnosed.interval,
+            "diagnosed",
+            reason,
+            diagnosed.equivalent,
+            diagnosed.equivalent_interval,
+            diagnosed.depth,
+        )
     if usable:
         return result, fitted
     is_withheld = fitted is None or fitted.not_supported is not None
@@ -200,33 +208,47 @@ def moduli_of(
 
 
 def _fitted_modulus(procedure: Procedure, used: Sequence[PointDrop]) -> PointModulus | None:
-    r"""Combine the fitted moduli of drops on the logarithm of E.
+    """Combine the fitted moduli of drops; see `_combined`."""
+    fitted = [drop for drop in used if drop.modulus is not None and 0 < drop.modulus < math.inf]
+    if not fitted:
+        return None
+    faults = (unsupported_fit(procedure, drop) for drop in fitted)
+    fault = next((text for text in faults if text is not None), None)
+    value, interval = _combined([(drop.modulus or 0.0, drop.modulus_interval) for drop in fitted])
+    equivalent, equivalent_interval = None, None
+    equivalents = [
+        (drop.equivalent_modulus, drop.equivalent_interval)
+        for drop in fitted
+        if drop.equivalent_modulus is not None
+    ]
+    if len(equivalents) == len(fitted):
+        equivalent, equivalent_interval = _combined(equivalents)
+    depth = fitted[-1].modulus_depth
+    return PointModulus(value, interval, "fitted", fault, equivalent, equivalent_interval, depth)
+
+
+def _combined(
+    moduli: Sequence[tuple[float, tuple[float, float] | None]],
+) -> tuple[float, tuple[float, float] | None]:
+    r"""Return the mean of moduli of drops, on the logarithm of E, with its 95 % interval.
 
     One drop keeps its interval. Of several, :math:`\ln E` is the mean, and each side of the
     interval is :math:`\sqrt{m^2 + s^2}` with the mean half-width m of the drops' own intervals on
     that side and the half-width s from the scatter (Student). The model's error is common to the
     drops of a point: their mean does not lessen it.
     """
-    fitted = [drop for drop in used if drop.modulus is not None and 0 < drop.modulus < math.inf]
-    if not fitted:
-        return None
-    faults = (unsupported_fit(procedure, drop) for drop in fitted)
-    fault = next((text for text in faults if text is not None), None)
-    if len(fitted) == 1:
-        only = fitted[0]
-        assert only.modulus is not None
-        return PointModulus(only.modulus, only.modulus_interval, "fitted", fault)
-    logarithms = [math.log(value) for value in recorded_values(fitted, "modulus")]
+    if len(moduli) == 1:
+        return moduli[0]
+    logarithms = [math.log(value) for value, _ in moduli]
     average, scatter = mean(logarithms), half_width_95(logarithms) or 0.0
     below, above = [], []
-    for drop, logarithm in zip(fitted, logarithms, strict=True):
-        if drop.modulus_interval is not None:
-            low, high = drop.modulus_interval
+    for (_, interval), logarithm in zip(moduli, logarithms, strict=True):
+        if interval is not None:
+            low, high = interval
             below.append(logarithm - math.log(low) if low > 0 else math.inf)
             above.append(math.log(high) - logarithm)
     ends = [math.hypot(mean(sides), scatter) if sides else scatter for sides in (below, above)]
-    interval = math.exp(average - ends[0]), math.exp(average + ends[1])
-    return PointModulus(math.exp(average), interval, "fitted", fault)
+    return math.exp(average), (math.exp(average - ends[0]), math.exp(average + ends[1]))
 
 
 def unsupported_records(used: Sequence[PointDrop]) -> str | None:

@@ -70,6 +70,13 @@ class Diagnosis(display.Displayable):
     None: none."""
     modulus_interval: tuple[float, float] | None = display.alias("_modulus.interval")
     """95 % interval of `modulus`, Pa; None: there is no modulus."""
+    equivalent_modulus: float | None = display.alias("_modulus.equivalent")
+    """Modulus of the half-space that deflects as much under the plate, Pa, from the source of
+    `modulus`; None: none."""
+    equivalent_modulus_interval: tuple[float, float] | None = display.alias(
+        "_modulus.equivalent_interval"
+    )
+    """95 % interval of `equivalent_modulus`, Pa."""
     modulus_source: str | None = display.alias("_modulus.source")
     """Source of `modulus`: ``diagnosed`` (with the effects) or ``fitted``; None: none."""
 

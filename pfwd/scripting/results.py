@@ -48,6 +48,13 @@ class Result(display.Displayable, DropResult):
     """Young's modulus of the ground, Pa, also as ``modulus_pa``; None: no modulus."""
     modulus_interval: ClassVar[tuple[float, float] | None] = display.alias("modulus_interval_pa")
     """95 % interval of the modulus, Pa, also as ``modulus_interval_pa``; None: no modulus."""
+    equivalent_modulus: ClassVar[float | None] = display.alias("equivalent_modulus_pa")
+    """Modulus of the half-space that deflects as much under the plate, Pa, also as
+    ``equivalent_modulus_pa``; None: no modulus, or no sensor on the plate."""
+    equivalent_modulus_interval: ClassVar[tuple[float, float] | None] = display.alias(
+        "equivalent_modulus_interval_pa"
+    )
+    """95 % interval of the equivalent modulus, Pa."""
     viscosity: ClassVar[float | None] = display.alias("viscosity_pa_s")
     """Viscosity of the ground, Pa s, also as ``viscosity_pa_s``; None: not in the model."""
     density: ClassVar[float | None] = display.alias("density_kg_m3")

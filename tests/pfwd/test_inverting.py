@@ -274,6 +274,8 @@ def test_the_diagnosis_finds_the_effect_of_the_example(diagnosis: pfwd.Diagnosis
     assert (diagnosis.modulus, diagnosis.use) == (after["modulus_pa"], "design")
     assert (diagnosis.in_force, diagnosis.modulus_source) == (True, "diagnosed")
     assert diagnosis.modulus_interval == tuple(after["modulus_interval_pa"])
+    assert diagnosis.equivalent_modulus == after["equivalent_modulus_pa"]
+    assert diagnosis.equivalent_modulus_interval == tuple(after["equivalent_modulus_interval_pa"])
     assert diagnosis.stored is None
 
 

@@ -41,6 +41,9 @@ POINT_COLUMNS = [
     *("verdict_reason", "verdict_reason_code", "value_not_supported", "modulus_in_force_pa"),
     *("modulus_in_force_interval_low_pa", "modulus_in_force_interval_high_pa"),
     *("modulus_source", "modulus_not_supported", "photos", "use", "use_reason"),
+    *("equivalent_modulus_pa", "equivalent_modulus_interval_low_pa"),
+    *("equivalent_modulus_interval_high_pa", "modulus_depth_from_m", "modulus_depth_to_m"),
+    "equivalent_use",
 ]
 
 
@@ -162,7 +165,9 @@ POINT_TITLES = [
     *("Verdict reason code", "Value not supported", "Modulus in force (MPa)"),
     *("Modulus in force interval low (MPa)", "Modulus in force interval high (MPa)"),
     *("Modulus source", "Fitted modulus not supported", "Photos"),
-    *("Use of diagnosed modulus", "Reason of use"),
+    *("Use of diagnosed modulus", "Reason of use", "Equivalent modulus (MPa)"),
+    *("Equivalent modulus interval low (MPa)", "Equivalent modulus interval high (MPa)"),
+    *("Modulus depth from (m)", "Modulus depth to (m)", "Use of equivalent modulus"),
 ]
 
 
@@ -243,7 +248,7 @@ def test_a_workbook_has_filters_frozen_heads_formats_and_a_chart(
     book = openpyxl.load_workbook(tmp_path / "p.xlsx")
     points, drops = book["points"], book["drops"]
     assert (points.freeze_panes, drops.freeze_panes) == ("B2", "B2")
-    assert (points.auto_filter.ref, drops.auto_filter.ref[:3]) == ("A1:AG3", "A1:")
+    assert (points.auto_filter.ref, drops.auto_filter.ref[:3]) == ("A1:AM3", "A1:")
     formats = {cell.value: points.cell(2, cell.column).number_format for cell in points[1]}
     assert formats["Latitude (°)"] == "0.0000000"
     assert formats["Fitted modulus (MPa)"] == formats["Value"] == "#,##0.0"

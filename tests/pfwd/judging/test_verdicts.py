@@ -8,6 +8,7 @@ import pytest
 from inversion.forward.layered import LAYERED_PLATE_MODELS
 from inversion.notice_texts import Template
 from inversion.notices import Notice, Value, templates
+from inversion.records import known
 from pfwd.analysis.result_store import PLATES, basis_of
 from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
 from pfwd.digits import with_ends
@@ -171,6 +172,42 @@ def test_the_modulus_in_force_follows_from_the_use_of_the_diagnosis(
         shown = with_ends(38.0, (ends[0] / 1e6, ends[1] / 1e6))[0]
         assert any(f"the diagnosed one, {shown} MPa" in note for note in progress.notes)
     assert (progress.value.value, progress.value.interval) == (in_force.value, in_force.interval)
+
+
+@pytest.mark.parametrize(
+    ("ends", "equivalent_ends", "use", "value"),
+    [
+        ((37e6, 39e6), (40e6, 42e6), None, 41e6),
+        ((20e6, 80e6), (40e6, 42e6), "design", None),
+        ((37e6, 39e6), (20e6, 80e6), "do-not-use", None),
+    ],
+)
+def test_the_equivalent_modulus_is_in_force_with_the_modulus_of_its_diagnosis(
+    ends: tuple[float, float],
+    equivalent_ends: tuple[float, float],
+    use: str | None,
+    value: float | None,
+) -> None:
+    found = diagnosis(ends=ends)
+    after = dataclasses.replace(
+        known(found.after),
+        equivalent_modulus_pa=41e6,
+        equivalent_modulus_interval_pa=equivalent_ends,
+        modulus_depth_m=(0.0, 0.8),
+    )
+    found = dataclasses.replace(found, after=after)
+    assert found.equivalent_use == use
+    assert found.to_json()["equivalent_use"] == use
+    point = PointView("1", drops(), 40e6, job=Job(procedure=plain_procedure()), diagnosis=found)
+    written, values = point.as_json(), judged_values(point)
+    assert written["equivalent_modulus_pa"] == values["equivalent_modulus_pa"] == value
+    assert values["equivalent_use"] == use
+    is_diagnosed = found.use != "do-not-use"
+    assert written["modulus_depth_m"] == ([0.0, 0.8] if is_diagnosed else None)
+    assert values["modulus_depth_to_m"] == (0.8 if is_diagnosed else None)
+    modulus = modulus_in_force(found, point)
+    assert modulus is not None
+    assert modulus.equivalent == value
 
 
 @pytest.mark.parametrize("ends", [(37e6, 39e6), (20e6, 80e6)])

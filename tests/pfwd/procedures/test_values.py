@@ -137,6 +137,30 @@ def test_several_inverted_moduli_are_combined_on_the_logarithm() -> None:
     assert value.interval == pytest.approx(ends)
 
 
+def test_equivalent_moduli_are_combined_as_the_fitted_ones() -> None:
+    found = drops(
+        *(0.4, 0.5),
+        modulus=[40e6, 44e6],
+        equivalent_modulus=[50e6, 52e6],
+        equivalent_interval=[(49e6, 51e6), (51e6, 53e6)],
+        modulus_depth=[(0.0, 0.9), (0.0, 1.1)],
+    )
+    fitted, _ = moduli_of(PAPER, found, None)
+    same, _ = moduli_of(
+        PAPER,
+        drops(0.4, 0.5, modulus=[50e6, 52e6], modulus_interval=[(49e6, 51e6), (51e6, 53e6)]),
+        None,
+    )
+    assert fitted is not None
+    assert same is not None
+    assert (fitted.equivalent, fitted.equivalent_interval) == (same.value, same.interval)
+    assert fitted.depth == (0.0, 1.1)
+    partly = [found[0], dataclasses.replace(found[1], equivalent_modulus=None)]
+    fitted, _ = moduli_of(PAPER, partly, None)
+    assert fitted is not None
+    assert fitted.equivalent is fitted.equivalent_interval is None
+
+
 def test_the_interval_of_one_drop_is_that_of_its_point() -> None:
     """Mean half-widths to either side made 60.9 to 114 MPa of these ends."""
     one = [PointDrop(1, Kind.MEASURED, modulus=87.4e6, modulus_interval=(45.6e6, 98.7e6))]
