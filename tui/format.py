@@ -197,9 +197,12 @@ def modulus_and_ends(result: DropResult) -> tuple[str, str]:
 
 def equivalent_modulus(result: DropResult) -> str:
     """Return the equivalent modulus with its 95 % interval as text in MPa."""
-    value, interval = value_and_ends(
-        result.equivalent_modulus_pa, result.equivalent_modulus_interval_pa, 1e6
-    )
+    return in_megapascals(result.equivalent_modulus_pa, result.equivalent_modulus_interval_pa)
+
+
+def in_megapascals(modulus: float | None, ends: tuple[float, float] | None) -> str:
+    """Return a modulus, Pa, with its interval as one text in MPa without the unit."""
+    value, interval = value_and_ends(modulus, ends, 1e6)
     return value if interval == NO_VALUE else f"{value} ({interval})"
 
 

@@ -1,9 +1,9 @@
 """Point with its verdict as one line of text."""
 
-from pfwd.digits import with_ends
+from pfwd.digits import modulus_text, with_ends
 from pfwd.judging import PointView
 from pfwd.judging.job import target_text
-from pfwd.procedures import PointProgress, PointValue, Quantity, Verdict
+from pfwd.procedures import PointModulus, PointProgress, PointValue, Quantity, Verdict
 from pfwd.procedures.point import UNSUPPORTED_MARK
 from tui.output import clean
 
@@ -11,6 +11,7 @@ QUANTITY_SYMBOLS = {
     Quantity.E_VD: "E_vd",
     Quantity.E_LWD: "E_LWD",
     Quantity.MODULUS: "E",
+    Quantity.EQUIVALENT_MODULUS: "E_eq",
     Quantity.DEFLECTION: "deflection",
 }
 """Symbols of the judged quantities."""
@@ -27,6 +28,8 @@ def point_text(point: PointView) -> str:
     value = progress.value
     text = "nothing to judge" if value is None else value_text(value)
     parts = [f"point {clean(point.shown_name)}: {text}"]
+    if value is not None and value.quantity.is_fitted and progress.modulus is not None:
+        parts += other_modulus_texts(progress.modulus, value.quantity)
     if progress.target is not None:
         parts.append(f"target {target_text(progress.target)}")
     if progress.verdict is not Verdict.NONE:
@@ -36,6 +39,13 @@ def point_text(point: PointView) -> str:
         listed = ", ".join(f"{depth * 1e3:.3f}" for depth in used)
         parts.append(f"settlement {listed} mm")
     return "  ".join(parts)
+
+
+def other_modulus_texts(modulus: PointModulus, judged: Quantity) -> list[str]:
+    """Return the fitted modulus that is not judged, with its interval; empty: there is none."""
+    other = judged.other_fitted
+    text = modulus_text(*modulus.in_quantity(other))
+    return [f"not judged: {QUANTITY_SYMBOLS[other]} {text}"] if text else []
 
 
 def value_text(value: PointValue) -> str:

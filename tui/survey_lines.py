@@ -14,7 +14,9 @@ from tui.format import (
     UNEXPLAINED,
     By,
     aligned,
+    equivalent_modulus,
     fit_word,
+    in_megapascals,
     layer_lines,
     modulus_and_ends,
     peak_load,
@@ -30,8 +32,7 @@ MAX_NAME_LETTERS = 20
 """
 
 _MARK_NOTE = f"{UNSUPPORTED_MARK} not supported by the data, decides no verdict"
-_DROP_NOTE = "bedrock: 95 % interval; residual: contact phase, in % of the peak"
-_POINT_NOTE = "residual: contact phase, in % of the peak"
+_NOTE = "residual: contact phase, in % of the peak"
 
 
 def printed_results(results: Sequence[DropResult], *, as_json: bool, by: By = "drop") -> list[str]:
@@ -99,7 +100,7 @@ def survey_lines(results: Sequence[DropResult], by: By) -> list[str]:
         for name, drops in blocks:
             lines += [f"  {name},{line[1:]}" for line in layer_lines(drops)]
     notes = [_MARK_NOTE] if is_marked else []
-    notes += [_DROP_NOTE if by == "drop" else _POINT_NOTE] if inverted else []
+    notes += [_NOTE] if inverted else []
     lines += ["  " + "; ".join(notes)] if notes else []
     rejected = [(r, r.reason or NO_VALUE) for r in results if r.status == "rejected"]
     order = list(dict.fromkeys(name for name, _ in points))
@@ -109,8 +110,10 @@ def survey_lines(results: Sequence[DropResult], by: By) -> list[str]:
     return lines + _message_lines(results, order, "warning", warnings)
 
 
-_DROP_COLUMNS = (*("point", "drop", "kN", "E MPa", "95 % MPa", "bedrock m", "residual %", "fit"),)
-_POINT_COLUMNS = ("point", "drops", "E MPa", "95 % MPa", "residual %", "fit")
+_DROP_COLUMNS = (
+    *("point", "drop", "kN", "E MPa", "95 % MPa", "equivalent MPa", "residual %", "fit"),
+)
+_POINT_COLUMNS = ("point", "drops", "E MPa", "95 % MPa", "equivalent MPa", "residual %", "fit")
 
 
 def _point(result: DropResult) -> str:
@@ -132,22 +135,12 @@ def _drop_rows(name: str, results: Sequence[DropResult]) -> list[tuple[str, ...]
                 peak_load(result),
                 f"{modulus}{star}",
                 interval,
-                _depth(result),
+                equivalent_modulus(result),
                 percent(result.contact_residual_rms_over_peak),
                 _fit(result),
             )
         )
     return rows
-
-
-def _depth(result: DropResult) -> str:
-    """Return the interval of the bedrock depth as text in m; the value is often not determined."""
-    depth, ends = result.bedrock_depth_m, result.bedrock_depth_interval_m
-    if depth is None:
-        return NO_VALUE
-    if result.bedrock_depth_sd_m is None or ends is None:
-        return f"{value_and_ends(depth, None)[0]} given"
-    return value_and_ends(depth, ends)[1]
 
 
 def _point_row(name: str, results: Sequence[DropResult]) -> tuple[str, ...]:
@@ -162,10 +155,14 @@ def _point_row(name: str, results: Sequence[DropResult]) -> tuple[str, ...]:
     ]
     radius = results[0].plate_radius_m or 0.0
     modulus = judge(NO_PROCEDURE, facts, plate_radius=radius).fitted_modulus
-    mean = NO_VALUE, NO_VALUE
+    mean = NO_VALUE, NO_VALUE, NO_VALUE
     if modulus is not None:
         value, ends_text = value_and_ends(modulus.value, modulus.interval, 1e6)
-        mean = f"{value}{UNSUPPORTED_MARK if modulus.not_supported else ''}", ends_text
+        mean = (
+            f"{value}{UNSUPPORTED_MARK if modulus.not_supported else ''}",
+            ends_text,
+            in_megapascals(modulus.equivalent, modulus.equivalent_interval),
+        )
     residuals = [part for r in measured if (part := r.contact_residual_rms_over_peak) is not None]
     ends = (
         dict.fromkeys(percent(end) for end in (min(residuals), max(residuals))) if residuals else ()

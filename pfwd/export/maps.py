@@ -202,7 +202,7 @@ def _verdict_words(row: Row) -> str:
     parts = []
     if values["value"] is not None:
         parts.append(f"{values['quantity']} = {values['value'] * scale:.4g} {unit}")
-        if values["quantity"] == Quantity.MODULUS and values["modulus_source"] == "diagnosed":
+        if Quantity(values["quantity"]).is_fitted and values["modulus_source"] == "diagnosed":
             parts[-1] += " after the diagnosis, which replaces the fits below"
     if values["interval_low"] is not None:
         low, high = values["interval_low"] * scale, values["interval_high"] * scale

@@ -137,20 +137,20 @@ def judge(
         withheld = diagnosed.use_reason
     if modulus is not None and record_fault is not None:
         modulus = dataclasses.replace(modulus, not_supported=record_fault)
-    if procedure.quantity is Quantity.MODULUS:
+    if procedure.quantity.is_fitted:
         if len(used) == 1 and modulus is not None and modulus.source == "fitted":
             notes.append("one drop: the scatter between drops is not in the interval")
-        notes += _modulus_notes(modulus, other_modulus, diagnosed)
+        notes += _modulus_notes(procedure.quantity, modulus, other_modulus, diagnosed)
     value = value_of(procedure, used, plate_radius, poisson_ratio, notes, modulus)
     reason = violated[0] if violated else record_fault
     if value is not None and reason is not None:
         value = dataclasses.replace(value, not_supported=reason)
-    scatter = _scatter(used)
+    scatter = _scatter(procedure.quantity, used)
     faults = _point_faults(procedure, scatter, value, notes)
     goal = _goal(procedure, target, moisture, material, notes)
     _note_s_over_v(procedure, scatter.s_over_v, notes)
     verdict, reason, code = _verdict(
-        procedure, value, goal.target, violated, faults, sorted_drops, withheld
+        procedure, value, goal.target, violated, faults, sorted_drops, withheld, modulus
     )
     next_kind, instruction = next_step(procedure, sorted_drops, violated, faults)
     return PointProgress(
@@ -203,6 +203,7 @@ def _notes(procedure: Procedure) -> list[str]:
 
 
 def _modulus_notes(
+    quantity: Quantity,
     modulus: PointModulus | None,
     unused: PointModulus | None,
     diagnosed: DiagnosedModulus | None,
@@ -212,21 +213,23 @@ def _modulus_notes(
         return []
     if modulus is None or modulus.source == "fitted":
         return [f"the diagnosed modulus is not used: {diagnosed.use_reason}"]
-    text = f"the modulus is the diagnosed one, {_megapascal(modulus)} MPa"
+    text = f"the modulus is the diagnosed one, {_megapascal(modulus, quantity)} MPa"
     if unused is not None:
-        text += f"; that of the fits is {_megapascal(unused)} MPa"
+        text += f"; that of the fits is {_megapascal(unused, quantity)} MPa"
     return [text]
 
 
-def _megapascal(modulus: PointModulus) -> str:
+def _megapascal(modulus: PointModulus, quantity: Quantity) -> str:
     """Return a modulus as text in MPa, rounded to the digits that its interval justifies."""
-    value = modulus.value / 1e6
-    if modulus.interval is None:
-        return f"{value:.3g}"
-    return with_ends(value, (modulus.interval[0] / 1e6, modulus.interval[1] / 1e6))[0]
+    value, interval = modulus.in_quantity(quantity)
+    if value is None:
+        return "none"
+    if interval is None:
+        return f"{value / 1e6:.3g}"
+    return with_ends(value / 1e6, (interval[0] / 1e6, interval[1] / 1e6))[0]
 
 
-def _scatter(used: Sequence[PointDrop]) -> _Scatter:
+def _scatter(quantity: Quantity, used: Sequence[PointDrop]) -> _Scatter:
     deflections, velocities = (
         recorded_values(used, "peak_deflection"),
         recorded_values(used, "peak_velocity"),
@@ -234,7 +237,7 @@ def _scatter(used: Sequence[PointDrop]) -> _Scatter:
     return _Scatter(
         deflection=spread(deflections),
         load=spread(recorded_values(used, "peak_load")),
-        modulus=spread(recorded_values(used, "modulus")),
+        modulus=spread([m for drop in used if (m := drop.modulus_in(quantity)) is not None]),
         change=deflections[-1] / deflections[0] - 1 if len(deflections) > 1 else None,
         s_over_v=(
             mean(deflections) / mean(velocities)
@@ -272,9 +275,13 @@ def _point_faults(
     if value is not None and value.quantity is not Quantity.DEFLECTION:
         low, high = procedure.limit("least_value_pa"), procedure.limit("most_value_pa")
         if low is not None and value.value < low:
-            notes.append(f"{value.quantity} is below the range of the method ({low / 1e6:g} MPa)")
+            notes.append(
+                f"{value.quantity.words} is below the range of the method ({low / 1e6:g} MPa)"
+            )
         if high is not None and value.value > high:
-            notes.append(f"{value.quantity} is above the range of the method ({high / 1e6:g} MPa)")
+            notes.append(
+                f"{value.quantity.words} is above the range of the method ({high / 1e6:g} MPa)"
+            )
     return faults
 
 
@@ -326,6 +333,7 @@ def _verdict(
     faults: Sequence[str],
     drops: SortedDrops,
     withheld: str | None,
+    modulus: PointModulus | None,
 ) -> tuple[Verdict, str, ReasonCode | None]:
     undecided = Verdict.UNDECIDED
     if target is None:
@@ -334,21 +342,24 @@ def _verdict(
         return undecided, violated[0], ReasonCode.PRECONDITION
     if not drops.complete:
         return undecided, "measured drops are missing", ReasonCode.DROPS_MISSING
-    if value is None and withheld is not None and procedure.quantity is Quantity.MODULUS:
+    if value is None and withheld is not None and procedure.quantity.is_fitted:
         text = f"the modulus is not supported by the data: {withheld}"
         return undecided, text, ReasonCode.NOT_SUPPORTED
+    if value is None and modulus is not None and procedure.quantity.is_fitted:
+        text = "no equivalent modulus: no sensor is on the plate, or the data leave it open"
+        return undecided, text, ReasonCode.VALUE_MISSING
     if value is None or (drops.counted and value.drops < len(drops.used)):
         text = "a measured drop lacks what is judged: discard and repeat it"
         return undecided, text, ReasonCode.VALUE_MISSING
     if value.not_supported is not None:
-        subject = "the modulus" if value.quantity is Quantity.MODULUS else value.quantity
+        subject = "the modulus" if value.quantity.is_fitted else value.quantity
         text = f"{subject} is not supported by the data: {value.not_supported}"
         return undecided, text, ReasonCode.NOT_SUPPORTED
     if faults:
         return undecided, faults[0], ReasonCode.SCATTER
     if value.interval is None:
         text = "the modulus has no interval"
-        if value.quantity is not Quantity.MODULUS:
+        if not value.quantity.is_fitted:
             text = f"an interval needs {MIN_DROPS_FOR_INTERVAL} measured drops, "
             text += f"the point has {value.drops}"
         return undecided, text, ReasonCode.DROPS_MISSING

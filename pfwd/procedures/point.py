@@ -72,6 +72,11 @@ class PointDrop:
     reason: str | None = None
     """Reason why the drop was rejected or discarded."""
 
+    def modulus_in(self, quantity: Quantity) -> float | None:
+        """Return the fitted modulus, or the equivalent one if that is the judged quantity, Pa."""
+        is_equivalent = quantity is Quantity.EQUIVALENT_MODULUS
+        return self.equivalent_modulus if is_equivalent else self.modulus
+
 
 class ReasonCode(StrEnum):
     """Class of the reason for a verdict, for programs; the reason itself is a sentence."""
@@ -199,6 +204,12 @@ class PointModulus:
     """95 % interval of the equivalent modulus, Pa."""
     depth: tuple[float, float | None] | None = None
     """Depths between which the modulus holds, m; of several drops those of the last one."""
+
+    def in_quantity(self, quantity: Quantity) -> tuple[float | None, tuple[float, float] | None]:
+        """Return value and interval of a fitted quantity, Pa; None: there is none."""
+        if quantity is Quantity.EQUIVALENT_MODULUS:
+            return self.equivalent, self.equivalent_interval
+        return self.value, self.interval
 
 
 @dataclass(frozen=True, slots=True)

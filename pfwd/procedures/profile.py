@@ -22,8 +22,26 @@ class Quantity(StrEnum):
     """
     MODULUS = "modulus"
     """Modulus of the ground, fitted to the full traces."""
+    EQUIVALENT_MODULUS = "equivalent-modulus"
+    """Modulus of the half-space that deflects as much under the plate as the fitted ground."""
     DEFLECTION = "deflection"
     """Mean peak deflection; smaller is better."""
+
+    @property
+    def other_fitted(self) -> "Quantity":
+        """Fitted modulus that is shown beside this quantity as not judged."""
+        is_modulus = self is Quantity.MODULUS
+        return Quantity.EQUIVALENT_MODULUS if is_modulus else Quantity.MODULUS
+
+    @property
+    def words(self) -> str:
+        """Name of the quantity in a sentence."""
+        return self.value.replace("-", " ")
+
+    @property
+    def is_fitted(self) -> bool:
+        """True for a modulus that is fitted to the full traces."""
+        return self in (Quantity.MODULUS, Quantity.EQUIVALENT_MODULUS)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,10 +13,10 @@ NO_PROCEDURE = Procedure(
     title="",
     source="",
     about="",
-    quantity=Quantity.MODULUS,
+    quantity=Quantity.EQUIVALENT_MODULUS,
     average="modulus",
 )
-"""Procedure without requirements: all measured drops are averaged, and the fitted modulus is
+"""Procedure without requirements: all measured drops are averaged, and the equivalent modulus is
 judged.
 """
 
@@ -80,7 +80,7 @@ def find_procedure(name: str, *, enforce_unverified: bool = False) -> Procedure:
 def plain_procedure(
     seating: int = DEFAULT_SEATING_DROPS, measured: int = DEFAULT_MEASURED_DROPS
 ) -> Procedure:
-    """Return the default procedure: the mean fitted modulus of the measured drops is judged.
+    """Return the default procedure: the mean equivalent modulus of the measured drops is judged.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def plain_procedure(
         f'name = "{PLAIN}"\n'
         'title = "seating drops, then measured drops"\n'
         f"{source}\n"
-        'quantity = "modulus"\n'
+        'quantity = "equivalent-modulus"\n'
         'average = "modulus"\n'
         "[drops]\n"
         f"seating = {{ value = {seating}, {source}, verified = true }}\n"

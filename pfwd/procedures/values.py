@@ -56,8 +56,8 @@ def value_of(
     modulus : PointModulus, optional
         Modulus of the point from `moduli_of`, needed by a procedure that judges the fitted modulus.
     """
-    if procedure.quantity is Quantity.MODULUS:
-        return _judged_modulus(used, plate_radius, modulus)
+    if procedure.quantity.is_fitted:
+        return _judged_modulus(procedure.quantity, used, plate_radius, modulus)
     measured = [drop for drop in used if drop.peak_deflection]
     deflections, loads = (
         recorded_values(measured, "peak_deflection"),
@@ -295,18 +295,22 @@ def residual_fault(residual: float | None, limit: float) -> str | None:
 
 
 def _judged_modulus(
-    used: Sequence[PointDrop], plate_radius: float, modulus: PointModulus | None
+    quantity: Quantity,
+    used: Sequence[PointDrop],
+    plate_radius: float,
+    modulus: PointModulus | None,
 ) -> PointValue | None:
-    if modulus is None:
+    value, interval = (None, None) if modulus is None else modulus.in_quantity(quantity)
+    if modulus is None or value is None:
         return None
     fitted = [drop for drop in used if drop.modulus is not None] or used
     deflections, loads = (
         recorded_values(fitted, name) for name in ("peak_deflection", "peak_load")
     )
     return PointValue(
-        Quantity.MODULUS,
-        modulus.value,
-        modulus.interval,
+        quantity,
+        value,
+        interval,
         len(fitted),
         not_supported=modulus.not_supported,
         mean_deflection=mean(deflections) if deflections else None,
@@ -347,11 +351,11 @@ def stress_of(
     heights.
     """
     area = math.pi * plate_radius**2
-    if procedure.quantity is Quantity.MODULUS:
+    if procedure.quantity.is_fitted:
         pairs = [
-            (drop.peak_load / area, drop.modulus)
+            (drop.peak_load / area, modulus)
             for drop in usable
-            if drop.peak_load and drop.modulus
+            if drop.peak_load and (modulus := drop.modulus_in(procedure.quantity))
         ]
     else:
         factor = procedure.factor.value if procedure.factor is not None else 2.0

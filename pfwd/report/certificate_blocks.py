@@ -45,6 +45,7 @@ from pfwd.report.peaks_blocks import (
 from pfwd.report.point_facts import (
     chainage_column,
     clock_and_zone,
+    equivalent_text,
     is_response_declared,
     modulus_text,
     points_text,
@@ -290,12 +291,11 @@ def judged_by(report: Report, texts: Texts) -> str:
         return (
             texts["peaks_basis"]
             if only_peaks
-            else (f"{texts['modulus_full']}; {texts['no_procedure']}")
+            else (f"{texts['equivalent_full']}; {texts['no_procedure']}")
         )
     name = report.procedure.quantity
-    quantity = (
-        texts["modulus_full"] if name is Quantity.MODULUS else formatting.name_of(name, texts)
-    )
+    in_full = {Quantity.MODULUS: "modulus_full", Quantity.EQUIVALENT_MODULUS: "equivalent_full"}
+    quantity = texts[in_full[name]] if name in in_full else formatting.name_of(name, texts)
     text = f"{report.procedure.name} ({texts.title(report.procedure.title)}): {quantity}"
     if report.survey_procedure is None:
         return text
@@ -332,7 +332,9 @@ def points_table(report: Report, texts: Texts) -> Table:
     columns += [formatting.symbol_title(symbol, unit) for symbol, unit in measured]
     right = (1, *range(4, len(columns)))
     columns += [formatting.name_of(quantity, texts)] if judged else []
-    columns += [texts["modulus"], texts["target"], texts["verdict"]]
+    columns += [texts["modulus"]]
+    columns += [] if judged else [texts["equivalent_modulus"]]
+    columns += [texts["target"], texts["verdict"]]
     rows = []
     for point, chainage, time in zip(report.points, chainages, times, strict=True):
         progress = point.progress
@@ -357,6 +359,7 @@ def points_table(report: Report, texts: Texts) -> Table:
         cells += [formatting.value_of(progress.value, texts)] if judged else []
         cells += [
             modulus_text(point, texts) if progress.used or progress.modulus else _moduli_of(facts),
+            *([] if judged else [equivalent_text(point, texts)]),
             formatting.target_of(progress.target, quantity),
             Mark(kind, texts["discarded"] if point.discarded else texts[kind]),
         ]

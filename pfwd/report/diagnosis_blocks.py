@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any, TypeGuard
 
-from pfwd.analysis.results import DiagnosisResult, EffectResult, FittedState
+from pfwd.analysis.results import DiagnosisResult, EffectResult
 from pfwd.digits import read_in
 from pfwd.judging import PointView
 from pfwd.message_groups import group_messages
@@ -62,7 +62,10 @@ def _states(diagnosis: DiagnosisResult, texts: Texts, *, counts: bool) -> list[B
     rows = [
         (
             f"{texts[when]} ({texts['counts']})" if counts and when == "after" else texts[when],
-            _modulus(state, texts),
+            formatting.in_megapascals(state.modulus_pa, state.modulus_interval_pa, texts),
+            formatting.in_megapascals(
+                state.equivalent_modulus_pa, state.equivalent_modulus_interval_pa, texts
+            ),
             texts.word(str(state.model)),
             formatting.percent(state.contact_residual_rms_over_peak),
             formatting.percent(state.residual_rms_over_peak),
@@ -75,24 +78,17 @@ def _states(diagnosis: DiagnosisResult, texts: Texts, *, counts: bool) -> list[B
     columns = (
         "",
         f"{texts['modulus']} (95 %)",
+        f"{texts['equivalent_modulus']} (95 %)",
         texts["model"],
         texts["contact_phase"],
         texts["residual"],
     )
-    blocks: list[Block] = [Table(columns, tuple(rows), (1, 3, 4))]
+    blocks: list[Block] = [Table(columns, tuple(rows), (1, 2, 4, 5))]
     if not counts:  # else the facts of the point have it
         plate = texts.word(diagnosis.plate or "rigid-rough")
         radius, ratio = diagnosis.plate_radius_m or 0.0, diagnosis.poisson_ratio or 0.0
         blocks.append(Paragraph(f"{texts['basis']}: {plate} {radius:g} m, ν {ratio:g}", "note"))
     return blocks
-
-
-def _modulus(state: FittedState, texts: Texts) -> str:
-    if state.modulus_pa is None:
-        return formatting.NO_VALUE
-    ends = state.modulus_interval_pa
-    interval = None if ends is None else [end / 1e6 for end in ends]
-    return formatting.with_interval(state.modulus_pa / 1e6, interval, "MPa", texts)
 
 
 def _effect(effect: EffectResult, texts: Texts) -> str:

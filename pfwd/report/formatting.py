@@ -1,7 +1,7 @@
 """Numbers as texts of a report: with unit and justified digits, a modulus with its interval."""
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from inversion.records import is_number
@@ -121,10 +121,23 @@ def modulus_of(result: DropResult | None, texts: Texts, unit: str = "MPa") -> st
         return NO_VALUE
     if not is_number(result.modulus_pa):
         return texts["no_result"]
-    interval = result.modulus_interval_pa
-    ends = None if interval is None else [end / 1e6 for end in interval]
     marked = result.not_supported is not None
-    return with_interval(result.modulus_pa / 1e6, ends, unit, texts, marked=marked)
+    return in_megapascals(result.modulus_pa, result.modulus_interval_pa, texts, unit, marked=marked)
+
+
+def in_megapascals(
+    value: float | None,
+    interval: Sequence[float] | None,
+    texts: Texts,
+    unit: str = "MPa",
+    *,
+    marked: bool = False,
+) -> str:
+    """Return a modulus in Pa with its interval as a text in MPa; a dash if it is not known."""
+    if value is None:
+        return NO_VALUE
+    ends = None if interval is None else [end / 1e6 for end in interval]
+    return with_interval(value / 1e6, ends, unit, texts, marked=marked)
 
 
 def basis_of(result: DropResult | None, texts: Texts, *, with_depth: bool = True) -> str:
@@ -184,7 +197,11 @@ def value_basis(value: PointValue | None, texts: Texts) -> str:
 
 def name_of(quantity: Quantity, texts: Texts) -> str:
     """Return the name of the judged quantity in the language of the report."""
-    names = {Quantity.MODULUS: texts["modulus"], Quantity.DEFLECTION: texts["deflection"]}
+    names = {
+        Quantity.MODULUS: texts["modulus"],
+        Quantity.EQUIVALENT_MODULUS: texts["equivalent_modulus"],
+        Quantity.DEFLECTION: texts["deflection"],
+    }
     return names.get(quantity, str(quantity))
 
 

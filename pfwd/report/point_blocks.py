@@ -9,7 +9,7 @@ from pfwd.analysis.results import DropResult, relative_spread
 from pfwd.files.photos import is_sound_photo, photos_of
 from pfwd.judging import DropView, PointView
 from pfwd.message_groups import as_ranges, group_messages
-from pfwd.procedures import Quantity, Verdict
+from pfwd.procedures import Verdict
 from pfwd.report import formatting
 from pfwd.report.blocks import (
     Block,
@@ -54,6 +54,7 @@ _DROP_RESULT_COLUMNS = (
     ("deflection", "µm"),
     ("pulse", "ms"),
     ("modulus", "MPa"),
+    ("equivalent_modulus", "MPa"),
     ("viscosity", "kPa s"),
     ("density", "kg/m³"),
     ("bedrock", "m"),
@@ -137,7 +138,7 @@ def _rows(point: PointView, report: Report, texts: Texts) -> list[tuple[str, str
     has_reason = progress.verdict is not Verdict.NONE or point.discarded
     reason = f": {texts.message(progress.verdict_reason)}" if has_reason else ""
     rows = [(texts["verdict"], word + reason)]
-    if report.procedure.quantity is not Quantity.MODULUS:
+    if not report.procedure.quantity.is_fitted:
         rows += [
             (
                 formatting.name_of(report.procedure.quantity, texts),
@@ -275,6 +276,9 @@ def _results(point: PointView, texts: Texts) -> list[Block]:
                 formatting.scaled(facts.peak_deflection, 1e6, ""),
                 formatting.scaled(facts.pulse_duration, 1e3, ""),
                 formatting.modulus_of(drop.result, texts, unit=""),
+                formatting.in_megapascals(
+                    result.equivalent_modulus_pa, result.equivalent_modulus_interval_pa, texts, ""
+                ),
                 formatting.with_deviation(
                     result.viscosity_pa_s, result.viscosity_sd_pa_s, 1e-3, "", blurred
                 ),

@@ -11,7 +11,7 @@ from pfwd.files.header import IMPORTED, declared_values
 from pfwd.judging import DropView, PointView
 from pfwd.judging.stations import chainage_of_point
 from pfwd.message_groups import MessageGroup, as_ranges, group_messages
-from pfwd.procedures import Kind, Verdict
+from pfwd.procedures import Kind, Quantity, Verdict
 from pfwd.report import formatting
 from pfwd.report.blocks import Block, Heading, Listing, Paragraph
 from pfwd.report.content import Report
@@ -154,13 +154,20 @@ def time_cells(report: Report, texts: Texts) -> tuple[str, list[str]]:
 
 def modulus_text(point: PointView, texts: Texts) -> str:
     """Return the modulus in force of the point, marked if the data do not support it."""
+    return _fitted_text(point, Quantity.MODULUS, texts)
+
+
+def equivalent_text(point: PointView, texts: Texts) -> str:
+    """Return the equivalent modulus of the point, from the source of its modulus in force."""
+    return _fitted_text(point, Quantity.EQUIVALENT_MODULUS, texts)
+
+
+def _fitted_text(point: PointView, quantity: Quantity, texts: Texts) -> str:
     modulus = point.progress.modulus
     if modulus is None:
         return formatting.NO_VALUE
-    ends = None if modulus.interval is None else [end / 1e6 for end in modulus.interval]
-    return formatting.with_interval(
-        modulus.value / 1e6, ends, "MPa", texts, marked=modulus.not_supported is not None
-    )
+    marked = modulus.not_supported is not None
+    return formatting.in_megapascals(*modulus.in_quantity(quantity), texts, marked=marked)
 
 
 def diagnosis_counts(point: PointView) -> bool:

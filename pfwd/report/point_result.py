@@ -10,6 +10,7 @@ from pfwd.report.point_facts import (
     diagnosis_counts,
     diagnosis_of,
     drops_text,
+    equivalent_text,
     modulus_text,
     used_drops,
 )
@@ -38,6 +39,7 @@ def result_rows(point: PointView, texts: Texts) -> list[tuple[str, str]]:
         effective = _effective(fits, texts)
     return [
         (texts["modulus"], modulus_text(point, texts)),
+        (texts["equivalent_modulus"], equivalent_text(point, texts)),
         (texts["basis"], basis),
         (texts["effective"], effective),
         (texts["use"], _use(point, texts)),

@@ -22,7 +22,14 @@ from pfwd.report.fonts import Letters
 from pfwd.report.gathering import ReportOptions
 from pfwd.report.localising import localised, names_of
 from pfwd.report.point_blocks import position_text
-from pfwd.report.point_facts import modulus_text, target_notes, time_of, used_drops, verdict_of
+from pfwd.report.point_facts import (
+    equivalent_text,
+    modulus_text,
+    target_notes,
+    time_of,
+    used_drops,
+    verdict_of,
+)
 from pfwd.report.texts import Texts
 
 _CODE_HEIGHT = 38.0
@@ -47,13 +54,13 @@ def slip_blocks(
     heading = Heading(f"{texts['slip']}: {texts['point']} {point.shown_name}", level=1)
     facts = [row for row in certificate_rows(report, texts) if row[1]]
     facts = [row for row in facts if row[0] not in (texts["points"], texts["verdict"])]
-    facts += _measured(point, texts)
+    facts += _measured(point, report, texts)
     verdict = Table(
         (texts["verdict"], formatting.name_of(report.procedure.quantity, texts), texts["target"]),
         (
             (
                 Mark(verdict_of(point), texts[_word_of(point)]),
-                _value(point, report, texts),
+                formatting.value_of(point.progress.value, texts),
                 formatting.target_of(point.progress.target, report.procedure.quantity),
             ),
         ),
@@ -98,20 +105,23 @@ def _word_of(point: PointView) -> str:
     return "discarded" if point.discarded else verdict_of(point)
 
 
-def _value(point: PointView, report: Report, texts: Texts) -> str:
-    value = formatting.value_of(point.progress.value, texts)
-    return modulus_text(point, texts) if value == formatting.NO_VALUE else value
-
-
-def _measured(point: PointView, texts: Texts) -> list[tuple[str, str]]:
-    """Return the mean settlement, s/v and the coordinates of the point, as far as known."""
+def _measured(point: PointView, report: Report, texts: Texts) -> list[tuple[str, str]]:
+    """Return mean settlement, s/v, the fitted modulus that is not judged, and the coordinates."""
     depths = [s for drop in used_drops(point) if (s := drop.facts.peak_deflection) is not None]
     rows = (
         ("s\N{COMBINING MACRON}", f"{depth_text(fmean(depths))} mm" if depths else ""),
         (texts["s_over_v"], formatting.scaled(point.progress.s_over_v, 1e3, "ms")),
+        *_not_judged(point, report.procedure.quantity, texts),
         (texts["coordinates"], position_text(point.place, texts)),
     )
     return [row for row in rows if row[1] not in ("", formatting.NO_VALUE)]
+
+
+def _not_judged(point: PointView, judged: Quantity, texts: Texts) -> list[tuple[str, str]]:
+    if judged is Quantity.MODULUS:
+        return [(texts["equivalent_modulus"], equivalent_text(point, texts))]
+    is_equivalent = judged is Quantity.EQUIVALENT_MODULUS
+    return [(texts["modulus"], modulus_text(point, texts))] if is_equivalent else []
 
 
 def _value_of_drop(point: PointView, drop: DropView) -> str:

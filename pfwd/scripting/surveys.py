@@ -143,7 +143,7 @@ class Survey(display.Displayable):
         if targets:
             places, heights = np.transpose(targets)
             ax.hlines(heights, places - 0.4, places + 0.4, "0.4", "dashed", label="target")
-        return f"{quantity} with its 95 % interval, {unit}"
+        return f"{quantity.words} with its 95 % interval, {unit}"
 
     def _plot_peaks(self, ax: Axes) -> str:
         """Draw the peaks of the drops, and return the label of their axis."""

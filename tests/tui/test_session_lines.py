@@ -42,6 +42,8 @@ RESULT = {
     "model": "layer",
     "modulus_pa": 40e6,
     "modulus_interval_pa": [39e6, 41e6],
+    "equivalent_modulus_pa": 40e6,
+    "equivalent_modulus_interval_pa": [39e6, 41e6],
     "plate": "rigid-rough",
     "plate_radius_m": 0.15,
     "poisson_ratio": 0.35,
@@ -213,7 +215,8 @@ def test_that_no_drop_can_be_recorded(capsys: pytest.CaptureFixture[str]) -> Non
 
 def test_a_drop_on_one_line() -> None:
     assert drop_line("A", 3, DropResult.from_json(RESULT)) == (
-        "A/3  E 40.0 MPa (39.0 to 41.0)  soil on bedrock, rigid plate without slip 0.150 m, "
+        "A/3  E 40.0 MPa (39.0 to 41.0)  equivalent 40.0 (39.0 to 41.0) MPa  soil on bedrock, "
+        "rigid plate without slip 0.150 m, "
         "ν 0.350  7.07 kN  residual 1.0 %  least squares"
     )
     seating = RESULT | {"status": "seating", "explained": False, "at_bound": ["viscosity"]}

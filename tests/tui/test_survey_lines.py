@@ -18,6 +18,8 @@ DROP = DropResult(
     bedrock_depth_m=1.153,
     bedrock_depth_sd_m=0.001,
     bedrock_depth_interval_m=(1.0, 18.0),
+    equivalent_modulus_pa=51e6,
+    equivalent_modulus_interval_pa=(47e6, 55e6),
     explained=True,
     converged=True,
     residual_rms_over_peak=0.12,
@@ -65,7 +67,7 @@ def test_a_line_a_point_has_the_mean_of_its_measured_drops() -> None:
     found = survey(2)
     found[2] = replace(found[2], modulus_pa=49.4e6, explained=False)
     lines = result_lines(found, by="point")
-    assert lines[3] == "  point          drops  E MPa  95 % MPa  residual %  fit"
+    assert lines[3] == "  point          drops  E MPa  95 % MPa  equivalent MPa  residual %  fit"
     assert lines[4].split("  ")[1:3] == ["km 1", " 2 + 1 seating"]
     assert "     47  " in lines[4]
     assert lines[4].endswith("1 UNEXPLAINED, 1 explained")

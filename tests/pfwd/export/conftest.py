@@ -25,6 +25,8 @@ RESULT: dict[str, Any] = {
     "modulus_pa": 45e6,
     "modulus_sd_pa": 0.5e6,
     "modulus_interval_pa": [43e6, 47e6],
+    "equivalent_modulus_pa": 45e6,
+    "equivalent_modulus_interval_pa": [43e6, 47e6],
     "viscosity_pa_s": 1e4,
     "poisson_ratio": 0.35,
     "plate_radius_m": 0.15,

@@ -74,7 +74,8 @@ def test_a_point_has_value_interval_target_and_verdict(judged: Path, tmp_path: P
     assert first["point"] == "north, end"
     assert float(first["value"]) == pytest.approx(45e6)
     assert float(first["interval_low"]) < 45e6 < float(first["interval_high"])
-    assert (first["quantity"], first["unit"], first["target"]) == ("modulus", "Pa", "40000000.0")
+    assert (first["quantity"], first["unit"]) == ("equivalent-modulus", "Pa")
+    assert first["target"] == "40000000.0"
     assert (first["verdict"], first["drops_measured"]) == ("pass", "2")
     assert float(first["modulus_pa"]) == float(first["value"])
     assert (first["modulus_in_force_pa"], first["modulus_source"]) == (first["value"], "fitted")
@@ -395,7 +396,8 @@ def test_results_found_for_the_export_count_for_the_points(
     from pfwd.analysis.results import DropResult
     from pfwd.export import export
 
-    anew = DropResult(status="measured", modulus_pa=70e6, modulus_interval_pa=(69e6, 71e6))
+    moduli = {"modulus_pa": 60e6, "equivalent_modulus_pa": 70e6}
+    anew = DropResult(status="measured", **moduli, modulus_interval_pa=(59e6, 61e6))
     found = {("north, end", 1): anew, ("north, end", 2): anew}
     monkeypatch.setattr(export, "_inverted", lambda *_: found)
     first, _ = points_of(judged, tmp_path / "p.csv", invert=True)

@@ -212,6 +212,8 @@ class Told:
             after=FittedState(
                 modulus_pa=modulus,
                 modulus_interval_pa=(modulus - 1e6, 44.5e6),
+                equivalent_modulus_pa=modulus,
+                equivalent_modulus_interval_pa=(modulus - 1e6, 44.5e6),
                 residual_rms_over_peak=0.01,
             ),
             basis=basis_of(measured.drops[-1].setup),

@@ -186,7 +186,7 @@ def naive_value(
 ) -> tuple[float | None, Any, int]:
     """Return value, interval and number of drops of the judged quantity."""
     radius = 0.15
-    if procedure.quantity is Quantity.MODULUS:
+    if procedure.quantity.is_fitted:
         if diagnosis is not None:
             after = diagnosis["after"]
             return after["modulus_pa"], after["modulus_interval_pa"], 0

@@ -34,6 +34,8 @@ def result_of(number: int, modulus: float = 45e6) -> dict[str, Any]:
         "bedrock_depth_m": None,
         "bedrock_depth_sd_m": None,
         "modulus_interval_pa": [0.98 * modulus, 1.02 * modulus],
+        "equivalent_modulus_pa": modulus,
+        "equivalent_modulus_interval_pa": [0.98 * modulus, 1.02 * modulus],
         "poisson_ratio": 0.35,
         "plate_radius_m": 0.15,
         "plate": "rigid-rough",

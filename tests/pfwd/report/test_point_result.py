@@ -33,6 +33,8 @@ AFTER: dict[str, Any] = {
     "model": "layer",
     "modulus_pa": 51.2e6,
     "modulus_interval_pa": [48.6e6, 53.9e6],
+    "equivalent_modulus_pa": 52.3e6,
+    "equivalent_modulus_interval_pa": [50.1e6, 54.6e6],
     "viscosity_pa_s": 12.3e3,
     "density_kg_m3": 1911.0,
     "bedrock_depth_m": 0.887,

@@ -80,7 +80,9 @@ def test_the_table_has_all_drops(survey: Path) -> None:
         *((str(number), "measured", "yes") for number in (2, 3, 4)),
     ]
     assert table.rows[1][3:5] == ("8.00", "0.500")
-    assert table.columns[-1] == "Modulus E, MPa"
+    assert table.columns[-1] == "Equivalent modulus, MPa"
+    facts = dict(next(block for block in blocks if isinstance(block, Pairs)).rows)
+    assert facts["Modulus E"].startswith("45.3")
     assert [row[-1] for row in table.rows] == ["45.1", "45.2", "45.3", "45.4"]
 
 

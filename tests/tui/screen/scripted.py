@@ -130,6 +130,8 @@ def result(modulus: float | None = 47.3e6, **more: Any) -> DropResult:
         "modulus_pa": modulus,
         "modulus_sd_pa": 0.1e6,
         "modulus_interval_pa": modulus and [modulus - 0.6e6, modulus + 0.6e6],
+        "equivalent_modulus_pa": modulus,
+        "equivalent_modulus_interval_pa": modulus and [modulus - 0.6e6, modulus + 0.6e6],
         "viscosity_pa_s": 54e3,
         "viscosity_sd_pa_s": 3e3,
         "density_kg_m3": 1980.0,

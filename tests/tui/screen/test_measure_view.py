@@ -130,7 +130,7 @@ def test_a_message_is_not_cut() -> None:
 
 def test_the_chosen_drop_is_on_the_page() -> None:
     on_page = text(view(*complete_point(), chosen=2), (120, 40))
-    assert "modulus, drop 2" in on_page
+    assert "E_eq, drop 2" in on_page
     assert "▶   2" in on_page
 
 
@@ -180,4 +180,4 @@ def test_the_mark_of_a_number_without_support_is_explained() -> None:
     unexplained = {"contact_residual_rms_over_peak": 0.3, "explained": False}
     drops = [event for n in (1, 2, 3, 4) for event in (saved(n), analysed(n, **unexplained))]
     page = text(view(ready(), *drops), (80, 24))
-    assert re.search(r"point: modulus \S+\* .* \* not supported", page)
+    assert re.search(r"point: E_eq \S+\* .* \* not supported", page)

@@ -695,17 +695,18 @@ def _target(target: float | None) -> str:
 def table_titles(rows: Sequence[PointRow]) -> dict[str, str]:
     """Return the titles of the columns that rows fill, by the keys of the columns.
 
-    A judged modulus has no second column. Where another quantity is judged, the title of the
-    modulus says that it is not.
+    The title of the modulus says that it is not judged.
     """
     titles = dict(_TABLE_COLUMNS)
     judged = [row for row in rows if row.judged]
     if judged:
         quantities = {row.quantity for row in judged}
         if len(quantities) == 1:
-            titles["value"] = judged[0].quantity
-        if quantities == {"modulus"} or all(row.modulus is None for row in judged):
+            titles["value"] = judged[0].quantity.replace("equivalent-modulus", "E_eq")
+        if all(row.modulus is None for row in judged):
             titles.pop("modulus")
+        elif quantities == {"modulus"}:
+            titles["modulus"] = "E_eq MPa, not judged"
         else:
             titles["modulus"] = "E MPa, not judged"
         for key in ("target", "use", "misfit", "notes"):
@@ -756,11 +757,13 @@ def point_lines(row: PointRow, width: int) -> list[Line]:
     texts = []
     if row.value is not None:
         interval = f" ({ends})" if ends else ""
-        texts.append(f"{row.quantity} {value} {unit}{interval}, {row.origin}")
+        name = row.quantity.replace("-", " ")
+        texts.append(f"{name} {value} {unit}{interval}, {row.origin}")
     if row.target is not None:
         texts.append(f"target {_target(row.target)}")
-    if row.modulus is not None and row.quantity != "modulus":
-        texts.append(f"not judged: modulus {modulus_in_force_text(row)} MPa")
+    if row.modulus is not None:
+        other = "equivalent modulus" if row.quantity == "modulus" else "modulus"
+        texts.append(f"not judged: {other} {modulus_in_force_text(row)} MPa")
     texts += [text for text in (row.reason, row.diagnosis_text, row.notes) if text]
     for text in texts:
         lines += [line(" ", part) for part in wrap(clean(text), width - 2)]

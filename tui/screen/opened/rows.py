@@ -231,7 +231,7 @@ def origin_of_value(progress: "PointProgress") -> str:
         return ""
     drops = counted(value.drops, "drop")
     is_diagnosed = modulus is not None and modulus.source == "diagnosed"
-    if value.quantity == "modulus" and is_diagnosed:
+    if value.quantity.is_fitted and is_diagnosed:
         return f"diagnosed, {drops} measured"
     return f"mean of {drops}"
 
@@ -244,7 +244,8 @@ def judged_row(row: PointRow, point: "PointView") -> PointRow:
     value = progress.value
     modulus = progress.modulus
     low, high = (None, None) if value is None or value.interval is None else value.interval
-    ends = None if modulus is None else modulus.interval
+    other = point.job.quantity.other_fitted
+    fitted, ends = (None, None) if modulus is None else modulus.in_quantity(other)
     use, misfit = _use_and_misfit(point)
     return dataclasses.replace(
         row,
@@ -257,10 +258,12 @@ def judged_row(row: PointRow, point: "PointView") -> PointRow:
         target=progress.target,
         verdict=progress.verdict.value,
         reason=progress.verdict_reason,
-        modulus=None if modulus is None else modulus.value,
+        modulus=fitted,
         modulus_low=None if ends is None else ends[0],
         modulus_high=None if ends is None else ends[1],
-        modulus_marked=modulus is not None and modulus.not_supported is not None,
+        modulus_marked=fitted is not None
+        and modulus is not None
+        and modulus.not_supported is not None,
         value_marked=value is not None and value.not_supported is not None,
         origin=origin_of_value(progress),
         use=use,
@@ -327,7 +330,7 @@ def judged_texts(row: PointRow) -> tuple[str, str]:
 
 
 def modulus_in_force_text(row: PointRow) -> str:
-    """Return the modulus in force at a point with its interval, in MPa without the unit."""
+    """Return the fitted modulus in force that is not judged, in MPa without the unit."""
     low, high = row.modulus_low, row.modulus_high
     interval = None if low is None or high is None else (low, high)
     value, ends = SI.value_and_ends("modulus", row.modulus, interval)

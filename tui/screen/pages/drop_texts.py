@@ -17,16 +17,19 @@ from tui.screen.session.state import SessionState
 from tui.screen.units import NO_VALUE, QuantityName, Units, judged_quantity, percent
 
 
-def modulus_of_drop(drop: DropState | None, units: Units) -> tuple[str, str]:
-    """Return the modulus of a drop and its 95 % interval as text, without the unit.
+def modulus_of_drop(
+    drop: DropState | None, units: Units, quantity: Quantity = Quantity.MODULUS
+) -> tuple[str, str]:
+    """Return a fitted modulus of a drop and its 95 % interval as text, without the unit.
 
     The interval contains the error of the model. A modulus that the record does not support has a
     mark. Without a modulus the texts are a dash and nothing.
     """
     result = drop.result if drop is not None else None
-    if drop is None or result is None or drop.modulus is None:
+    modulus, interval = (None, None) if drop is None else drop.fitted(quantity)
+    if result is None or modulus is None:
         return NO_VALUE, ""
-    value, ends = units.value_and_ends("modulus", drop.modulus, result.modulus_interval_pa)
+    value, ends = units.value_and_ends("modulus", modulus, interval)
     return (f"{value}{UNSUPPORTED_MARK}" if result.not_supported is not None else value), ends
 
 
@@ -51,8 +54,8 @@ def judged_value(state: SessionState, drop: DropState | None, units: Units) -> J
     """Return the judged quantity of a drop; a dash where it is not known."""
     quantity = state.job.quantity
     name, unit = JUDGED_NAMES[quantity], units.unit(judged_quantity(quantity))
-    if quantity is Quantity.MODULUS:
-        value, ends = modulus_of_drop(drop, units)
+    if quantity.is_fitted:
+        value, ends = modulus_of_drop(drop, units, quantity)
         return JudgedValue(name, value, ends, unit, is_fit=True)
     judged = state.value_of(drop)
     text = units.text(judged_quantity(quantity), None if judged is None else judged.value)
@@ -63,6 +66,7 @@ JUDGED_NAMES: Mapping[Quantity, str] = {
     Quantity.E_VD: "E_vd",
     Quantity.E_LWD: "E_LWD",
     Quantity.MODULUS: "modulus",
+    Quantity.EQUIVALENT_MODULUS: "E_eq",
     Quantity.DEFLECTION: "deflection",
 }
 """Names of the judged quantities."""
@@ -76,18 +80,21 @@ def judged_value_of_point(progress: PointProgress, units: Units) -> JudgedValue 
     quantity = judged_quantity(value.quantity)
     mark = UNSUPPORTED_MARK if value.not_supported is not None else ""
     text, ends = units.value_and_ends(quantity, value.value, value.interval)
-    is_fit = value.quantity is Quantity.MODULUS
+    is_fit = value.quantity.is_fitted
     name = JUDGED_NAMES[value.quantity]
     return JudgedValue(name, f"{text}{mark}", ends, units.unit(quantity), is_fit)
 
 
-def point_modulus_text(progress: PointProgress, units: Units) -> str:
-    """Return the modulus in force of a point with interval, mark and unit; a dash for none."""
+def point_modulus_text(
+    progress: PointProgress, units: Units, quantity: Quantity = Quantity.MODULUS
+) -> str:
+    """Return a fitted modulus of a point with interval, mark and unit; a dash for none."""
     modulus = progress.modulus
-    if modulus is None:
+    value, interval = (None, None) if modulus is None else modulus.in_quantity(quantity)
+    if modulus is None or value is None:
         return NO_VALUE
     mark = UNSUPPORTED_MARK if modulus.not_supported is not None else ""
-    return units.with_interval("modulus", modulus.value, modulus.interval, mark)
+    return units.with_interval("modulus", value, interval, mark)
 
 
 def ground_parameters(result: DropResult, units: Units) -> dict[str, str]:
@@ -194,12 +201,12 @@ _DROP_TABLE_COLUMNS = (
 def drop_columns(quantity: Quantity, units: Units) -> tuple[TableColumn, ...]:
     """Return the columns of a table of drops; that of the judged quantity stands before E."""
     unit = units.unit(judged_quantity(quantity))
-    is_modulus = quantity is Quantity.MODULUS
+    name = JUDGED_NAMES[quantity] if quantity is Quantity.EQUIVALENT_MODULUS else "E"
     titles = {
         "load": f"load {units.unit('load')}",
         "defl": f"defl {units.unit('deflection')}",
         "judged": f"{JUDGED_NAMES[quantity]} {unit}",
-        "E": f"E {units.unit('modulus')}" + ("" if is_modulus else ", not judged"),
+        "E": f"{name} {units.unit('modulus')}" + ("" if quantity.is_fitted else ", not judged"),
     }
     return tuple(
         dataclasses.replace(column, title=titles.get(column.title, column.title))
@@ -210,14 +217,15 @@ def drop_columns(quantity: Quantity, units: Units) -> tuple[TableColumn, ...]:
 
 def _hidden_columns(quantity: Quantity) -> tuple[str, ...]:
     """Return the titles of columns that would repeat another one or have no value."""
-    if quantity is Quantity.MODULUS:
+    if quantity.is_fitted:
         return ("judged",)
     return ("95 %", "judged") if quantity is Quantity.DEFLECTION else ("95 %",)
 
 
 def drop_row(state: SessionState, drop: DropState, units: Units, *, chosen: bool) -> TableRow:
     """Return the texts of a drop for a table with the columns of `drop_columns`."""
-    value, ends = modulus_of_drop(drop, units)
+    quantity = state.job.quantity
+    value, ends = modulus_of_drop(drop, units, quantity)
     exclusion = state.exclusion_reason(drop)
     residual = None if drop.result is None else drop.result.residual_rms_over_peak
     kind = drop.edited_word or (drop.status if drop.safe else "NOT SAFE")
@@ -226,7 +234,6 @@ def drop_row(state: SessionState, drop: DropState, units: Units, *, chosen: bool
         role = "dim"
     if drop.status == "rejected" or not drop.safe:
         role = "bad"
-    quantity = state.job.quantity
     texts = (
         str(drop.number),
         kind,
@@ -303,7 +310,9 @@ def point_summary(state: SessionState, point: PointView, units: Units, width: in
         word, role = VERDICT_WORDS[progress.verdict]
         pieces.append(piece(0, cell(word, role)))
         pieces.append(piece(3, cell(progress.verdict_reason)))
-    if judged.quantity is not Quantity.MODULUS and progress.modulus is not None:
-        modulus = point_modulus_text(progress, units)
-        pieces.append(piece(2, cell(f"not judged: modulus {modulus}", "dim")))
+    if progress.modulus is not None:
+        other = judged.quantity.other_fitted
+        modulus = point_modulus_text(progress, units, other)
+        rank = 4 if judged.quantity.is_fitted else 2
+        pieces.append(piece(rank, cell(f"not judged: {JUDGED_NAMES[other]} {modulus}", "dim")))
     return fit(pieces, width)

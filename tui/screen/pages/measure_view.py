@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pfwd.procedures import NO_PROCEDURE, PLAIN, Quantity
+from pfwd.procedures import NO_PROCEDURE, PLAIN
 from pfwd.session.live_trace import WINDOW, Envelope
 from tui.output import counted
 from tui.screen.drawing.digits import (
@@ -166,7 +166,7 @@ def complete_point_lines(view: MeasureView, width: int, room: int) -> list[Line]
     if settled:
         facts.append(line(f" settlement {', '.join(settled)} {units.unit('settlement')}"))
     facts += [line(" ", cell(text, "warn")) for text in advice_lines(view, width - 2)]
-    if state.job.quantity is Quantity.MODULUS:
+    if state.job.quantity.is_fitted:
         facts.append(model_line(state.last, view, width))
     facts = facts[: max(1, room - LETTER_ROWS - 1)]
     table = min(len(view.drops) + 1, max(0, (room - len(facts)) // 4))
@@ -375,8 +375,8 @@ def _with_each_drop(view: MeasureView, lines: list[Line], width: int) -> list[Li
     for drop in drops:
         judged = view.state.value_of(drop)
         value = None if judged is None or drop.status == "rejected" else judged.value
-        if job.quantity is Quantity.MODULUS:
-            value = drop.modulus
+        if job.quantity.is_fitted:
+            value, _ = drop.fitted(job.quantity)
         role: TextRole = "dim" if drop.status == "seating" else "measured"
         chosen = drop is view.drop
         bars.append(Bar(str(drop.number), view.units.value(quantity, value), role, chosen))
@@ -539,10 +539,11 @@ def _details(view: MeasureView, drop: DropState | None) -> list[str]:
     if lines:
         lines.append(effective_text(result, units))
     if drop.modulus is not None:
-        if view.state.job.quantity is not Quantity.MODULUS:
-            modulus, ends = modulus_of_drop(drop, units)
-            interval = f" ({ends})" if ends else ""
-            lines.insert(0, f"not judged: modulus {modulus} {units.unit('modulus')}{interval}")
+        other = view.state.job.quantity.other_fitted
+        modulus, ends = modulus_of_drop(drop, units, other)
+        interval = f" ({ends})" if ends else ""
+        text = f"{JUDGED_NAMES[other]} {modulus} {units.unit('modulus')}{interval}"
+        lines.insert(0, f"not judged: {text}")
         for name, text in ground_parameters(result, units).items():
             lines.append(f"{name:9} {text}")
     return [text for text in lines if text]

@@ -9,7 +9,7 @@ from textual.binding import Binding, BindingType
 from pfwd.errors import OptionError
 from pfwd.files.editing import Edit, parse_position
 from pfwd.judging import PointView
-from pfwd.procedures import PointProgress, Quantity, Verdict
+from pfwd.procedures import PointProgress, Verdict
 from tui.output import counted
 from tui.screen.drawing.lines import (
     Line,
@@ -42,8 +42,8 @@ from tui.screen.session.drop_state import DropState
 from tui.screen.session.stations import point_name_error, point_name_question
 from tui.screen.units import NO_VALUE, Units, judged_quantity
 
-_MODULUS_TITLE = "modulus, not judged"
-"""Title of the column for the modulus where another quantity is judged."""
+_OTHER_MODULUS = "other modulus"
+"""Column of the fitted modulus that is not judged."""
 
 _POINT_TABLE_COLUMNS = (
     TableColumn("point", 0, is_text=True, is_flexible=True),
@@ -52,7 +52,7 @@ _POINT_TABLE_COLUMNS = (
     TableColumn("95 %", 3),
     TableColumn("target", 4),
     TableColumn("status", 1, is_text=True),
-    TableColumn(_MODULUS_TITLE, 3),
+    TableColumn(_OTHER_MODULUS, 3),
     TableColumn("position", 5, is_text=True),
     TableColumn("notes", 6, is_flexible=True),
 )
@@ -160,10 +160,14 @@ class PointsPage(Page):
         quantity = judged_quantity(job.quantity)
         unit = app.units.unit(quantity)
         judged = JUDGED_NAMES[job.quantity]
-        titles = {"judged": f"{judged} {unit}", "target": f"target {unit}"}
+        titles = {
+            "judged": f"{judged} {unit}",
+            "target": f"target {unit}",
+            _OTHER_MODULUS: f"{JUDGED_NAMES[job.quantity.other_fitted]}, not judged",
+        }
         columns = [
             dataclasses.replace(column, title=titles.get(column.title, column.title))
-            for column in self._columns()
+            for column in _POINT_TABLE_COLUMNS
         ]
         table = table_lines(columns, rows, width)
         bars = [self._bar(app.state.points[name], name == names[chosen]) for name in names]
@@ -172,15 +176,6 @@ class PointsPage(Page):
         is_ascii = not app.glyphs.has_dots
         profile = profile_lines(bars, width, profile_rows, title, target, full_blocks_only=is_ascii)
         return [*pad_rows([*table, *drops], room - profile_rows - 1), (), *profile]
-
-    def _columns(self) -> list[TableColumn]:
-        """Return the columns of the table; a judged modulus needs no second column."""
-        is_modulus = self.pfwd.state.job.quantity is Quantity.MODULUS
-        return [
-            column
-            for column in _POINT_TABLE_COLUMNS
-            if column.title != _MODULUS_TITLE or not is_modulus
-        ]
 
     def _drops_below(self, width: int, room: int) -> list[Line]:
         """Return the last drops of the chosen point, as many as fit below the points."""
@@ -209,12 +204,12 @@ class PointsPage(Page):
             "95 %": NO_VALUE if judged is None or not judged.ends else judged.ends,
             "target": units.text(judged_quantity(state.job.quantity), progress.target),
             "status": status_of(point, progress),
-            _MODULUS_TITLE: point_modulus_text(progress, units),
+            _OTHER_MODULUS: point_modulus_text(progress, units, state.job.quantity.other_fitted),
             "position": f"{place[0]:.6f}, {place[1]:.6f}" if place else NO_VALUE,
             "notes": cell("; ".join(point.notes)).text or NO_VALUE,
         }
         role: TextRole = "dim" if point.discarded else "text"
-        return TableRow(tuple(texts[column.title] for column in self._columns()), role, chosen)
+        return TableRow(tuple(texts[column.title] for column in _POINT_TABLE_COLUMNS), role, chosen)
 
     def _bar(self, point: PointView, chosen: bool) -> Bar:
         state = self.pfwd.state

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pfwd.analysis.results import DropResult, TimeHistories
 from pfwd.analysis.sensor_fits import sensor_fits
 from pfwd.judging import DropView
+from pfwd.procedures import Quantity
 from pfwd.session.events import DropAnalysed, DropSaved, Edited, SavedDrop
 from tui.screen.session.screen_events import DropRead, Refit
 
@@ -108,6 +109,15 @@ class DropState:
         """Modulus of the last result, Pa; None: there is none."""
         value = self.result.modulus_pa if self.result else None
         return value if value is not None and math.isfinite(value) else None
+
+    def fitted(self, quantity: Quantity) -> tuple[float | None, tuple[float, float] | None]:
+        """Return the fitted or the equivalent modulus of the last result, Pa, with its interval."""
+        result = self.result
+        if result is None or self.modulus is None:
+            return None, None
+        if quantity is Quantity.EQUIVALENT_MODULUS:
+            return result.equivalent_modulus_pa, result.equivalent_modulus_interval_pa
+        return self.modulus, result.modulus_interval_pa
 
     @property
     def saturated(self) -> bool:

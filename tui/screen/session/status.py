@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pfwd.judging.stations import next_along, next_name
-from pfwd.procedures import Kind, Quantity
+from pfwd.procedures import Kind
 from pfwd.session.plan import Ending
 from tui.screen.session.state import SessionState
 from tui.screen.session.stations import next_station
@@ -132,7 +132,7 @@ def _latest_drop(state: SessionState, now: float, pulse_age: float | None) -> St
         return StatusWord(
             "REPEAT", f"drop {last.number} rejected: {last.reason or 'no result'}", "alarm"
         )
-    if last.fault and not last.discarded and state.job.quantity is Quantity.MODULUS:
+    if last.fault and not last.discarded and state.job.quantity.is_fitted:
         return StatusWord("REPEAT", f"drop {last.number} has no modulus: {last.fault}", "alarm")
     if age < SAFE_WORD_S:
         return StatusWord("SAFE", _safe_text(state), "ready")
