@@ -157,7 +157,7 @@ def test_a_displacement_has_no_velocity_in_the_dataset() -> None:
 def test_a_survey_draws_the_judged_values_in_the_unit_of_the_axis() -> None:
     survey = pfwd.open(DATA_FOLDER / "survey.pfwdz")
     ax = survey.plot(axes())
-    assert ax.get_ylabel() == "modulus with its 95 % interval, MPa"
+    assert ax.get_ylabel() == "equivalent modulus with its 95 % interval, MPa"
     (bars,) = ax.containers
     drawn = bars.lines[0].get_ydata()
     assert drawn == pytest.approx([drop.modulus / 1e6 for drop in survey.results.measured])
