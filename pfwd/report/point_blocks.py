@@ -277,7 +277,11 @@ def _results(point: PointView, texts: Texts) -> list[Block]:
                 formatting.scaled(facts.pulse_duration, 1e3, ""),
                 formatting.modulus_of(drop.result, texts, unit=""),
                 formatting.in_megapascals(
-                    result.equivalent_modulus_pa, result.equivalent_modulus_interval_pa, texts, ""
+                    result.equivalent_modulus_pa,
+                    result.equivalent_modulus_interval_pa,
+                    texts,
+                    "",
+                    marked=result.not_supported is not None,
                 ),
                 formatting.with_deviation(
                     result.viscosity_pa_s, result.viscosity_sd_pa_s, 1e-3, "", blurred
