@@ -255,7 +255,7 @@ def analyse(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> Cover
     """Write, read and invert a drop, and compare the result with the true values."""
     error = model_error(case, drop, library)
     try:
-        result = invert(recorded(case, drop), Settings(method="least-squares"), library)
+        result = invert(recorded(case, drop), Settings(method="posterior"), library)
     except InversionError as err:
         nan = math.nan
         return CoverageResult(case, nan, nan, nan, nan, False, (), False, nan, error, str(err))

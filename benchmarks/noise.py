@@ -137,7 +137,7 @@ def _report(
     library: SurrogateLibrary,
 ) -> None:
     depth: float | Literal["unknown"] = _DEPTH if setup.depth_declared else "unknown"
-    settings = Settings(method="least-squares", bedrock_depth=depth)
+    settings = Settings(method="posterior", bedrock_depth=depth)
     reference = known(invert(record, settings, library).modulus_pa)
     ratios, shifts, deviations = [], [], []
     for number in range(copies):

@@ -30,7 +30,7 @@ def run(arguments: list[str]) -> int:
     library = SurrogateLibrary()
     report.title("analysis of one drop, centre sensor, surrogate at hand (median of 7, s)")
     for depth, name in ((1.2, "given"), ("unknown", "unknown")):
-        for method in ("mpga", "least-squares"):
+        for method in ("mpga", "posterior"):
             settings = Settings(bedrock_depth=depth, method=method)  # type: ignore[arg-type]
             seconds, solves = _analysis_time(record, settings, library)
             report.record(

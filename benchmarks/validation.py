@@ -210,7 +210,7 @@ def _steps(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> Iterab
     """Yield the results of steps two to five of the ladder."""
     options = AnalysisOptions(published=True, bedrock_depth=case.depth)
     record, settings = _through_file(drop, PLATE, options, None)
-    settings = replace(settings, method="least-squares")
+    settings = replace(settings, method="posterior")
     yield invert(record, settings, library)
     settings = replace(settings, load="measured")
     yield invert(record, settings, library)
@@ -257,7 +257,7 @@ def correct(report: Reporter) -> None:
         drop = simulate_drop(ground, LIGHT_PLATE, LIGHT_HAMMER, (0.0,), 0.05, 1e-4)
         records.append(_through_file(drop, LIGHT_PLATE, AnalysisOptions(), depth)[0])
     for title, load, plate, mass in CORRECTIONS:
-        settings = Settings(plate=plate, load=load, method="least-squares")  # type: ignore[arg-type]
+        settings = Settings(plate=plate, load=load, method="posterior")  # type: ignore[arg-type]
         errors = []
         for record, (modulus, *_) in zip(records, LIGHT_GROUNDS, strict=True):
             declared = replace(record, instrument=replace(record.instrument, plate_mass=mass))

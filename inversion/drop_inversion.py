@@ -4,35 +4,53 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from functools import partial
+from typing import Literal, cast
 
 import numpy as np
 
-from inversion.arrays import FloatArray
+from inversion.arrays import ComplexArray, FloatArray
+from inversion.diagnosis.model import PointRecords
+from inversion.diagnosis.problem import Point, surrogate_request
 from inversion.errors import ModelError, RecordError
-from inversion.fitting.ground_fit import GroundFit
 from inversion.fitting.ground_parameters import homogeneous_space
-from inversion.fitting.homogeneous_fit import Method, fit_homogeneous
+from inversion.fitting.homogeneous_search import Method, fit_published
 from inversion.fitting.layer_count import MAX_LAYERS
 from inversion.fitting.misfit import DropHistory, WeightedDrop, transform_of
 from inversion.fitting.uncertainty import NORMAL_95
-from inversion.forward.contact import PLATE_MODELS, PlateProblem
+from inversion.forward.contact import PLATE_MODELS, PlateModel, PlateProblem
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.forward.layered import LayeredPlateModel
 from inversion.forward.library import SurrogateLibrary
 from inversion.forward.surrogate import Surrogate
-from inversion.ground_estimate import GroundEstimate, estimate_ground
+from inversion.ground_estimate import (
+    GroundEstimate,
+    estimate_ground,
+    homogeneous_effective,
+)
+from inversion.inference.base import BaseFit, fit_base
 from inversion.layered_inversion import LayerRequest, invert_layers
-from inversion.measured.half_sine import HalfSineFit, fit_half_sine, fit_half_sine_equal_area
+from inversion.measured.half_sine import (
+    HalfSineFit,
+    Load,
+    fit_half_sine,
+    fit_half_sine_equal_area,
+    model_load,
+)
 from inversion.measured.peak_method import PeakModulus, peak_modulus
 from inversion.measured.record import PreparedDrop, Record, prepare
 from inversion.notices import Notice, Value
-from inversion.result import HalfSinePulse, InversionResult, TimeHistories, is_open
+from inversion.records import known
+from inversion.result import (
+    HalfSinePulse,
+    InversionResult,
+    LayerResult,
+    TimeHistories,
+    is_open,
+)
 from inversion.threads import single_threaded_blas
-
-Load = Literal["measured", "half-sine", "half-sine-equal-area"]
 
 # A residual up to this multiple of the noise counts as noise.
 _MAX_RESIDUAL_OVER_NOISE = 2.0
@@ -60,10 +78,10 @@ class Settings:
     layers : number of layers with a modulus, the lowest included (1 to 4), or "auto": as many as
         the record determines
     thickness : m, of each layer but the lowest, from the top; None: fitted
-    priors : True: of grounds that fit equally well the most probable one is chosen
-    method : "mpga" (genetic search, then local refinement), "least-squares" (several starting
-        points), or "published" (the genetic search of the published method with its own fitness,
-        without refinement)
+    priors : False: the properties of the ground have no priors
+    method : "mpga" (a genetic search adds a starting point of the fit), "posterior" (fits from
+        several starting points; "least-squares" is another name), or "published" (the genetic
+        search of the published method with its own fitness, without refinement)
     seed : int, random seed of the search
     """
 
@@ -79,6 +97,8 @@ class Settings:
     priors: bool = True
 
     def __post_init__(self) -> None:
+        if self.method == "least-squares":
+            object.__setattr__(self, "method", "posterior")
         if self.layers != "auto" and self.layers not in range(1, MAX_LAYERS + 1):
             raise ModelError(f"layers: expected 1 to {MAX_LAYERS} or auto, got {self.layers}")
         if self.method == "published" and self.layers != 1:
@@ -166,33 +186,57 @@ def _invert_joint(
 ) -> tuple[InversionResult, ...]:
     _check_same_point(records)
     used = [_selected(record, settings) for record in records]
-    first = used[0]
     # Loaded before the clock starts: building a table is not part of the stated time.
-    surrogate = library.get(*surrogate_request(first, settings)) if settings.homogeneous else None
+    if settings.homogeneous:
+        library.get(*tables_of(used[0], settings))
     start = clock.perf_counter()
-    drops = tuple(_weighted_drop(record, settings) for record in used)
-    peaks = [_peak(item.drop, first) for item in drops]
-    modulus = float(np.median([peak.modulus for peak in peaks]))
-    if surrogate is not None:
-        estimate = _homogeneous_estimate(drops, surrogate, modulus, first, settings)
-    else:
-        estimate = _layered_estimate(drops, modulus, first, settings)
-    reports = [
-        _report(item, estimate, peak, settings)
-        for item, peak in zip(estimate.fit.drops, peaks, strict=True)
-    ]
+    of_posterior = settings.homogeneous and settings.method != "published"
+    reports = (_by_posterior if of_posterior else _by_misfit)(used, settings, library)
     elapsed = clock.perf_counter() - start
     return tuple(replace(report, elapsed_s=elapsed) for report in reports)
 
 
-def _homogeneous_estimate(
+def _by_posterior(
+    records: list[Record], settings: Settings, library: SurrogateLibrary
+) -> list[InversionResult]:
+    """Fit homogeneous ground to the drops, a half-space and ground on rock by their evidence."""
+    declared = [replace(record, bedrock_depth=settings.depth_of(record)) for record in records]
+    numbers = tuple(range(1, len(declared) + 1))
+    of_point = PointRecords("", tuple(declared), numbers, settings.elastic, settings.load)
+    point = Point(of_point, library, cast(PlateModel, settings.plate))
+    peaks = [_peak(model.drop, record) for model, record in zip(point.drops, records, strict=True)]
+    rng = np.random.default_rng(settings.seed) if settings.method == "mpga" else None
+    base = fit_base(point, rng, priors=settings.priors)
+    return [_base_report(base, place, peak, settings) for place, peak in enumerate(peaks)]
+
+
+def _by_misfit(
+    records: list[Record], settings: Settings, library: SurrogateLibrary
+) -> list[InversionResult]:
+    """Fit layered ground to the drops, or homogeneous ground by the published method."""
+    first = records[0]
+    drops = tuple(_weighted_drop(record, settings) for record in records)
+    peaks = [_peak(item.drop, first) for item in drops]
+    modulus = float(np.median([peak.modulus for peak in peaks]))
+    if settings.homogeneous:
+        surrogate = library.get(*tables_of(first, settings))
+        estimate = _published_estimate(drops, surrogate, modulus, first, settings)
+    else:
+        estimate = _layered_estimate(drops, modulus, first, settings)
+    return [
+        _report(item, estimate, peak, settings)
+        for item, peak in zip(estimate.fit.drops, peaks, strict=True)
+    ]
+
+
+def _published_estimate(
     drops: tuple[WeightedDrop, ...],
     surrogate: Surrogate,
     peak_modulus: float,
     record: Record,
     settings: Settings,
 ) -> GroundEstimate:
-    """Fit one homogeneous ground to the drops, with or without bedrock."""
+    """Fit one homogeneous ground to the drops by the published method."""
     radius = record.instrument.plate_radius
     space = homogeneous_space(
         peak_modulus,
@@ -202,8 +246,7 @@ def _homogeneous_estimate(
         rock_depth=settings.depth_of(record),
         elastic=settings.elastic,
     )
-    rng = np.random.default_rng(settings.seed)
-    fit = fit_homogeneous(drops, space, surrogate, settings.method, rng, priors=settings.priors)
+    fit = fit_published(drops, space, surrogate, np.random.default_rng(settings.seed))
     return estimate_ground(fit, settings.plate, radius)
 
 
@@ -258,30 +301,17 @@ def _selected(record: Record, settings: Settings) -> Record:
     return replace(record, sensors=ordered)
 
 
-def surrogate_request(record: Record, settings: Settings) -> tuple[PlateProblem, float | None]:
+def tables_of(record: Record, settings: Settings) -> tuple[PlateProblem, float | None]:
     """Return plate problem and bedrock depth (plate radii) of the required response table."""
-    chosen = _selected(record, settings)
-    radius, depth = record.instrument.plate_radius, settings.depth_of(record)
-    ratios = [round(abs(s.offset) / radius, 10) for s in chosen.sensors]
-    # Offset 0 comes first: the inertia of the plate requires the motion of the plate itself.
-    offsets = tuple(ratios) if ratios[0] == 0.0 else (0.0, *ratios)
     assert settings.homogeneous  # there are tables for this contact
-    problem = PlateProblem(settings.plate, record.poisson_ratio, offsets)  # type: ignore[arg-type]
-    return problem, None if depth is None else round(depth / radius, 10)
+    chosen = replace(_selected(record, settings), bedrock_depth=settings.depth_of(record))
+    return surrogate_request(chosen, cast(PlateModel, settings.plate))
 
 
 def _weighted_drop(record: Record, settings: Settings) -> WeightedDrop:
     drop = prepare(record)
-    load = _model_load(drop, settings)
+    load = model_load(drop.time, drop.load, settings.load)
     return WeightedDrop.of(drop, record.instrument, load, record.model_floor)
-
-
-def _model_load(drop: PreparedDrop, settings: Settings) -> FloatArray:
-    """Return the load that drives the model, (n,), N."""
-    if settings.load == "measured":
-        return drop.load
-    fit = fit_half_sine if settings.load == "half-sine" else fit_half_sine_equal_area
-    return fit(drop.time, drop.load).load(drop.time)
 
 
 def _pulse(fit: HalfSineFit, item: WeightedDrop) -> HalfSinePulse:
@@ -308,14 +338,19 @@ def _peak(drop: PreparedDrop, record: Record) -> PeakModulus:
 def _report(
     item: WeightedDrop, estimate: GroundEstimate, peak: PeakModulus, settings: Settings
 ) -> InversionResult:
-    drop, fit, lowest = item.drop, estimate.fit, estimate.lowest
-    history = _histories(item, fit)
+    fit, lowest = estimate.fit, estimate.lowest
+    misfit = fit.misfit
+
+    def transfer(s: ComplexArray) -> ComplexArray:
+        grounds = misfit.space.grounds(fit.best.point[None])
+        return np.asarray(misfit.transfer.values(s, grounds)[0])
+
+    history = _histories(item, transfer)
     # The bounds of homogeneous ground are near its peak modulus, so that it is always stated.
     is_stated = settings.homogeneous or estimate.is_modulus_known
     equivalent, equivalent_interval = estimate.equivalent or (None, None)
-    noise = (drop.noise[0], drop.quantisation[0], item.model_floor[0])
-    result = InversionResult(
-        method=settings.method,
+    result = replace(
+        _described(item, history, peak, settings),
         model="layer" if fit.space.rock else "half-space",
         modulus_pa=lowest.modulus_pa if is_stated else None,
         modulus_sd_pa=lowest.modulus_sd_pa if is_stated else None,
@@ -336,6 +371,87 @@ def _report(
         effective_modulus_interval_pa=estimate.effective.interval,
         effective_depth_m=estimate.effective.depth,
         poisson_ratio=fit.space.poisson_ratio,
+        priors=not settings.homogeneous,
+        explained=bool(np.sqrt(fit.best.cost) <= _MAX_RESIDUAL_OVER_NOISE),
+        converged=fit.converged,
+        at_bound=fit.space.at_bound(fit.best.point),
+        forward_solves=estimate.solves,
+    )
+    depths = None if estimate.uncertainty.depth_unique else estimate.depth_interval
+    notices = _warnings(result, item.drop, math.sqrt(fit.best.cost), depths)
+    return replace(result, warnings=(*notices, *estimate.remarks))
+
+
+def _base_report(
+    base: BaseFit, place: int, peak: PeakModulus, settings: Settings
+) -> InversionResult:
+    """Return the result of drop ``place`` of a fit of homogeneous ground."""
+    fit, state = base.best, base.state
+    model = fit.model.point.drops[place]
+    record = model.record
+    is_whole = fit.discrepancy.after_contact == 1.0
+    drop = model.drop if is_whole else prepare(record)
+    load = model_load(drop.time, drop.load, settings.load)
+    item = WeightedDrop.of(drop, record.instrument, load, record.model_floor)
+    drifts = base.drifts(place)
+    share = np.minimum(drop.time / model.drop.tail_end, 1.0)
+    history = _histories(item, partial(base.transfer, place), drifts @ np.stack([share, share**2]))
+    layer = LayerResult(
+        modulus_pa=state.fitted_modulus,
+        modulus_sd_pa=state.modulus_sd_pa,
+        modulus_interval_pa=state.modulus_interval_pa,
+        thickness_m=state.bedrock_depth_m,
+        thickness_sd_m=base.depth_deviation,
+        thickness_interval_m=base.depth_interval,
+        viscosity_pa_s=state.viscosity_pa_s,
+        density_kg_m3=state.density_kg_m3,
+        poisson_ratio=record.poisson_ratio,
+    )
+    effective = homogeneous_effective(layer, settings.plate, record.instrument.plate_radius)
+    result = replace(
+        _described(item, history, peak, settings),
+        model=state.model,
+        modulus_pa=state.modulus_pa,
+        modulus_sd_pa=state.modulus_sd_pa,
+        modulus_interval_pa=state.modulus_interval_pa,
+        modulus_depth_m=state.modulus_depth_m,
+        equivalent_modulus_pa=state.equivalent_modulus_pa,
+        equivalent_modulus_interval_pa=state.equivalent_modulus_interval_pa,
+        viscosity_pa_s=state.viscosity_pa_s,
+        viscosity_sd_pa_s=base.viscosity_deviation,
+        density_kg_m3=state.density_kg_m3,
+        density_sd_kg_m3=base.density_deviation,
+        bedrock_depth_m=state.bedrock_depth_m,
+        bedrock_depth_sd_m=base.depth_deviation,
+        bedrock_depth_interval_m=base.depth_interval,
+        modulus_depth_correlation=base.modulus_depth_correlation,
+        layers=(layer,),
+        effective_modulus_pa=effective.modulus,
+        effective_modulus_interval_pa=effective.interval,
+        effective_depth_m=effective.depth,
+        poisson_ratio=record.poisson_ratio,
+        priors=settings.priors,
+        converged=base.has_converged,
+        at_bound=base.at_bound,
+        forward_solves=base.solves,
+        structures=base.structures,
+        added_mass_kg=base.added_mass,
+        delay_s=base.delay,
+        drift_m=tuple((float(a), float(b)) for a, b in drifts),
+    )
+    over_peak = known(result.window_residual_rms_over_peak)
+    over_noise = over_peak * float(drop.peak_displacement[0]) / known(result.noise_rms_m)
+    result = replace(result, explained=over_noise <= _MAX_RESIDUAL_OVER_NOISE)
+    return replace(result, warnings=_warnings(result, drop, over_noise, base.open_depths))
+
+
+def _described(
+    item: WeightedDrop, history: TimeHistories, peak: PeakModulus, settings: Settings
+) -> InversionResult:
+    """Return the part of a result that follows from the record, the request and the curves."""
+    drop = item.drop
+    return InversionResult(
+        method=settings.method,
         plate=settings.plate,
         plate_radius_m=item.instrument.plate_radius,
         load="measured" if settings.load == "measured" else "half-sine",
@@ -343,32 +459,30 @@ def _report(
         half_sine_equal_area=_pulse(fit_half_sine_equal_area(drop.time, drop.load), item),
         peak_modulus_pa=peak.modulus,
         peak_factor=peak.factor,
-        priors=not settings.homogeneous or (settings.priors and settings.method != "published"),
-        explained=bool(np.sqrt(fit.best.cost) <= _MAX_RESIDUAL_OVER_NOISE),
         r_squared=_r_squared(drop, history),
-        noise_rms_m=float(max(noise)),
+        noise_rms_m=float(max(drop.noise[0], drop.quantisation[0], item.model_floor[0])),
         residual_rms_over_peak=_residual_until(drop, history, math.inf),
         contact_residual_rms_over_peak=_residual_until(drop, history, drop.contact_end),
         window_residual_rms_over_peak=_residual_until(drop, history, drop.window_end),
         contact_end_s=history.contact_end,
         window_end_s=history.window_end,
-        converged=fit.converged,
-        at_bound=fit.space.at_bound(fit.best.point),
-        forward_solves=estimate.solves,
         seed=settings.seed,
         history=history,
     )
-    return replace(result, warnings=_warnings(result, drop, estimate))
 
 
-def _histories(item: WeightedDrop, fit: GroundFit) -> TimeHistories:
-    drop, misfit = item.drop, fit.misfit
+def _histories(
+    item: WeightedDrop,
+    transfer: Callable[[ComplexArray], ComplexArray],
+    drift: FloatArray | float = 0.0,
+) -> TimeHistories:
+    """Return the traces of a drop for a transfer function, (n_sensors, n), m/N, and a drift, m."""
+    drop = item.drop
     time = drop.time[1:]
     transform = transform_of(item, float(time[-1]), FULL_BAND_HZ)
-    transfer = misfit.transfer.values(transform.s, misfit.space.grounds(fit.best.point[None]))
     predicted = np.zeros_like(drop.displacement)
-    predicted[:, 1:] = DropHistory(item, transform, time).of(transfer)[0]
-    return _time_histories(drop, item.model_load, predicted)
+    predicted[:, 1:] = DropHistory(item, transform, time).of(transfer(transform.s))
+    return _time_histories(drop, item.model_load, predicted + drift)
 
 
 def _time_histories(
@@ -420,17 +534,25 @@ def _r_squared(drop: PreparedDrop, history: TimeHistories) -> float:
 
 
 def _warnings(
-    result: InversionResult, drop: PreparedDrop, estimate: GroundEstimate
+    result: InversionResult,
+    drop: PreparedDrop,
+    residual_over_noise: float,
+    depths: tuple[float, float] | None,
 ) -> tuple[Notice, ...]:
-    notices = [*_fit_warnings(result, drop, estimate.fit.best.cost), *estimate.remarks]
-    if isinstance(estimate.fit.misfit.plate, str):
-        return tuple(notices)
+    """Return the warnings of a fit; ``depths``, m, are those of rock that the data allow."""
+    notices = _fit_warnings(result, drop, residual_over_noise)
     density = result.density_kg_m3
-    if result.explained and density and _is_no_soil(density, result.density_sd_kg_m3):
+    is_one_medium = result.layers is not None and len(result.layers) == 1
+    if (
+        is_one_medium
+        and result.explained
+        and density
+        and _is_no_soil(density, result.density_sd_kg_m3)
+    ):
         values: dict[str, Value] = {"usual_kg_m3": _SOIL_DENSITIES_KG_M3, "density_kg_m3": density}
         notices.append(Notice("density-suspect", values))
-    if not estimate.uncertainty.depth_unique and result.bedrock_depth_interval_m is not None:
-        low, high = result.bedrock_depth_interval_m
+    if depths is not None:
+        low, high = depths
         notices.append(Notice("depth-not-unique", {"depth_low_m": low, "depth_high_m": high}))
     return tuple(notices)
 
@@ -443,11 +565,13 @@ def _is_no_soil(density: float, deviation: float | None) -> bool:
     return density + reach < _SOIL_DENSITIES_KG_M3[0] or density - reach > _SOIL_DENSITIES_KG_M3[1]
 
 
-def _fit_warnings(result: InversionResult, drop: PreparedDrop, cost: float) -> list[Notice]:
+def _fit_warnings(
+    result: InversionResult, drop: PreparedDrop, residual_over_noise: float
+) -> list[Notice]:
     notices = [Notice("parameter-on-bound", {"parameter": name}) for name in result.at_bound or ()]
     if not result.explained:
         sizes = {
-            "residual_over_noise": math.sqrt(cost),
+            "residual_over_noise": residual_over_noise,
             "residual_over_peak": result.window_residual_rms_over_peak or 0.0,
         }
         notices.append(Notice("residual-not-explained", sizes))

@@ -170,7 +170,7 @@ def estimate_ground(
     ground = ground_at(fit.space, fit.best.point)
     layers = tuple(_layer(fit.space, uncertainty, ground, j) for j in range(fit.space.media))
     if not isinstance(fit.misfit.plate, str):
-        effective = _homogeneous_effective(layers[0], ground, plate, plate_radius)
+        effective = homogeneous_effective(layers[0], plate, plate_radius)
     else:
         effective = _layered_effective(fit, uncertainty, ground, plate, plate_radius)
     return GroundEstimate(
@@ -229,14 +229,15 @@ def _layer(
     )
 
 
-def _homogeneous_effective(
-    layer: LayerResult, ground: LayeredGround, plate: LayeredPlateModel, plate_radius: float
+def homogeneous_effective(
+    layer: LayerResult, plate: LayeredPlateModel, plate_radius: float
 ) -> EffectiveModulus:
-    (medium,) = ground.media
-    depth = ground.rock_depth
-    radii = math.inf if math.isinf(depth) else float(f"{depth / plate_radius:.3g}")
-    effective = plate_radius * _effective_radii(plate, medium.poisson_ratio, radii)
-    return EffectiveModulus(medium.modulus, interval_of(layer), effective)
+    """Return the effective modulus of homogeneous ground, which is its own, with its depth."""
+    assert layer.modulus_pa is not None
+    assert layer.poisson_ratio is not None
+    depth = math.inf if layer.thickness_m is None else layer.thickness_m / plate_radius
+    radii = _effective_radii(plate, layer.poisson_ratio, float(f"{depth:.3g}"))
+    return EffectiveModulus(layer.modulus_pa, interval_of(layer), plate_radius * radii)
 
 
 @lru_cache(maxsize=1024)

@@ -215,6 +215,13 @@ def _interval(value: Any) -> Interval | None:
     return (value[0], value[1]) if sound else None
 
 
+def _intervals(value: Any) -> tuple[Interval, ...] | None:
+    if not isinstance(value, list | tuple):
+        return None
+    pairs = tuple(map(_interval, value))
+    return None if None in pairs else tuple(pair for pair in pairs if pair is not None)
+
+
 def _depth_range(value: Any) -> DepthRange | None:
     if isinstance(value, list | tuple) and len(value) == 2 and value[1] is None:
         return (value[0], None) if is_number(value[0]) else None
@@ -244,6 +251,7 @@ _READERS: dict[Any, Callable[[Any], Any]] = {
     bool | None: _flag,
     Interval | None: _interval,
     DepthRange | None: _depth_range,
+    tuple[Interval, ...] | None: _intervals,
     tuple[str, ...] | None: _texts,
     tuple[int, ...] | None: _numbers,
     tuple[Notice, ...] | None: _notices,

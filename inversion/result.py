@@ -87,6 +87,21 @@ class LayerResult(JsonRecord):
         return self.modulus_pa is not None and not is_open(self.modulus_interval_pa)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StructureResult(JsonRecord):
+    """Half-space or ground on rock, as one of the grounds over which a modulus is averaged."""
+
+    name: str | None = quantity("half-space or layer (on rock)", column=None)
+    probability: float | None = quantity("Its probability, by the evidence", column=None)
+    modulus_pa: float | None = quantity("Young's modulus by its fit", "Pa", column=None)
+    equivalent_modulus_pa: float | None = quantity(
+        "Its equivalent modulus; none: no sensor on the plate", "Pa", column=None
+    )
+    bedrock_depth_m: float | None = quantity(
+        "Depth of its rock; none: half-space", "m", column=None
+    )
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class TimeHistories:
     """Measured and fitted traces of one drop, for plots.
@@ -129,13 +144,13 @@ class InversionResult(JsonRecord):
 
     OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset()
 
-    method: str | None = quantity("Search: mpga, least-squares or published", column="established")
+    method: str | None = quantity("Search: mpga, posterior or published", column="established")
     model: str | None = quantity("layer (on rock) or half-space", column="established")
     modulus_pa: float | None = quantity(
         "Young's modulus; of layers that of the lowest", "Pa", column="established"
     )
     modulus_sd_pa: float | None = quantity(
-        "Standard deviation of the modulus from the noise", "Pa", column="established"
+        "Standard deviation of the modulus; of layers from the noise", "Pa", column="established"
     )
     viscosity_pa_s: float | None = quantity("Viscosity", "Pa s", column="established")
     viscosity_sd_pa_s: float | None = quantity(
@@ -154,11 +169,35 @@ class InversionResult(JsonRecord):
     modulus_interval_pa: Interval | None = quantity(
         "95 % interval of the modulus, model error included", "Pa", column="established"
     )
+    modulus_depth_m: DepthRange | None = quantity(
+        "Depths between which the modulus holds; the lower one none: half-space", "m"
+    )
+    equivalent_modulus_pa: float | None = quantity(
+        "Modulus of the half-space that deflects as much under the plate; none: no sensor on the "
+        "plate, or the interval leaves it open",
+        "Pa",
+    )
+    equivalent_modulus_interval_pa: Interval | None = quantity(
+        "95 % interval of the equivalent modulus", "Pa"
+    )
     bedrock_depth_interval_m: Interval | None = quantity(
         "95 % interval of the depth", "m", column="established"
     )
     modulus_depth_correlation: float | None = quantity(
         "Correlation of modulus and depth as fitted", column="established"
+    )
+    structures: tuple[StructureResult, ...] | None = quantity(
+        "Grounds that were averaged, the most probable first; none: layers or the published method",
+        column=None,
+    )
+    added_mass_kg: float | None = quantity(
+        "Mass of the plate beyond the declared one, as fitted", "kg", column=None
+    )
+    delay_s: float | None = quantity(
+        "Delay of the deflections behind the load, as fitted", "s", column=None
+    )
+    drift_m: tuple[Interval, ...] | None = quantity(
+        "Drift of each sensor at the end of the record: linear and quadratic part", "m", column=None
     )
     layers: tuple[LayerResult, ...] | None = quantity(
         "Media from the surface down", column="layers"
@@ -222,17 +261,6 @@ class InversionResult(JsonRecord):
         "Duration of the analysis without the start of the program", "s", column=None
     )
     seed: int | None = quantity("Random seed of the search", column="established")
-    equivalent_modulus_pa: float | None = quantity(
-        "Modulus of the half-space that deflects as much under the plate; none: no sensor on the "
-        "plate, or the interval leaves it open",
-        "Pa",
-    )
-    equivalent_modulus_interval_pa: Interval | None = quantity(
-        "95 % interval of the equivalent modulus", "Pa"
-    )
-    modulus_depth_m: DepthRange | None = quantity(
-        "Depths between which the modulus holds; the lower one none: half-space", "m"
-    )
     warnings: tuple[Notice, ...] | None = quantity(
         "Remarks on the result; none: the record does not say", column="established"
     )

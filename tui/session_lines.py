@@ -232,7 +232,7 @@ class SessionLines:
             self._first_moduli[saved.point, saved.number] = modulus
         changed = first is None or not abs(modulus - first) <= MIN_MODULUS_CHANGE * first
         if self._as_json or changed:
-            self._line(saved, result, event.delay)
+            self._line(saved, result, event.delay, preliminary=not event.final)
         if event.final:
             self._forget(saved)
 
@@ -261,7 +261,14 @@ class SessionLines:
         self._first_moduli.pop((saved.point, saved.number), None)
         self._identical.pop((saved.point, saved.number), None)
 
-    def _line(self, saved: SavedDrop, result: DropResult, delay: float | None = None) -> None:
+    def _line(
+        self,
+        saved: SavedDrop,
+        result: DropResult,
+        delay: float | None = None,
+        *,
+        preliminary: bool | None = None,
+    ) -> None:
         identical = self._identical.get((saved.point, saved.number))
         after = "" if delay is None else f", {delay:.3f} s after its last sample"
         log.info("%s%s", drop_line(saved.point, saved.number, result), after)
@@ -275,6 +282,7 @@ class SessionLines:
                 **({} if saved.spare is None else {"spare": saved.spare}),
                 **({} if identical is None else {"identical": identical}),
                 **({} if delay is None else {"delay_s": delay}),
+                **({} if preliminary is None else {"preliminary": preliminary}),
                 **{key: value for key, value in record.items() if key not in ("point", "drop")},
             }
             print(json_text(line), flush=True)

@@ -56,7 +56,7 @@ class EffectResult(JsonRecord):
     """Effect that explains part of the residual of a point."""
 
     OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset(
-        {"scope", "probability", "advice", "residual_without_over_peak"}
+        {"scope", "probability", "advice", "residual_rms_over_peak_without"}
     )
 
     name: str | None = quantity("Name of the effect")
@@ -71,7 +71,7 @@ class EffectResult(JsonRecord):
     probability: float | None = quantity(
         "Share, by posterior probability, of the sets of effects that have it"
     )
-    residual_without_over_peak: float | None = quantity(
+    residual_rms_over_peak_without: float | None = quantity(
         "Residual over the peak when it alone is removed; none: shared by the points of the device"
     )
     alternatives: tuple[str, ...] | None = quantity("Effects that would do in its place")
@@ -114,7 +114,7 @@ def effect_result(
         unit=median.unit,
         parameters=tuple(parameters),
         advice=advice,
-        **({"evidence": math.nan, "residual_without_over_peak": math.nan} | more),
+        **({"evidence": math.nan, "residual_rms_over_peak_without": math.nan} | more),
     )
 
 

@@ -39,7 +39,7 @@ from inversion.forward.nonlinear_stiffness import (
     hat_response,
 )
 from inversion.forward.surrogate import Surrogate
-from inversion.measured.half_sine import fit_half_sine
+from inversion.measured.half_sine import Load, model_load
 from inversion.measured.record import PreparedDrop, Record, prepare
 
 # Largest number of samples of a record in the model: enough for a pulse of 8 ms in 0.1 s.
@@ -91,7 +91,7 @@ class PointRecords:
     records : tuple of Record, measured drops in their order, all with the same declarations
     numbers : tuple of int, of the drops
     elastic : bool, True: the ground of the base model has no viscosity
-    half_sine : bool, True: a half-sine replaces the measured load
+    load : Load, that drives the model
     device_largest : mapping, largest value of each channel at other points of the device
     """
 
@@ -99,7 +99,7 @@ class PointRecords:
     records: tuple[Record, ...]
     numbers: tuple[int, ...]
     elastic: bool = False
-    half_sine: bool = False
+    load: Load = "measured"
     device_largest: LargestValues = field(default_factory=dict)
 
     @cached_property
@@ -154,7 +154,7 @@ class DropModel:
         count_samples = int(np.searchsorted(drop.time, with_tail.tail_end * (1 + 1e-9)))
         stride = max(1, -(-count_samples // MAX_SAMPLES))
         self.rows = np.arange(0, count_samples, stride)
-        load = fit_half_sine(drop.time, drop.load).load(drop.time) if point.half_sine else drop.load
+        load = model_load(drop.time, drop.load, point.load)
         self._load = load
         self._prepare_transform(_BAND_HZ)
         first = int(np.searchsorted(record.time, drop.start - 0.5 * drop.step))
@@ -257,7 +257,7 @@ class DropModel:
             count=len(point.records),
             elastic=point.elastic,
             is_density_declared=record.density is not None,
-            unmodelled_load=(drop.load - load)[self.rows] if point.half_sine else None,
+            unmodelled_load=None if point.load == "measured" else (drop.load - load)[self.rows],
             layers=self._layers,
             plate_mass=record.instrument.plate_mass,
             swings_back=rebound > min_rebound,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -14,9 +13,10 @@ from inversion.diagnosis.model import DropModel, PointRecords
 from inversion.diagnosis.rest import estimate_pre_trigger_noise
 from inversion.fitting.layer_starts import LayerStarts
 from inversion.fitting.misfit import WeightedDrop
+from inversion.forward.contact import PlateModel, PlateProblem
 from inversion.forward.library import SurrogateLibrary
 from inversion.forward.surrogate import Surrogate
-from inversion.measured.half_sine import fit_half_sine
+from inversion.measured.half_sine import model_load
 from inversion.measured.peak_method import peak_modulus
 from inversion.measured.record import Record, prepare
 
@@ -28,15 +28,19 @@ class Point:
     ----------
     records : PointRecords
     library : SurrogateLibrary
+    plate : Plate, contact of plate and ground
     """
 
-    def __init__(self, records: PointRecords, library: SurrogateLibrary) -> None:
+    def __init__(
+        self, records: PointRecords, library: SurrogateLibrary, plate: PlateModel = "rigid-rough"
+    ) -> None:
         self.records = records
         first = records.records[0]
         self.declared_depth = first.bedrock_depth
-        surrogate = surrogate_of(first, library)
+        self.surrogate = surrogate = surrogate_of(first, library, plate)
         largest = max(float(np.max(r.load)) - float(r.load[0]) for r in records.records)
         layers = _layered_first_estimate(records)
+        self.weighted = tuple(layers.drops)
         longest = max(float(item.drop.with_tail().tail_end) for item in layers.drops)
         response = response_of(first, surrogate, library)
         self.drops = tuple(
@@ -72,15 +76,27 @@ class Point:
         return point
 
 
-def surrogate_of(record: Record, library: SurrogateLibrary) -> Surrogate:
+def surrogate_of(
+    record: Record, library: SurrogateLibrary, plate: PlateModel = "rigid-rough"
+) -> Surrogate:
     """Return the response table for plate, sensors and declared bedrock depth of a record."""
-    from inversion.drop_inversion import Settings, surrogate_request
+    return library.get(*surrogate_request(record, plate))
 
-    # A declared half-space may be wrong, so rock is a candidate then, too.
-    open_below = record.bedrock_depth is None or np.isinf(record.bedrock_depth)
-    depth: Any = "unknown" if open_below else record.bedrock_depth
-    problem, ratio = surrogate_request(record, Settings(bedrock_depth=depth))
-    return library.get(problem, ratio)
+
+def surrogate_request(record: Record, plate: PlateModel) -> tuple[PlateProblem, float | None]:
+    """Return plate problem and bedrock depth (plate radii) of the required response table.
+
+    The depth is None for a table of all depths, a half-space included. It is used for a declared
+    half-space too, which may be wrong.
+    """
+    radius, depth = record.instrument.plate_radius, record.bedrock_depth
+    ratios = [round(abs(s.offset) / radius, 10) for s in record.nearest_first().sensors]
+    # Offset 0 comes first: the inertia of the plate requires the motion of the plate itself.
+    offsets = tuple(ratios) if ratios[0] == 0.0 else (0.0, *ratios)
+    problem = PlateProblem(plate, record.poisson_ratio, offsets)
+    if depth is None or math.isinf(depth):
+        return problem, None
+    return problem, round(depth / radius, 10)
 
 
 def response_of(record: Record, surrogate: Surrogate, library: SurrogateLibrary) -> GroundResponse:
@@ -97,9 +113,7 @@ def _layered_first_estimate(records: PointRecords) -> LayerStarts:
     for record in records.records:
         # The sensors have the same order as in the models of the drops.
         drop = prepare(record.nearest_first())
-        load = drop.load
-        if records.half_sine:
-            load = fit_half_sine(drop.time, drop.load).load(drop.time)
+        load = model_load(drop.time, drop.load, records.load)
         drops.append(WeightedDrop.of(drop, record.instrument, load, record.model_floor))
     return LayerStarts(
         drops,

@@ -48,10 +48,8 @@ def equivalent_modulus(
     start, near, far = np.split(logarithms, [1, 1 + best.size])
     slopes = (near - start) / steps
     reach = NORMAL_95 * math.sqrt(max(0.0, float(slopes @ uncertainty.covariance @ slopes)))
-    margin = reach if fit.rule.is_widened else 0.0
     value = float(start[0])
-    low = min([value - reach, *(far - margin)])
-    high = max([value + reach, *(far + margin)])
+    low, high = min([value - reach, *far]), max([value + reach, *far])
     return math.exp(value), (math.exp(low), math.exp(high))
 
 

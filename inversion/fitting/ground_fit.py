@@ -48,12 +48,9 @@ class AlternativeRule:
     ----------
     max_rise : float, largest rise of the misfit over the best, in units of one independent error,
         of an alternative
-    is_widened : bool, True: an interval extends as far beyond an alternative as beyond the best
-        ground; False: it ends at the alternative
     """
 
     max_rise: float
-    is_widened: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,9 +66,6 @@ class GroundFit:
     misfit : Misfit at the full frequency band
     drops : tuple of WeightedDrop, with the window that was fitted
     rule : AlternativeRule
-    profile : tuple of Minimum, best fits at fixed bedrock depths; empty if the depth is not fitted
-    off_bounds : tuple of Minimum, best fits with a parameter fixed inside of the bound that it had
-        reached
     coarse : Misfit or None, for the same window at the band of the search, if ``others`` are minima
         of it and intervals need profiles; None: ``others`` are minima of ``misfit``
     """
@@ -83,8 +77,6 @@ class GroundFit:
     misfit: Misfit
     drops: tuple[WeightedDrop, ...]
     rule: AlternativeRule
-    profile: tuple[Minimum, ...] = ()
-    off_bounds: tuple[Minimum, ...] = ()
     coarse: Misfit | None = None
 
     @property
@@ -113,9 +105,8 @@ class GroundFit:
 
     @property
     def alternatives(self) -> tuple[Minimum, ...]:
-        """Other minima, and points of profiles, that the data do not exclude."""
-        minima = (*self.others, *self.profile, *self.off_bounds)
-        return tuple(m for m in minima if m.cost <= self.max_cost)
+        """Other minima that the data do not exclude."""
+        return tuple(m for m in self.others if m.cost <= self.max_cost)
 
 
 def distinct(points: FloatArray, cost: FloatArray) -> NDArray[np.intp]:

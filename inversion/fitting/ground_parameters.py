@@ -26,10 +26,10 @@ _MIN_VISCOSITY_BOUND_PA_S = 4.0e5
 _MAX_RELAXATION_S = 0.012
 _MAX_DEPTH_RADII = 60.0
 
-# Priors of homogeneous ground, mean and standard deviation: logarithm of the density, kg/m3, of
-# soils and granular fills from loose and dry to dense and wet; viscosity over modulus, s.
+# Priors of homogeneous ground: mean and standard deviation of the logarithm of the density, kg/m3,
+# of soils and granular fills from loose and dry to dense and wet; and of viscosity over modulus, s.
 LOG_DENSITY_PRIOR = (math.log(1900.0), 0.12)
-RELAXATION_PRIOR_S = (1.0e-3, 1.5e-3)
+TYPICAL_RELAXATION_S = 1.0e-3
 # Prior standard deviation of one over the depth of rock: a subgrade rarely has rock within a few
 # decimetres, and often none near enough for an echo.
 INVERSE_DEPTH_SD_PER_M = 1.25
@@ -68,7 +68,6 @@ def depth_parameter(plate_radius: float) -> Parameter:
         MIN_DEPTH_RADII * 1.001 * plate_radius,
         _MAX_DEPTH_RADII * plate_radius,
         logarithmic=True,
-        inverse_prior=INVERSE_DEPTH_SD_PER_M,
     )
 
 
@@ -95,19 +94,11 @@ def homogeneous_space(
     low, high = (factor * peak_modulus for factor in _MODULUS_FACTORS)
     unknowns = [Unknown(Parameter(MODULUS, "Pa", low, high, logarithmic=True), "modulus", 0)]
     if not elastic:
-        centre, deviation = (peak_modulus * time for time in RELAXATION_PRIOR_S)
         upper = max(_MIN_VISCOSITY_BOUND_PA_S, _MAX_RELAXATION_S * peak_modulus)
-        viscosity = Parameter(VISCOSITY, "Pa s", 0.0, upper, prior=(centre, deviation))
+        viscosity = Parameter(VISCOSITY, "Pa s", 0.0, upper)
         unknowns.append(Unknown(viscosity, "viscosity", 0))
     if density is None:
-        parameter = Parameter(
-            DENSITY,
-            "kg/m3",
-            *_DENSITY_BOUNDS_KG_M3,
-            starts=(1800.0,),
-            logarithmic=True,
-            prior=LOG_DENSITY_PRIOR,
-        )
+        parameter = Parameter(DENSITY, "kg/m3", *_DENSITY_BOUNDS_KG_M3, logarithmic=True)
         unknowns.append(Unknown(parameter, "density", 0))
     if rock_depth is None:
         unknowns.append(Unknown(depth_parameter(plate_radius), "thickness", 0))

@@ -51,7 +51,7 @@ _FIRST_LEVEL = 100.0
 # The whole record is fitted if its mean square residual is at most 2.25 (1.5 times the error of the
 # model), or its root at most 1.3 times that of the contact.
 _MAX_EXPLAINED_COST, _MAX_RESIDUAL_OVER_CONTACT = 2.25, 1.3
-_LAYERED_RULE = AlternativeRule(max_rise=CHI_SQUARE_1_95, is_widened=False)
+_LAYERED_RULE = AlternativeRule(max_rise=CHI_SQUARE_1_95)
 # Ranges of the starting points: natural logarithm of the modulus over that from the deflection
 # (top, inner and lowest medium), thickness in plate radii, relaxation time.
 _TOP_LOG_RATIOS, _INNER_LOG_RATIOS, _BOTTOM_LOG_RATIOS = (-1.0, 2.7), (-1.2, 1.8), (-1.0, 0.3)
@@ -89,7 +89,7 @@ def fit_layers(
     window : "contact", "whole" or None
         Part of the record; None: the whole record if the model explains it.
     """
-    longer = tuple(item.with_tail(reweigh=False) for item in drops)
+    longer = tuple(item.with_tail() for item in drops)
     if all(a.drop.window_end == b.drop.window_end for a, b in zip(drops, longer, strict=True)):
         window = "contact"
     contact = _Stage(longer if window == "whole" else tuple(drops), space, plate, sensors)

@@ -65,14 +65,12 @@ class WeightedDrop:
         """Return a drop with a load (n,), N, and the declared (m) or default error of the model."""
         return cls(drop, instrument, load, model_floor(drop, declared_floor))
 
-    def with_tail(self, *, reweigh: bool) -> WeightedDrop:
+    def with_tail(self) -> WeightedDrop:
         """Return the drop with the fitted window up to a second contact or the end of the record.
 
-        The noise of an integrated velocity grows with the window. With ``reweigh`` the weights
-        include that; otherwise they remain those of the contact.
+        The weights remain those of the contact.
         """
-        noise = None if reweigh else self.drop.noise
-        return replace(self, drop=self.drop.with_tail(), noise=noise)
+        return replace(self, drop=self.drop.with_tail(), noise=self.drop.noise)
 
     @cached_property
     def scale(self) -> FloatArray:
@@ -153,8 +151,6 @@ class Misfit:
         self.prior_level = prior_level
         self.n_independent = n_independent or _N_INDEPENDENT_PER_DROP * len(self.drops)
         self.solves = 0
-        self.seconds = sum(item.drop.window_end for item in self.drops)
-        """Length of the windows of all drops."""
         first = self.drops[0]
         self.instrument = first.instrument
         offsets = first.drop.offsets

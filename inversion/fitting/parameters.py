@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
@@ -53,8 +53,6 @@ class Parameter:
     natural : bool, True: the bounds are physical limits, so that a value on one causes no warning
     prior : (float, float) or None, mean and standard deviation of a normal prior, of the natural
         logarithm for a logarithmic parameter
-    inverse_prior : float or None, standard deviation of a normal prior of one over the value,
-        around 0; in place of ``prior``
     absent : float or None, value at which the parameter's effect changes nothing, or almost nothing
     """
 
@@ -67,7 +65,6 @@ class Parameter:
     natural: bool = False
     prior: tuple[float, float] | None = None
     absent: float | None = None
-    inverse_prior: float | None = None
 
     def value(self, unit_value: FloatArray | float) -> FloatArray:
         """Return the physical values of points (...,) of the unit interval."""
@@ -92,17 +89,13 @@ class Parameter:
     def prior_distance(self, unit_value: FloatArray | float) -> tuple[FloatArray, FloatArray]:
         """Return distances (...,) from the prior's mean over its deviation, and slopes."""
         shape = np.shape(unit_value)
-        if self.inverse_prior is not None:
-            value = self.value(unit_value)
-            distance: FloatArray = 1.0 / (value * self.inverse_prior)
-            return distance, -distance * self.slopes(unit_value) / value
         if self.prior is None:
             return np.zeros(shape), np.zeros(shape)
         centre, deviation = self.prior
         low, high = self.lower, self.upper
         if self.logarithmic:
             low, high = math.log(low), math.log(high)
-        distance = np.asarray((low + (high - low) * unit_value - centre) / deviation)
+        distance: FloatArray = np.asarray((low + (high - low) * unit_value - centre) / deviation)
         return distance, np.full(shape, (high - low) / deviation)
 
 
@@ -202,17 +195,6 @@ class ParameterSpace:
         The value is None if the thickness is not fitted.
         """
         return self.index("thickness", self.media - 1)
-
-    def without_rock(self) -> ParameterSpace:
-        """Return the same space with a half-space as the lowest medium."""
-        lowest = self.depth_column
-        return replace(
-            self,
-            unknowns=tuple(u for column, u in enumerate(self.unknowns) if column != lowest),
-            thickness=(*self.thickness[:-1], math.inf),
-            rock=False,
-            rock_depth=None,
-        )
 
     def values(self, points: FloatArray) -> FloatArray:
         """Return the physical values (m, d) of points (m, d) of the unit cube."""

@@ -203,10 +203,9 @@ def _interval(
         if fit.coarse is not None and not is_linear:
             below, above = _profile_ends(fit, fit.coarse, column, covariance, spread)
             low, high = min(low, below), max(high, above)
-        margin = reach if fit.rule.is_widened else 0.0
         for alternative in fit.alternatives:
             value = float(alternative.point[column])
-            low, high = min(low, value - margin), max(high, value + margin)
+            low, high = min(low, value), max(high, value)
     return max(0.0, low), min(1.0, high)
 
 

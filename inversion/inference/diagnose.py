@@ -7,8 +7,9 @@ beyond noise, see :mod:`inversion.inference.discrepancy`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -25,30 +26,27 @@ from inversion.diagnosis.findings import (
 from inversion.diagnosis.model import DropModel, PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.errors import RecordError
-from inversion.fitting.uncertainty import NORMAL_95
 from inversion.forward.library import SurrogateLibrary
+from inversion.inference.base import BaseFit, fit_base
 from inversion.inference.effect_results import effect_results
 from inversion.inference.held_out import last_drop_error
-from inversion.inference.modulus import (
-    Component,
-    depth_range,
-    equivalent_estimate,
-    ground_of,
-    mean_stress,
-    quantiles,
-    secant_estimate,
-    secant_modulus,
-)
+from inversion.inference.modulus import Component, ModulusOf
 from inversion.inference.point_model import PointModel
 from inversion.inference.population import InstrumentKnowledge, summarise
 from inversion.inference.posterior import PointFit, Posterior
 from inversion.inference.selection import (
     EXPLAINED_TO,
     LOG_ODDS,
-    SIMILAR_DISCREPANCY_RATIO,
     Selection,
     is_sound,
     select,
+)
+from inversion.inference.state import (
+    fitted_state,
+    unexplained_reasons,
+    weights_in_doubt,
+    with_discrepancy_error,
+    without_modulus,
 )
 from inversion.inference.structures import effects_of
 from inversion.measured.bad_sensors import (
@@ -57,24 +55,11 @@ from inversion.measured.bad_sensors import (
     find_step,
 )
 from inversion.notices import Notice, Value
-from inversion.records import Interval, known
-from inversion.result import is_open
+from inversion.records import known
 from inversion.threads import single_threaded_blas
 
-# Contact pressure at which moduli of different drops are compared, Pa.
-_REFERENCE_PA = 100e3
-# Relative error (95 %) of the modulus over the discrepancy of an unexplained record. It exceeds 1
-# because parameters imitate part of the model error, and that part does not show as discrepancy.
-_MODULUS_ERROR_PER_DISCREPANCY = 2.0
-# Factor on the prior standard deviations in the base model: the priors then have no effect.
-_NO_PRIORS = 30.0
-# Residual over the noise, and over the peak, above both of which slow noise does not explain it.
-_MAX_RESIDUAL_OVER_NOISE, _MAX_NOISE_OVER_PEAK = 2.0, 0.02
 # Smallest posterior probability, relative to the best structure, of a structure in the interval.
 _MIN_WEIGHT = 0.02
-# If the best structure does not explain the record, structures of similar discrepancy have at least
-# this weight, relative to the best one.
-_SIMILAR_WEIGHT = 0.1
 _MAX_REFIT_ITERATIONS = 12
 # Largest ratio of the base model's residual with a sensor turned or exchanged to that as declared,
 # at which the full diagnosis is repeated.
@@ -121,12 +106,12 @@ def diagnose_point(
         base = fit_base(point)
         objections = _find_steps(point)
         if objections:
-            return _point_diagnosis(point, base, base, None, objections)
+            return _point_diagnosis(point, base, base.best, None, objections)
         selection = select(point.coarse(), instrument)
         best, seating = fit_drops_of_selection(point, selection, instrument)
         diagnosis = _point_diagnosis(point, base, best, (selection, seating), [])
         if predict_last and len(records.records) > 1:
-            part = last_drop_error(records, (base, best), instrument, library)
+            part = last_drop_error(records, (base.best, best), instrument, library)
             diagnosis = replace(diagnosis, held_out=HeldOut.of("next", [part]))
     doubtful = (
         diagnosis.verdict == "unexplained"
@@ -141,7 +126,7 @@ def diagnose_point(
     return replace(
         diagnosis,
         verdict="unexplained",
-        after=_without_modulus(diagnosis.after),
+        after=without_modulus(diagnosis.after),
         warnings=(*diagnosis.warnings, contradicted),
     )
 
@@ -150,20 +135,6 @@ def _on_declared_rock(diagnosis: PointDiagnosis, point: Point) -> bool:
     """Return whether effects were detected above declared rock, whose depth may then be wrong."""
     depth = point.records.records[0].bedrock_depth
     return bool(diagnosis.effects) and depth is not None and math.isfinite(depth)
-
-
-def fit_base(point: Point) -> Posterior:
-    """Fit the base model: one ground under all drops, without effects and priors.
-
-    Every sample has the same weight, as in least squares; the discrepancy is used for the interval
-    only.
-    """
-    model = PointModel(point, (), range(len(point.drops)), is_same_ground=True)
-    model.deviation = _NO_PRIORS * model.deviation
-    fit = PointFit(model)
-    fit.approach(_MAX_REFIT_ITERATIONS)
-    fit.estimate_discrepancy(fit.posterior())
-    return fit.posterior()
 
 
 def fit_drops_of_selection(
@@ -200,7 +171,7 @@ def fit_drops_of_selection(
 
 def _point_diagnosis(
     point: Point,
-    base: Posterior,
+    base: BaseFit,
     best: Posterior,
     choice: tuple[Selection, float] | None,
     objections: Sequence[Notice],
@@ -210,28 +181,32 @@ def _point_diagnosis(
     Parameters
     ----------
     point : Point
-    base, best : Posterior, of the base model and of the chosen structure
+    base : BaseFit, of the base model
+    best : Posterior, of the chosen structure
     choice : the structures from which the best was chosen, and the log evidence of seating; None:
         none
     objections : notices about the records that rule out any explanation
     """
     effects = effect_results(best, *choice) if choice else ()
-    after = _fitted_state(best, choice[0] if choice else None)
-    warnings = [*objections, *_unexplained_reasons(best)]
+    after = base.state
+    if choice:
+        after = fitted_state(best, partial(_components, best, choice[0]))
+    reasons = unexplained_reasons(best)
+    warnings = [*objections, *reasons]
     if choice and choice[0].is_overparameterised:
         warnings.append(Notice("too-many-effects", {"effects": len(choice[0].best)}))
     verdict: Verdict = "unexplained"
     if not warnings:
         verdict = "explained" if best.model.effects or effects else "clean"
-    if warnings:
-        after = _with_discrepancy_error(after)
+    if warnings and choice:
+        after = with_discrepancy_error(after)
     return PointDiagnosis(
         name=point.records.name,
         numbers=point.records.numbers,
         verdict=verdict,
         noise_rms=float(max(model.noise[0] for model in point.drops)),
         before=replace(
-            _fitted_state(base, None, with_drift=False),
+            base.state,
             stress_pa=None,
             modulus_100kpa_pa=None,
             discrepancy_over_peak=None,
@@ -241,7 +216,7 @@ def _point_diagnosis(
         effects=effects,
         held_out=None,
         warnings=(*_warnings(effects, verdict, after), *warnings),
-        curves=_curves(point, base, best),
+        curves=_curves(point, base.best, best),
         summary=summarise(best),
         structure=choice[0].best if choice else frozenset(),
         gains=choice[0].gains() if choice else {},
@@ -249,107 +224,22 @@ def _point_diagnosis(
     )
 
 
-def _fitted_state(
-    posterior: Posterior, selection: Selection | None, *, with_drift: bool = True
-) -> FittedState:
-    """Return the residuals of a fit, and its modulus with the 95 % interval.
-
-    Parameters
-    ----------
-    posterior : Posterior, of all drops
-    selection : structures that the interval covers; None: only the fitted one
-    with_drift : bool, True: the prediction includes the drift of sensors
-    """
-    model = posterior.model
-    drops = [model.point.drops[drop] for drop in model.drops]
-    predictions = posterior.recorded if with_drift else posterior.predictions
-    pairs = list(zip(drops, predictions, strict=True))
-    residuals = [predicted - model_of_drop.observed for model_of_drop, predicted in pairs]
-    over_noise = [
-        r / model_of_drop.noise[:, None] for model_of_drop, r in zip(drops, residuals, strict=True)
-    ]
-    full_record, contact = (
-        math.hypot(
-            *(
-                model_of_drop.residual_over_peak(p, contact_only=contact_only)
-                for model_of_drop, p in pairs
-            )
-        )
-        / math.sqrt(len(pairs))
-        for contact_only in (False, True)
-    )
-    rig = any(effect.replaces_ground for effect in model.effects)
-    ground = ground_of(posterior)
-    stress = mean_stress(model)
-    state = FittedState(
-        model="rig" if rig else "half-space" if ground.inverse_depth == 0.0 else "layer",
-        modulus_interval_pa=(math.nan, math.nan),
-        residual_rms_m=_root_mean_square(residuals),
-        residual_over_noise=_root_mean_square(over_noise),
-        residual_rms_over_peak=full_record,
-        contact_residual_rms_over_peak=contact,
-        stress_pa=stress,
-        discrepancy_over_peak=posterior.discrepancy.scale,
-        discrepancy_interval_over_peak=PointFit(model, posterior.values).scale_interval(posterior),
-    )
-    if rig:
-        return replace(state, modulus_interval_pa=None)
-    modulus = secant_modulus(posterior, stress)
-
-    def mixture(of: Callable[[Posterior], tuple[float, float]]) -> tuple[float, float, float]:
-        return quantiles(_components(posterior, selection, of))
-
-    low, median, high = mixture(lambda fit: secant_estimate(fit, stress))
-    state = replace(
-        state,
-        fitted_modulus=median,
-        modulus_pa=median,
-        modulus_sd_pa=median * secant_estimate(posterior, stress)[1],
-        modulus_interval_pa=(low, high),
-        modulus_depth_m=depth_range(ground),
-        modulus_100kpa_pa=median / modulus * secant_modulus(posterior, _REFERENCE_PA),
-        viscosity_pa_s=float(ground.viscosity),
-        density_kg_m3=float(ground.density),
-        bedrock_depth_m=1.0 / float(ground.inverse_depth) if ground.inverse_depth > 0.0 else None,
-    )
-    if drops[-1].measures_plate:
-        low, median, high = mixture(equivalent_estimate)
-        state = replace(
-            state, equivalent_modulus_pa=median, equivalent_modulus_interval_pa=(low, high)
-        )
-    return _without_open_moduli(state)
-
-
-def _components(
-    posterior: Posterior,
-    selection: Selection | None,
-    of: Callable[[Posterior], tuple[float, float]],
-) -> list[Component]:
+def _components(posterior: Posterior, selection: Selection, of: ModulusOf) -> list[Component]:
     """Return a modulus by the chosen and by each of the other structures, with its weight.
-
-    Evidence weights structures correctly only if one of them is right. If even the best one does
-    not explain the record, or has too many effects, others of similar discrepancy get a weight that
-    the interval shows.
 
     Parameters
     ----------
     posterior : Posterior, final fit of the chosen structure
-    selection : Selection or None
-    of : returns the logarithm of the modulus of a fit, and its standard deviation
+    selection : Selection
+    of : ModulusOf
     """
     log_modulus, deviation = of(posterior)
     components = [Component(1.0, log_modulus, deviation)]
-    if selection is None:
-        return components
     best = selection.fits[selection.best]
     weights = selection.weights()
     if best.discrepancy.scale > EXPLAINED_TO or selection.is_overparameterised:
-        close = SIMILAR_DISCREPANCY_RATIO * best.discrepancy.scale
-        weights |= {
-            structure: max(weights[structure], _SIMILAR_WEIGHT)
-            for structure, fit in selection.fits.items()
-            if fit.discrepancy.scale <= close
-        }
+        in_doubt = weights_in_doubt([*weights.values()], [selection.fits[s] for s in weights], best)
+        weights = dict(zip(weights, in_doubt, strict=True))
     # Fits of the selection have a narrower frequency band than the final one.
     log_modulus_of_best, _ = of(best)
     for structure, weight in weights.items():
@@ -362,79 +252,6 @@ def _components(
             Component(weight, log_modulus + alternative - log_modulus_of_best, deviation)
         )
     return components
-
-
-def _without_modulus(state: FittedState) -> FittedState:
-    """Return a state without its moduli, which the data do not determine."""
-    return replace(
-        state,
-        modulus_pa=None,
-        modulus_sd_pa=None,
-        modulus_100kpa_pa=None,
-        equivalent_modulus_pa=None,
-    )
-
-
-def _without_open_moduli(state: FittedState) -> FittedState:
-    """Return a state without those moduli that their intervals leave open."""
-    if is_open(state.equivalent_modulus_interval_pa):
-        state = replace(state, equivalent_modulus_pa=None)
-    if not state.is_undetermined:
-        return state
-    return replace(_without_modulus(state), equivalent_modulus_pa=state.equivalent_modulus_pa)
-
-
-def _with_discrepancy_error(state: FittedState) -> FittedState:
-    """Return a state whose intervals include the error that the discrepancy indicates."""
-    if math.isnan(state.fitted_modulus):
-        return state
-    modulus, equivalent = state.fitted_modulus, state.equivalent_modulus_pa
-    discrepancy = max(
-        known(state.discrepancy_over_peak), known(state.contact_residual_rms_over_peak)
-    )
-    error = math.log1p(_MODULUS_ERROR_PER_DISCREPANCY * discrepancy)
-
-    def wider(value: float, limits: Interval) -> Interval:
-        low, high = (
-            value * math.exp(sign * math.hypot(math.log(end / value), error))
-            for sign, end in zip((-1.0, 1.0), limits, strict=True)
-        )
-        return low, high
-
-    if equivalent is not None:
-        limits = wider(equivalent, known(state.equivalent_modulus_interval_pa))
-        state = replace(state, equivalent_modulus_interval_pa=limits)
-    if state.modulus_sd_pa is not None:
-        relative = math.hypot(state.modulus_sd_pa / modulus, error / NORMAL_95)
-        state = replace(state, modulus_sd_pa=modulus * relative)
-    limits = wider(modulus, known(state.modulus_interval_pa))
-    return _without_open_moduli(replace(state, modulus_interval_pa=limits))
-
-
-def _unexplained_reasons(posterior: Posterior) -> list[Notice]:
-    """Return the reasons why a fit does not explain its records; empty: it does."""
-    reasons = []
-    discrepancy = posterior.discrepancy.scale
-    if discrepancy > EXPLAINED_TO:
-        values: dict[str, Value] = {"discrepancy_over_peak": discrepancy, "limit": EXPLAINED_TO}
-        reasons.append(Notice("discrepancy-remains", values))
-    # Only the last drop is judged, because the first of several drops may have a larger residual.
-    model = posterior.model
-    last = model.point.drops[model.last]
-    residual = posterior.recorded[-1] - last.observed
-    over_noise = _root_mean_square([residual / last.noise[:, None]])
-    last_residual = posterior.residuals_over_peak()[-1]
-    if (
-        not reasons
-        and over_noise > _MAX_RESIDUAL_OVER_NOISE
-        and last_residual > _MAX_NOISE_OVER_PEAK
-    ):
-        reasons.append(Notice("noise-exceeded", {"residual_over_noise": over_noise}))
-    return reasons
-
-
-def _root_mean_square(parts: Sequence[FloatArray]) -> float:
-    return math.sqrt(np.mean(np.concatenate([part.ravel() for part in parts]) ** 2))
 
 
 def _warnings(
@@ -471,7 +288,7 @@ def _find_contradicted_declaration(
             # The base model shows quickly whether the residual decreases with the sensor changed.
             with single_threaded_blas():
                 changed = fit_base(Point(suspect.records, library))
-            residual = known(_fitted_state(changed, None, with_drift=False).residual_rms_over_peak)
+            residual = known(changed.state.residual_rms_over_peak)
             if residual > _MAX_CORRECTED_RESIDUAL_RATIO * diagnosis.before.residual_over_peak:
                 continue
         try:
@@ -533,6 +350,6 @@ def _curves(point: Point, base: Posterior, best: Posterior) -> tuple[DropCurves,
             contact_end=model.context.contact_end + model.drop.start,
         )
         for number, model, before, after in zip(
-            point.records.numbers, point.drops, base.predictions, best.recorded, strict=True
+            point.records.numbers, point.drops, base.recorded, best.recorded, strict=True
         )
     )

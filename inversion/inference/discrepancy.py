@@ -22,11 +22,13 @@ from scipy.linalg import block_diag
 from scipy.linalg.lapack import dtrtrs
 
 from inversion.arrays import FloatArray
-from inversion.diagnosis.model import FROM_SAMPLE
+from inversion.diagnosis.model import FROM_SAMPLE, DropModel
 from inversion.inference.point_model import PointModel
 
 # Error of the forward model as a fraction of the peak, independent from sample to sample.
 FLOOR = 1e-3
+# Correlation time of the difference of the two sides of a plate.
+_SIDE_MEMORY_S = 4e-3
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,8 @@ class Discrepancy:
     between_drops : float, correlation between two drops of a point
     first : float, factor on the scale for the first of several drops
     drift : float, standard deviation of the drift at the end of a record, over the peak
+    after_contact : float, factor on the scale after the contact, in which a plate may bounce and
+        tip, which the base model lacks
     """
 
     scale: float
@@ -47,6 +51,7 @@ class Discrepancy:
     between_drops: float = 0.0
     first: float = 2.0
     drift: float = 0.005
+    after_contact: float = 1.0
 
 
 class RecordedDrops:
@@ -69,6 +74,8 @@ class RecordedDrops:
         times = [m.context.time[part] for m, part in zip(models, self._parts, strict=True)]
         time = np.concatenate(times)
         drop = np.repeat(np.arange(len(models)), [time.size for time in times])
+        contact_ends = np.array([m.context.contact_end for m in models])
+        self._is_after_contact = time > contact_ends[drop]
         self._is_seating = np.array([model.is_seating(drop) for drop in self.drops])[drop]
         # Computed once: it does not depend on the discrepancy, of which a fit tries hundreds.
         self._time_differences = np.abs(time[:, None] - time)
@@ -80,16 +87,26 @@ class RecordedDrops:
             self.over_peak([m.observed for m in models], row) for row in range(self.sensors)
         ]
         self._noise: list[FloatArray] = [
-            block_diag(
-                *(
-                    m.noise_covariance(row, FLOOR * m.peak[row])[::thinning, ::thinning]
-                    / m.peak[row] ** 2
-                    for m in models
-                )
-            )
+            block_diag(*(self._noise_of(m, row, thinning) for m in models))
             for row in range(self.sensors)
         ]
         self._latest: tuple[Discrepancy, list[FloatArray]] | None = None
+
+    @staticmethod
+    def _noise_of(model: DropModel, sensor: int, thinning: int) -> FloatArray:
+        """Return the covariance of a drop's noise at a sensor over its peak, (n, n).
+
+        What a sensor on the other side of the plate shows differently is no effect either: ground
+        and plate of the model are the same on all sides.
+        """
+        peak = float(model.peak[sensor])
+        noise = model.noise_covariance(sensor, FLOOR * peak)[::thinning, ::thinning]
+        side = float(model.drop.side_floor[sensor])
+        if side > 0.0:
+            time = model.context.time[FROM_SAMPLE::thinning]
+            decay = np.exp(-np.abs(time[:, None] - time) / _SIDE_MEMORY_S)
+            noise = noise + side**2 * decay
+        return noise / peak**2
 
     def over_peak(self, traces: Sequence[FloatArray], sensor: int) -> FloatArray:
         """Return the traces of all drops at one sensor, over the peak, (..., n).
@@ -114,6 +131,7 @@ class RecordedDrops:
         if self._decay[0] != discrepancy.memory:
             self._decay = discrepancy.memory, np.exp(-self._time_differences / discrepancy.memory)
         size = discrepancy.scale * np.where(self._is_seating, discrepancy.first, 1.0)
+        size *= np.where(self._is_after_contact, discrepancy.after_contact, 1.0)
         result: FloatArray = size[:, None] * size * self._decay[1]
         if len(self.drops) > 1:
             result *= np.where(self._same_drop, 1.0, discrepancy.between_drops)

@@ -151,7 +151,9 @@ def last_drop_error(
         # Deviations of the drops start at zero: from the ratios of their peaks the fit of two drops
         # ends in optima that predict the next drop worse.
         start = {k: 0.0 if k[2] is not None else value for k, value in of_all.by_key.items()}
-        fit = PointFit(model, model.start_from(start)).run_nearby(_MAX_REFIT_ITERATIONS)
+        is_base = of_all is fits[0]
+        fitted = PointFit(model, model.start_from(start), is_contact_first=is_base)
+        fit = fitted.run_nearby(_MAX_REFIT_ITERATIONS, of_all.discrepancy if is_base else None)
         points = [*knowledge.peer_points, summarise(fit)]
         laws = [learn_next_drop(points, first=first) for first in (True, False)]
         predictors.append(DropPredictor(fit, *laws))

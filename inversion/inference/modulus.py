@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,9 @@ from inversion.effects.base import DropContext, Ground
 from inversion.fitting.uncertainty import NORMAL_95
 from inversion.inference.point_model import ActiveEffects, PointModel
 from inversion.inference.posterior import Posterior
+
+ModulusOf = Callable[[Posterior], tuple[float, float]]
+"""Function that returns the logarithm of a modulus of a fit, Pa, and its standard deviation."""
 
 # Step of numerical derivatives, in posterior standard deviations.
 _MODULUS_STEP_OVER_POSTERIOR_SD = 0.05
@@ -34,13 +37,22 @@ def ground_of(posterior: Posterior) -> Ground:
     return _with_effects(ground, active, _context(model))
 
 
-def depth_range(ground: Ground) -> tuple[float, float | None]:
+def rock_depth(posterior: Posterior) -> float | None:
+    """Return the depth of rock below the surface, m, as declared or fitted; None: there is none."""
+    declared = posterior.model.point.declared_depth
+    if declared is not None and math.isfinite(declared):
+        return declared
+    inverse = ground_of(posterior).inverse_depth
+    return 1.0 / inverse if inverse > 0.0 else None
+
+
+def depth_range(posterior: Posterior) -> tuple[float, float | None]:
     """Return the depths between which the modulus of the ground holds, m; None: any depth.
 
     Where the modulus grows with depth, that of the ground is the effective one of all depths.
     """
-    top = sum((medium.thickness for medium in ground.above), 0.0)
-    return top, 1.0 / ground.inverse_depth if ground.inverse_depth > 0.0 else None
+    top = sum(medium.thickness for medium in ground_of(posterior).above)
+    return top, rock_depth(posterior)
 
 
 def mean_stress(model: PointModel) -> float:
@@ -163,7 +175,7 @@ def quantiles(components: Sequence[Component]) -> tuple[float, float, float]:
 
     The distribution is a mixture of structures.
     """
-    low, median, high = (math.exp(_quantile(components, part)) for part in (0.025, 0.5, 0.975))
+    low, median, high = (math.exp(quantile(components, part)) for part in (0.025, 0.5, 0.975))
     return low, median, high
 
 
@@ -184,7 +196,7 @@ def equivalent_estimate(posterior: Posterior) -> tuple[float, float]:
     return log_modulus, math.hypot(deviation, CALIBRATION / NORMAL_95)
 
 
-def _quantile(components: Sequence[Component], part: float) -> float:
+def quantile(components: Sequence[Component], part: float) -> float:
     """Return the quantile ``part`` of the mixture of components, a logarithm of the modulus."""
     weights = np.array([c.weight for c in components])
     middles = np.array([c.log_modulus for c in components])

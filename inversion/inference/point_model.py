@@ -18,7 +18,7 @@ from inversion.diagnosis.problem import Point
 from inversion.effects.base import DropContext, Effect, Ground, Values
 from inversion.effects.rebound import Rebound
 from inversion.fitting.coordinates import Coordinate
-from inversion.fitting.ground_parameters import LOG_DENSITY_PRIOR, RELAXATION_PRIOR_S
+from inversion.fitting.ground_parameters import LOG_DENSITY_PRIOR, TYPICAL_RELAXATION_S
 
 Name = tuple[str, str]
 """Name of the effect ("" for the ground), and name of the coordinate."""
@@ -133,6 +133,17 @@ class PointModel:
         result: FloatArray = np.clip(values, self.lower, self.upper)
         return result
 
+    def start_near(self, ground: Ground) -> FloatArray:
+        """Return a starting point with the properties of a homogeneous ground."""
+        values = {
+            STIFFNESS: math.log(ground.modulus / self.point.peak_modulus),
+            (GROUND_EFFECT, "density"): math.log(ground.density),
+            ("bedrock", "depth"): ground.inverse_depth,
+        }
+        if ground.viscosity > 0.0:
+            values[GROUND_EFFECT, "relaxation"] = math.log(ground.viscosity / ground.modulus)
+        return self.start_from({(*name, None): value for name, value in values.items()})
+
     def is_seating(self, drop: int) -> bool:
         """Return whether a drop is the first of several fitted drops of its point."""
         return drop == 0 and len(self.drops) > 1
@@ -169,7 +180,7 @@ class PointModel:
         start = self._reference_modulus_ratio()
         soil = [Coordinate("modulus", start, _MODULUS_DEVIATION)]
         if not self.point.records.elastic:
-            relaxation = math.log(RELAXATION_PRIOR_S[0])
+            relaxation = math.log(TYPICAL_RELAXATION_S)
             soil.append(Coordinate("relaxation", relaxation, _RELAXATION_DEVIATION))
         if self.point.records.records[0].density is None:
             mean, deviation = LOG_DENSITY_PRIOR

@@ -47,10 +47,10 @@ _MEMORIES_S = (5e-4, 1e-3, 2e-3, 4e-3)
 _CORRELATIONS = (0.0, 0.3, 0.6, 0.85, 0.95)
 _FIRST_FACTORS = (1.0, 1.5, 2.5, 4.0)
 _DRIFTS = (0.001, 0.003, 0.01, 0.02)
+_AFTER_CONTACT_FACTORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 # Large drifts are tried with several sensors only: with a single one, drift could absorb the motion
 # of the ground after the contact.
 _DRIFTS_OF_SEVERAL = (*_DRIFTS, 0.05, 0.1)
-_MIN_SCALE = MODEL_FLOOR_FRACTION
 _MAX_ROUNDS = 6
 _BOUND_TOLERANCE = 1e-9
 # Half of the 95 % quantile of chi-square with one degree of freedom: the decrease of the log
@@ -142,10 +142,21 @@ class PointFit:
     ----------
     model : PointModel
     values : (k,) ndarray of float, starting point; None: the start of the model
+    is_contact_first : bool, True: the discrepancy after the contact has a factor of its own
+    solves : int, number of predictions so far, those of derivatives included
     """
 
-    def __init__(self, model: PointModel, values: FloatArray | None = None) -> None:
+    def __init__(
+        self,
+        model: PointModel,
+        values: FloatArray | None = None,
+        *,
+        is_contact_first: bool = False,
+    ) -> None:
         self.model = model
+        self.solves = 0
+        self.has_converged = False
+        self._is_contact_first = is_contact_first
         start = model.start if values is None else values
         self.values: FloatArray = np.clip(start, model.lower, model.upper)
         self.discrepancy = _ALMOST_WHITE
@@ -157,25 +168,41 @@ class PointFit:
         """Move near to an optimum, with nearly equal weights of all samples."""
         self.maximise(2 * iterations, _TOLERANCE, _FIXED_AT_FIRST)
 
-    def run(self, held: Collection[str] = ()) -> Posterior:
+    def run(self) -> Posterior:
         """Return the posterior of a full fit.
 
         The first steps have nearly equal weights of all samples, the others those of the
         discrepancy.
+        """
+        self.maximise(24, _FINE_TOLERANCE, _FIXED_AT_FIRST)
+        self.discrepancy = _FAIRLY_WHITE
+        self.maximise(12, _FINE_TOLERANCE, _FIXED_AT_FIRST)
+        self._estimate_first(_FIXED_AT_FIRST)
+        return self.run_to_optimum()
+
+    def run_from_contact(self, held: Collection[str]) -> Posterior:
+        """Return the posterior of a short fit that starts near an optimum of the contact.
 
         Parameters
         ----------
-        held : names of effects whose unknowns stay at their start in the first iterations
+        held : names of effects whose unknowns are fixed
         """
-        held = _FIXED_AT_FIRST | frozenset(held)
-        self.maximise(24, _FINE_TOLERANCE, held)
-        self.discrepancy = _FAIRLY_WHITE
-        self.maximise(12, _FINE_TOLERANCE, _FIXED_AT_FIRST)
-        for first in (True, False, False):
-            self.maximise(8, _TOLERANCE, _FIXED_AT_FIRST if first else ())
-            self.estimate_discrepancy(self.posterior())
-        self.maximise(12, _FINE_TOLERANCE)
+        self.discrepancy = replace(_FAIRLY_WHITE, after_contact=_AFTER_CONTACT_FACTORS[-1])
+        self._estimate_first(_FIXED_AT_FIRST | frozenset(held))
+        self.maximise(8, _TOLERANCE)
         return self.posterior()
+
+    def run_to_optimum(self) -> Posterior:
+        """Return the posterior of the fit, with the weights of the estimated discrepancy."""
+        for _ in range(2):
+            self.maximise(8, _TOLERANCE)
+            self.estimate_discrepancy(self.posterior())
+        self.maximise(24, _FINE_TOLERANCE)
+        return self.posterior()
+
+    def _estimate_first(self, held: Collection[str]) -> None:
+        self.maximise(8, _TOLERANCE, held)
+        self.estimate_discrepancy(self.posterior())
 
     def run_briefly(self, iterations: int) -> Posterior:
         """Return the posterior of a short fit, which is sufficient for ranking candidate models."""
@@ -214,6 +241,7 @@ class PointFit:
         whiteners = self._recorded.whiteners(self.discrepancy)
         cost = self._cost(self.values, whiteners, self._linearise(held)[0])
         damping = _DAMPING
+        self.has_converged = False
         for _ in range(iterations):
             normal, gradient, _ = self._normal(whiteners, held)
             normal += np.diag(precision)
@@ -221,6 +249,7 @@ class PointFit:
             for _ in range(_MAX_TRIALS):
                 trial = self.values + self._step(normal, gradient, damping, movable)
                 trial = np.clip(trial, model.lower, model.upper)
+                self.solves += len(drops)
                 new_cost = self._cost(
                     trial, whiteners, [model.predict(trial, drop) for drop in drops]
                 )
@@ -228,11 +257,13 @@ class PointFit:
                     break
                 damping = max(damping, 1e-4) * _DAMPING_FACTOR
             else:
+                self.has_converged = True
                 return
             gain = (cost - new_cost) / cost
             self.values, cost = trial, new_cost
             damping = max(damping / _DAMPING_FACTOR, 1e-7)
             if gain < tolerance:
+                self.has_converged = True
                 return
 
     def _step(
@@ -277,6 +308,7 @@ class PointFit:
             or not np.array_equal(cached[0], self.values)
             or not cached[1] <= frozenset(held)
         ):
+            self.solves += len(self.model.drops) * (1 + self.values.size)
             pairs = [self.model.linearise(self.values, d, held) for d in self.model.drops]
             predictions, slopes = zip(*pairs, strict=True)
             self._linearised = cached = self.values, frozenset(held), (predictions, slopes)
@@ -343,13 +375,14 @@ class PointFit:
         marginal = _Marginal(self._thinned, posterior)
         several = len(self.model.drops) > 1
         drifts = _DRIFTS_OF_SEVERAL if self._recorded.sensors > 1 else _DRIFTS
-        best = self.discrepancy
+        min_scale = _min_scale(self.model)
+        best = replace(self.discrepancy, scale=max(self.discrepancy.scale, min_scale))
         best_likelihood = marginal(best)
         factors: tuple[float, ...] = _SCALE_FACTORS
         for round_ in range(_MAX_ROUNDS):
             before = best
             candidates = [
-                *(("scale", max(best.scale * f, _MIN_SCALE)) for f in factors),
+                *(("scale", max(best.scale * f, min_scale)) for f in factors),
                 *(("memory", memory) for memory in _MEMORIES_S),
                 *(("between_drops", rho) for rho in _CORRELATIONS if several),
             ]
@@ -357,6 +390,8 @@ class PointFit:
                 # Not in the first round, in which drift would absorb the correlated discrepancy.
                 candidates += [("first", factor) for factor in _FIRST_FACTORS if several]
                 candidates += [("drift", drift) for drift in drifts]
+            if self._is_contact_first:
+                candidates += [("after_contact", factor) for factor in _AFTER_CONTACT_FACTORS]
             for name, value in candidates:
                 trial = replace(best, **{name: value})
                 if trial in (before, best):
@@ -406,6 +441,16 @@ def _curvature(
     on_upper = (values >= model.upper - _BOUND_TOLERANCE) & (slope > 0.0)
     held = np.where(on_lower | on_upper, slope**2, 0.0)
     return normal + np.diag(precision + held), slope
+
+
+def _min_scale(model: PointModel) -> float:
+    """Return the smallest scale of the discrepancy: the error of the model, over the peak.
+
+    It is declared with the record, or a fraction that comparisons with finite elements gave.
+    """
+    drop = model.point.drops[model.last]
+    floor = drop.record.model_floor
+    return MODEL_FLOOR_FRACTION if floor is None else floor / float(drop.peak[0])
 
 
 class _Marginal:

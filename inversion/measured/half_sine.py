@@ -6,11 +6,15 @@ r"""Fit of a half-sine to a load pulse.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from inversion.arrays import FloatArray
 from inversion.errors import RecordError
+
+Load = Literal["measured", "half-sine", "half-sine-equal-area"]
+"""Load of a model: as measured, or a half-sine by least squares or with the measured area."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,14 @@ class HalfSineFit:
         phase = (time - self.start) / self.duration
         inside = (phase > 0.0) & (phase < 1.0)
         return np.where(inside, self.peak_load * np.sin(np.pi * phase), 0.0)
+
+
+def model_load(time: FloatArray, load: FloatArray, kind: Load) -> FloatArray:
+    """Return the load that drives a model, (n,), N, from the measured one."""
+    if kind == "measured":
+        return load
+    fit = fit_half_sine if kind == "half-sine" else fit_half_sine_equal_area
+    return fit(time, load).load(time)
 
 
 def fit_half_sine_equal_area(time: FloatArray, load: FloatArray) -> HalfSineFit:

@@ -21,7 +21,7 @@ from inversion import (
     SurrogateLibrary,
     invert_joint,
 )
-from inversion.drop_inversion import surrogate_request
+from inversion.drop_inversion import tables_of
 from inversion.forward.library import BuildProgress
 from inversion.forward.model import Instrument
 from inversion.measured.record import Sensor
@@ -233,7 +233,7 @@ def load_surrogate(
     """
     settings = settings_of(options, setup)
     if settings.homogeneous:
-        library.get(*surrogate_request(record_of(drop, setup, options), settings))
+        library.get(*tables_of(record_of(drop, setup, options), settings))
 
 
 def analyse_file(
@@ -291,7 +291,7 @@ def rehearse(
     shapes = {"displacement": 3e-4 * pulse, "velocity": 3e-4 * np.gradient(pulse, time)}
     channels = tuple(replace(c, values=shapes[c.quantity]) for c in drop.channels)
     made_up = Drop(1, time, 8000.0 * pulse, channels)
-    quick = replace(options, method=None if options.published else "least-squares")
+    quick = replace(options, method=None if options.published else "posterior")
     analyse_drop(made_up, setup, Screening("measured"), quick, library)
 
 

@@ -16,7 +16,7 @@ Model = Literal["layer", "half-space"]
 Load = Literal["measured", "half-sine"]
 Plate = Literal["rigid-rough", "rigid-smooth", "published", "uniform"]
 Sensors = Literal["all", "centre"]
-Method = Literal["mpga", "least-squares"]
+Method = Literal["mpga", "posterior", "least-squares"]
 Depth = float | Literal["unknown", "none"]
 Layers = int | Literal["auto"]
 Thickness = tuple[float, ...] | Literal["unknown"]
@@ -29,7 +29,7 @@ PLATE_WORDS = {
 }
 METHOD_WORDS = {
     "mpga": "genetic search",
-    "least-squares": "least squares",
+    "posterior": "local fits",
     "published": "published method",
 }
 """Texts for plates and methods, as people read them, by the name of the option."""
@@ -100,7 +100,7 @@ class AnalysisOptions:
     joint: bool = False
     """True: one ground is fitted to all drops of a point."""
     method: Method | None = None
-    """Method of the search for the parameters."""
+    """Method of the search for the parameters; "least-squares" is another name of "posterior"."""
     published: bool = False
     """True: the published method, see `PUBLISHED`."""
     diagnose: bool = False
@@ -122,6 +122,8 @@ class AnalysisOptions:
     """Mass between load cell and ground, kg."""
 
     def __post_init__(self) -> None:
+        if self.method == "least-squares":
+            object.__setattr__(self, "method", "posterior")
         for key, value in self.overrides().items():
             where = "--" + OPTION_OF_KEY[key].replace("_", "-")
             try:

@@ -20,6 +20,7 @@ from inversion.records import Interval, JsonRecord
 from inversion.result import HalfSinePulse as HalfSinePulse
 from inversion.result import InversionResult
 from inversion.result import LayerResult as LayerResult
+from inversion.result import StructureResult as StructureResult
 from inversion.result import TimeHistories as TimeHistories
 from pfwd.analysis.screening.drops import DropStatus, Screening
 from pfwd.errors import SurveyError

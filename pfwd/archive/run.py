@@ -1,6 +1,6 @@
 """Inversion of an archive: sources without stored results are inverted, and theirs are stored.
 
->>> options = AnalysisOptions(method="least-squares")         # doctest: +SKIP
+>>> options = AnalysisOptions(method="posterior")         # doctest: +SKIP
 >>> with contextlib.closing(LocalWorkers(options, 2)) as workers:  # doctest: +SKIP
 ...     summary = invert_archive(["drops"], "results", options, workers)
 >>> summary.drops, summary.failed  # doctest: +SKIP

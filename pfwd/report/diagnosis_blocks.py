@@ -108,7 +108,7 @@ def ladder_of(diagnosis: DiagnosisResult, texts: Texts) -> list[Step]:
     without = [
         (texts.say("without", effect=texts.word(str(effect.name))), residual, "without")
         for effect in diagnosis.effects or ()
-        if _is_part(residual := effect.residual_without_over_peak)
+        if _is_part(residual := effect.residual_rms_over_peak_without)
     ]
     without.sort(key=lambda step: -step[1])
     ends = [

@@ -11,13 +11,14 @@ from inversion import (
     PLATE_MODELS,
     ForwardModel,
     Grounds,
+    Instrument,
     InversionError,
     Record,
     Settings,
     SurrogateLibrary,
     fit_half_sine_equal_area,
 )
-from inversion.drop_inversion import surrogate_request
+from inversion.drop_inversion import tables_of
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.forward.layered import (
     LayeredForwardModel,
@@ -64,7 +65,10 @@ def curves_of(
         None when the result names no ground, or its model cannot be evaluated.
     """
     layered = is_layered(result)
-    ground = (result.modulus_pa, result.viscosity_pa_s, result.density_kg_m3)
+    # The modulus of a result is averaged over structures; its curve is that of the most probable.
+    structures = result.structures or ()
+    best_modulus = structures[0].modulus_pa if structures else result.modulus_pa
+    ground = (best_modulus, result.viscosity_pa_s, result.density_kg_m3)
     if None in ground and not layered:
         return None
     depth = result.bedrock_depth_m
@@ -80,8 +84,8 @@ def curves_of(
             predicted = _layered_motion(prepared, record, load, result)
             return _curves(prepared, load, predicted, result)
         model = ForwardModel(
-            library.get(*surrogate_request(record, settings)),
-            record.instrument,
+            library.get(*tables_of(record, settings)),
+            _fitted_instrument(record.instrument, result),
             prepared.time,
             load,
             prepared.time[1:],
@@ -94,7 +98,19 @@ def curves_of(
         return None
     predicted = np.zeros_like(prepared.displacement)
     predicted[:, 1:] = moved[-prepared.offsets.size :]
+    if result.drift_m is not None:
+        share = np.minimum(prepared.time / prepared.tail_end, 1.0)
+        predicted += np.array(result.drift_m) @ np.stack([share, share**2])
     return _curves(prepared, load, predicted, result)
+
+
+def _fitted_instrument(declared: Instrument, result: DropResult) -> Instrument:
+    """Return the instrument with the mass and the delay of a fit."""
+    return replace(
+        declared,
+        plate_mass=declared.plate_mass + (result.added_mass_kg or 0.0),
+        load_delay=declared.load_delay - (result.delay_s or 0.0),
+    )
 
 
 def _layered_motion(

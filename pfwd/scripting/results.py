@@ -258,7 +258,7 @@ def invert(data: Any, /, *arrays: Any, **options: Any) -> Result | Results:
     plate : "rigid-rough", "rigid-smooth", "published" or "uniform" (equal pressure)
     sensors : "all" or "centre"
     joint : True: one set of ground properties for all measured drops of a point
-    method : "mpga" (genetic search and polish) or "least-squares" (several starts)
+    method : "mpga" (a genetic search adds a starting point) or "posterior" (local fits alone)
     published : True: the published method in all its parts
     priors : False: no prior on the ground if the record does not determine the depth of rock
     seed : int, random seed of the search
@@ -278,7 +278,7 @@ def invert(data: Any, /, *arrays: Any, **options: Any) -> Result | Results:
     Examples
     --------
     >>> pfwd.invert(pfwd.example("half-space"))
-    Results(1 drop, 1 measured; E 60... MPa (59... to 60...); half-space, ...; no warnings)
+    Results(1 drop, 1 measured; E 60... MPa (58... to 61...); half-space, ...; no warnings)
     """
     data, settings, header = requested(INVERT_OPTIONS, data, arrays, options)
     results = _results(data, settings, header)

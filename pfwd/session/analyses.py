@@ -43,7 +43,7 @@ class Analyses:
     Parameters
     ----------
     options : AnalysisOptions
-        Options of the full search; the quick fit has the same with the method "least-squares".
+        Options of the full search; the quick fit has the same with the method "posterior".
     report : callable
         Receives results and notices, in the thread that calls the methods.
     keep_result : callable
@@ -64,7 +64,7 @@ class Analyses:
         self._pending: dict[int, _PendingAnalysis] = {}
         self._behind = False
         # The published method is one search without a quick fit.
-        self._has_single_answer = options.published or options.method == "least-squares"
+        self._has_single_answer = options.published or options.method == "posterior"
 
     @property
     def n_pending(self) -> int:
@@ -83,7 +83,7 @@ class Analyses:
         if self._has_single_answer:
             self._request(saved, Urgency.QUICK, self._options)
             return
-        quick = replace(self._options, method="least-squares")
+        quick = replace(self._options, method="posterior")
         if len(self._pending) < MAX_PENDING_FOR_FULL_SEARCH:
             self._behind = False
             self._request(saved, Urgency.QUICK, quick, final=False)

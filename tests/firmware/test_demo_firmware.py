@@ -16,7 +16,7 @@ def test_the_main_job_runs_on_the_compiled_core(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "compiled firmware playing simulated drops at socket://127.0.0.1:" in done.stderr
     assert "PFWD core, host board" in done.stderr
-    first = [record for record in records(done.stdout) if record.get("method") == "least-squares"]
+    first = [record for record in records(done.stdout) if record.get("method") == "posterior"]
     truth = {1: 38.25e6, 2: 42.30e6}
     for record in first:
         assert record["modulus_pa"] == pytest.approx(truth[record["drop"]], rel=0.005)

@@ -112,7 +112,7 @@ def true_point(of: ParameterSpace) -> Array:
     return np.array([u.parameter.unit_value(TRUTH[u.name]) for u in of.unknowns])
 
 
-RULE = AlternativeRule(max_rise=6.0, is_widened=True)
+RULE = AlternativeRule(max_rise=6.0)
 
 
 def fit_at_truth(

@@ -9,12 +9,12 @@ import pytest
 
 from inversion import Record, RecordError, Sensor, Settings, SurrogateLibrary, invert
 from inversion.diagnosis.model import DropModel, PointRecords
-from inversion.drop_inversion import surrogate_request
+from inversion.drop_inversion import tables_of
 from inversion.effects import Ground
 from inversion.forward.contact import PlateProblem
 from tests.inversion.synthetic import POISSON_RATIO, TRUTH, Scene, record
 
-QUICK = Settings(method="least-squares")
+QUICK = Settings(method="posterior")
 SCENE = Scene(offsets=(0.0, 0.3, 0.6))
 
 
@@ -54,7 +54,7 @@ def test_two_sensors_at_one_distance_are_both_fitted(library: SurrogateLibrary) 
     drop = record(library, SCENE)
     twin = replace(drop.sensors[1], offset=-0.3)
     both = replace(drop, sensors=(twin, *drop.sensors))
-    problem, _ = surrogate_request(both, QUICK)
+    problem, _ = tables_of(both, QUICK)
     assert problem.offsets == (0.0, 2.0, 2.0, 4.0)
 
 
@@ -113,7 +113,7 @@ def test_a_diagnosis_measures_a_residual_by_what_two_sides_differ_by(
 def test_the_centre_alone_is_the_nearest_of_both_sides(library: SurrogateLibrary) -> None:
     drop = moved(record(library, SCENE), 0.0, -0.3, 0.6)
     centre = replace(QUICK, all_sensors=False)
-    assert surrogate_request(drop, centre)[0].offsets == (0.0,)
+    assert tables_of(drop, centre)[0].offsets == (0.0,)
     far = replace(drop, sensors=drop.sensors[1:])
     with pytest.raises(RecordError, match=r"got the nearest one at -0\.3 m"):
         invert(far, centre, library)

@@ -54,7 +54,7 @@ class Bench:
     def invert(self, truth: Truth, depth_known: bool, all_sensors: bool = True) -> InversionResult:
         point = read_traces(self.folder / f"{truth.name}.csv")
         settings = Settings(
-            method="least-squares",
+            method="posterior",
             bedrock_depth=truth.depth if depth_known else "unknown",
             all_sensors=all_sensors,
         )
@@ -140,4 +140,5 @@ def test_centre_alone_and_unknown_depth(truth: Truth, bench: Bench) -> None:
     low, high = result.modulus_interval_pa
     assert 0 < low <= result.modulus_pa <= high < math.inf
     if not any("depth not unique" in warning for warning in result.warnings):
-        assert (high - low) / truth.modulus < 0.05
+        # The error of calibration, 2.8 % each way, is most of it.
+        assert (high - low) / truth.modulus < 0.08

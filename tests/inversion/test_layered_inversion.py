@@ -38,7 +38,7 @@ from tests.inversion.layered_drops import (
     recorded,
 )
 
-TWO_LAYERS = Settings(method="least-squares", layers=2)
+TWO_LAYERS = Settings(method="posterior", layers=2)
 AUTO = replace(TWO_LAYERS, layers="auto")
 TRUTH = LayeredGround(
     tuple(
@@ -169,11 +169,11 @@ def test_genetic_search_and_starts_agree(library: SurrogateLibrary) -> None:
     record = recorded(noise=0.001, seed=2)
     results = [
         invert(record, replace(TWO_LAYERS, method=method), library)  # type: ignore[arg-type]
-        for method in ("mpga", "least-squares")
+        for method in ("mpga", "posterior")
     ]
     for a, b in zip(results[0].layers, results[1].layers, strict=True):
         assert a.modulus_pa == pytest.approx(b.modulus_pa, rel=1e-3)
-    assert [result.method for result in results] == ["mpga", "least-squares"]
+    assert [result.method for result in results] == ["mpga", "posterior"]
     assert results[0].forward_solves > results[1].forward_solves
 
 

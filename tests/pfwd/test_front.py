@@ -35,7 +35,7 @@ def axes() -> Any:
 @pytest.fixture(scope="module")
 def objects() -> list[Any]:
     points, survey = pfwd.example("layer"), pfwd.example("survey")
-    results = pfwd.invert(points, method="least-squares")
+    results = pfwd.invert(points, method="posterior")
     diagnoses = pfwd.diagnose(pfwd.example("unexplained"))
     of_survey = [survey, survey.results, survey.results.measured[0]]
     return [points, points[0], points.drops[0], *of_survey, results, results[0], *diagnoses]
@@ -59,7 +59,7 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
     [
         ("", {"numpy", "scipy", "h5py", "matplotlib", "pandas", "textual", "rich"}),
         (
-            "repr(pfwd.invert(pfwd.example('half-space'), method='least-squares'))",
+            "repr(pfwd.invert(pfwd.example('half-space'), method='posterior'))",
             {"matplotlib", "pandas", "textual", "simulators", "tui"},
         ),
     ],
@@ -88,7 +88,7 @@ def test_everything_shows_itself_as_text_table_values_and_picture(objects: list[
 
 def test_a_table_of_results_has_with_the_modulus_what_belongs_to_it() -> None:
     for frame in (
-        pfwd.invert(pfwd.example("layer"), method="least-squares").to_dataframe(),
+        pfwd.invert(pfwd.example("layer"), method="posterior").to_dataframe(),
         pfwd.example("survey").to_dataframe(),
         pfwd.example("survey").results.to_dataframe(),
     ):

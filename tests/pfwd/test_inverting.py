@@ -61,8 +61,8 @@ def test_the_warnings_are_printed_in_full() -> None:
 
 def test_the_keys_are_those_of_the_command_line() -> None:
     path = str(pfwd.example("layer").file)
-    (outcome,) = analyse_files([path], AnalysisOptions(method="least-squares"))
-    found = pfwd.invert(path, method="least-squares").to_dict()["results"]
+    (outcome,) = analyse_files([path], AnalysisOptions(method="posterior"))
+    found = pfwd.invert(path, method="posterior").to_dict()["results"]
     for record, result in zip(found, outcome.results, strict=True):
         expected = result.to_json()
         assert list(record) == list(expected)
@@ -72,7 +72,7 @@ def test_the_keys_are_those_of_the_command_line() -> None:
 
 def test_a_drop_a_point_points_a_survey_and_a_path_give_the_same() -> None:
     points = pfwd.example("layer")
-    option: Any = {"method": "least-squares"}
+    option: Any = {"method": "posterior"}
     from_path = [one.modulus for one in pfwd.invert(points.file, **option)]
     for several in (points, points[0], list(points.drops), [points[0]]):
         assert [one.modulus for one in pfwd.invert(several, **option)] == from_path
@@ -124,15 +124,15 @@ def test_the_options_are_those_of_the_command_line() -> None:
     assert not result.in_force, "it has other settings"
     assert result.viscosity == 0.0
     assert result.history.offsets.tolist() == [0.0]
-    with_depth = pfwd.invert(drop, bedrock_depth=np.float64(1.4), method="least-squares")
+    with_depth = pfwd.invert(drop, bedrock_depth=np.float64(1.4), method="posterior")
     assert with_depth.bedrock_depth == 1.4
-    assert with_depth["method"] == "least-squares"
+    assert with_depth["method"] == "posterior"
 
 
 def test_layers_and_thicknesses_are_those_of_the_command_line() -> None:
     drop = pfwd.example("three-sensors").drops[0]
     for thickness in ([np.float64(0.3)], (0.3,), np.array([0.3])):
-        result = pfwd.invert(drop, layers=2, thickness=thickness, method="least-squares")
+        result = pfwd.invert(drop, layers=2, thickness=thickness, method="posterior")
         upper, lower = result["layers"]
         assert upper["thickness_m"] == 0.3
         assert upper["thickness_interval_m"] is None
@@ -140,7 +140,7 @@ def test_layers_and_thicknesses_are_those_of_the_command_line() -> None:
         assert type(upper["modulus_pa"]) is float
         assert result["effective_modulus_pa"] > 0
     json.dumps(result.to_dict(), allow_nan=False)
-    one = pfwd.invert(drop, layers=np.int64(1), thickness="unknown", method="least-squares")
+    one = pfwd.invert(drop, layers=np.int64(1), thickness="unknown", method="posterior")
     assert len(one["layers"]) == 1
     assert one["layers"][0]["modulus_pa"] == one["effective_modulus_pa"] == one.modulus
 
@@ -148,10 +148,10 @@ def test_layers_and_thicknesses_are_those_of_the_command_line() -> None:
 def test_a_declared_value_wins_over_the_file() -> None:
     points = pfwd.example("half-space")
     for data in (points, points.file, points.drops[0]):
-        found: Any = pfwd.invert(data, plate_radius=0.1, method="least-squares")
+        found: Any = pfwd.invert(data, plate_radius=0.1, method="posterior")
         one = found if isinstance(found, pfwd.Result) else found[0]
         assert one.plate_radius == 0.1
-    (by_header,) = pfwd.invert(points.file, header={"plate_radius_m": 0.1}, method="least-squares")
+    (by_header,) = pfwd.invert(points.file, header={"plate_radius_m": 0.1}, method="posterior")
     assert by_header.plate_radius == 0.1
 
 

@@ -27,7 +27,7 @@ def survey(tmp_path: Path) -> Path:
 
 
 def test_numbers_of_numpy_become_plain_ones() -> None:
-    (result,) = pfwd.invert(pfwd.example("half-space"), method="least-squares")
+    (result,) = pfwd.invert(pfwd.example("half-space"), method="posterior")
     interval = (np.float64(5e7), np.float64(7e7))
     plain = replace(
         result,
@@ -43,7 +43,7 @@ def test_numbers_of_numpy_become_plain_ones() -> None:
 
 
 def test_a_stored_modulus_without_what_belongs_to_it_is_withheld(survey: Path) -> None:
-    (result, *_) = pfwd.invert(pfwd.example("layer"), method="least-squares")
+    (result, *_) = pfwd.invert(pfwd.example("layer"), method="posterior")
     with SurveyWriter.open(survey) as writer:
         writer.save_result(1, {**result.to_dict(), "model": None})
         writer.save_result(2, result.to_dict())
@@ -61,7 +61,7 @@ def test_a_stored_modulus_without_what_belongs_to_it_is_withheld(survey: Path) -
 
 
 def test_discarded_drops_are_left_out_of_points_and_stay_in_the_table(survey: Path) -> None:
-    results = pfwd.invert(pfwd.example("layer"), method="least-squares")
+    results = pfwd.invert(pfwd.example("layer"), method="posterior")
     with SurveyWriter.open(survey) as writer:
         for result in results:
             writer.save_result(result.number, result.to_dict())
@@ -78,7 +78,7 @@ def test_text_of_a_file_is_harmless_where_it_is_shown(tmp_path: Path) -> None:
 
     point = read_traces(DATA_FOLDER / "layer.csv")
     named = pfwd.Point(replace(point, setup=replace(point.setup, point=HOSTILE)))
-    found = pfwd.invert(named, method="least-squares")
+    found = pfwd.invert(named, method="posterior")
     for shown in (repr(named), repr(named[0]), str(found), repr(found), repr(found[0])):
         assert "\x1b" not in shown
     for table in (named._repr_html_(), found._repr_html_()):
@@ -97,7 +97,7 @@ def test_a_folder_that_is_no_survey_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_layered_subgrade_that_is_not_known_is_shown_without_a_modulus(survey: Path) -> None:
-    (result, *_) = pfwd.invert(pfwd.example("layer"), layers=2, method="least-squares")
+    (result, *_) = pfwd.invert(pfwd.example("layer"), layers=2, method="posterior")
     said = "modulus of the subgrade not known: 1 to 800 MPa fit as well"
     record = {
         **result.to_dict(),

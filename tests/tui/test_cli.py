@@ -138,7 +138,7 @@ def test_every_option_reaches_the_analysis(tmp_path: Path) -> None:
     header.write_text("")
     line = (
         "invert a.csv b.csv --model layer --bedrock-depth 1.5 --elastic --load half-sine "
-        "--plate rigid-smooth --sensors centre --joint --method least-squares --seed 7 "
+        "--plate rigid-smooth --sensors centre --joint --method posterior --seed 7 "
         "--plate-radius 0.1 --poisson-ratio 0.3 --density 1900 --plate-mass 12 --header"
     )
     options = options_from(build_parser().parse_args([*line.split(), str(header)]))
@@ -150,7 +150,7 @@ def test_every_option_reaches_the_analysis(tmp_path: Path) -> None:
         plate="rigid-smooth",
         sensors="centre",
         joint=True,
-        method="least-squares",
+        method="posterior",
         seed=7,
         header=str(header),
         plate_radius=0.1,
@@ -432,7 +432,7 @@ def test_bash_completes_commands_options_and_files(
 def test_every_shell_has_a_completion_script(capsys: pytest.CaptureFixture[str]) -> None:
     for shell in completion.SHELLS:
         assert main(["completion", shell]) == 0
-        assert "least-squares" in capsys.readouterr().out
+        assert "posterior" in capsys.readouterr().out
 
 
 def test_help_of_a_command_ends_with_the_expert_options(

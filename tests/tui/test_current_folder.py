@@ -106,7 +106,7 @@ def run_clean(planted: Path, *arguments: object) -> str:
     return done.stdout
 
 
-QUICK = ("--method", "least-squares", "--sensors", "centre", "--bedrock-depth", "1.2")
+QUICK = ("--method", "posterior", "--sensors", "centre", "--bedrock-depth", "1.2")
 
 
 @pytest.mark.parametrize(
@@ -179,7 +179,7 @@ from pfwd.analysis.analyse import analyse_files
 from pfwd.analysis.options import AnalysisOptions
 
 if __name__ == "__main__":
-    options = AnalysisOptions(method="least-squares", sensors="centre", bedrock_depth=1.2)
+    options = AnalysisOptions(method="posterior", sensors="centre", bedrock_depth=1.2)
     for outcome in analyse_files(sys.argv[1:], options, jobs=2):
         print(outcome.results[0].modulus_pa)
 """

@@ -8,7 +8,7 @@ import pytest
 from simulators.demo import demo_drops
 from tui.cli import main
 
-QUICK = ("--method", "least-squares", "--sensors", "centre", "--bedrock-depth", "1.2")
+QUICK = ("--method", "posterior", "--sensors", "centre", "--bedrock-depth", "1.2")
 
 
 @pytest.fixture(scope="module")

@@ -130,7 +130,7 @@ def test_an_instrument_that_only_prints_lines(tmp_path: Path) -> None:
         done = pfwd("log", instrument.url, *options)
     assert done.returncode == 0, done.stderr
     lines = records(done.stdout)
-    assert [line["method"] for line in lines] == ["least-squares", "mpga"]
+    assert [line["method"] for line in lines] == ["posterior", "mpga"]
     assert 2e7 < lines[0]["modulus_pa"] < 9e7
     (capture,) = (tmp_path / "survey" / "captures").glob("*.pfwdc")
     again = pfwd("replay", capture, "--json", "--no-invert", "-o", tmp_path / "survey")

@@ -46,7 +46,7 @@ def test_json_lines_are_those_of_the_contract(captured: tuple[Path, Any]) -> Non
     )
     for number in (1, 2):
         quick, full = [line for line in lines if line["drop"] == number]
-        assert (quick["method"], full["method"]) == ("least-squares", "mpga")
+        assert (quick["method"], full["method"]) == ("posterior", "mpga")
         for line in (quick, full):
             assert list(line)[:3] == ["point", "drop", "saved"]
             assert line["saved"] is True
@@ -104,13 +104,11 @@ def test_a_capture_gives_the_same_drops_and_results(
 
 def test_invert_of_a_survey_and_of_its_file(captured: tuple[Path, Any]) -> None:
     survey, done = captured
-    quick = {
-        line["drop"]: line for line in records(done.stdout) if line["method"] == "least-squares"
-    }
-    found = pfwd("invert", survey, "--method", "least-squares", "--json")
+    quick = {line["drop"]: line for line in records(done.stdout) if line["method"] == "posterior"}
+    found = pfwd("invert", survey, "--method", "posterior", "--json")
     for line in records(found.stdout):
         assert line["modulus_pa"] == pytest.approx(quick[line["drop"]]["modulus_pa"], rel=1e-6)
-    one = pfwd("invert", survey / "drops" / "drop-000002.h5", "--method", "least-squares", "--json")
+    one = pfwd("invert", survey / "drops" / "drop-000002.h5", "--method", "posterior", "--json")
     (line,) = records(one.stdout)
     assert line["drop"] == 2
     assert line["modulus_pa"] == pytest.approx(quick[2]["modulus_pa"], rel=1e-6)

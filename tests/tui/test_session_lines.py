@@ -38,7 +38,7 @@ RESULT = {
     "point": "not this",
     "drop": 99,
     "status": "measured",
-    "method": "least-squares",
+    "method": "posterior",
     "model": "layer",
     "modulus_pa": 40e6,
     "modulus_interval_pa": [39e6, 41e6],
@@ -68,7 +68,7 @@ def one(make_drop: Callable[..., Drop]) -> Callable[..., SavedDrop]:
 
 
 def analysed(one: SavedDrop, modulus: float | None, *, full: bool, **more: Any) -> DropAnalysed:
-    result = RESULT | {"modulus_pa": modulus, "method": "mpga" if full else "least-squares"} | more
+    result = RESULT | {"modulus_pa": modulus, "method": "mpga" if full else "posterior"} | more
     found = replace(DropResult.from_json(result), modulus_sd_pa=float("inf"))
     return DropAnalysed(one, 0.123, found, None, full, full)
 
@@ -92,7 +92,8 @@ def test_two_lines_a_drop_for_machines_and_nothing_else(
     first, second = (json.loads(line) for line in output.out.splitlines())
     assert list(first)[:5] == ["point", "drop", "saved", "record", "delay_s"]
     assert (first["point"], first["drop"], first["saved"], first["record"]) == ("A", 1, True, 5)
-    assert (first["method"], second["method"]) == ("least-squares", "mpga")
+    assert (first["method"], second["method"]) == ("posterior", "mpga")
+    assert (first["preliminary"], second["preliminary"]) == (True, False)
     assert first["modulus_sd_pa"] is None
     assert "identical" not in first
     assert "drop A/1: cut off" in caplog.text
@@ -217,7 +218,7 @@ def test_a_drop_on_one_line() -> None:
     assert drop_line("A", 3, DropResult.from_json(RESULT)) == (
         "A/3  E 40.0 MPa (39.0 to 41.0)  equivalent 40.0 (39.0 to 41.0) MPa  soil on bedrock, "
         "rigid plate without slip 0.150 m, "
-        "ν 0.350  7.07 kN  residual 1.0 %  least squares"
+        "ν 0.350  7.07 kN  residual 1.0 %  local fits"
     )
     seating = RESULT | {"status": "seating", "explained": False, "at_bound": ["viscosity"]}
     assert drop_line("A", 3, DropResult.from_json(seating)).endswith(

@@ -86,9 +86,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     expert.add_argument(
         "--method",
-        choices=["mpga", "least-squares"],
-        help="search of the parameters: by a genetic algorithm (mpga) or from several starting "
-        "points by least squares (default: mpga)",
+        choices=["mpga", "posterior", "least-squares"],
+        help="search of the parameters: by a genetic algorithm and from several starting points "
+        "(mpga), or from these alone (posterior; least-squares is another name) (default: mpga)",
     )
     expert.add_argument(
         "--published",

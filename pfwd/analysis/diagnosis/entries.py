@@ -112,7 +112,7 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
         records,
         numbers,
         elastic=options.elastic,
-        half_sine=options.load == "half-sine",
+        load=options.load or "measured",
     )
     stored = [
         drop
@@ -134,7 +134,7 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
             for index, (drop, screening) in enumerate(zip(point.drops, screenings, strict=True))
             if screening.status != "measured" or index in reasons
         ),
-        question=question_of(records, (made.elastic, made.half_sine), [rejected, warnings]),
+        question=question_of(records, (made.elastic, made.load), [rejected, warnings]),
         last=stored[-1] if stored else None,
     )
 

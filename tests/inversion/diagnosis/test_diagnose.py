@@ -12,7 +12,8 @@ from inversion.arrays import FloatArray
 from inversion.diagnosis import PointDiagnosis, PointRecords
 from inversion.errors import RecordError
 from inversion.forward.model import Instrument
-from inversion.inference.diagnose import _warnings, _with_discrepancy_error, diagnose_point
+from inversion.inference.diagnose import _warnings, diagnose_point
+from inversion.inference.state import with_discrepancy_error
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Ground, Plate
 from tests.inversion.diagnosis.found import effect_of, parameter_of, state_of
@@ -139,7 +140,7 @@ def test_a_modulus_that_is_left_open_is_none(factor: float, known: bool) -> None
     ends = (1e6, factor * 1e6)
     state = state_of("layer", 4e6, 1e5, ends, 1e-6, 9.0, 0.0, 0.0, 1e5, 3.9e6)
     state = replace(state, discrepancy_over_peak=0.0)
-    found = _with_discrepancy_error(state)
+    found = with_discrepancy_error(state)
     assert (found.modulus_pa == 4e6) == known
     assert (found.modulus_100kpa_pa == 3.9e6) == known
     assert (found.modulus_sd_pa == 1e5) == known
@@ -154,7 +155,7 @@ def test_what_is_left_unexplained_opens_the_interval(discrepancy: float, contact
         state_of("half-space", 4e7, 8e5, (3.9e7, 4.2e7), 1e-6, 9.0, 0.02, contact, 1e5, 4e7),
         discrepancy_over_peak=discrepancy,
     )
-    opened = _with_discrepancy_error(state)
+    opened = with_discrepancy_error(state)
     behind = np.log(1.08)
     low, high = np.log(np.array(opened.modulus_interval_pa) / 4e7)
     assert low == pytest.approx(-np.hypot(np.log(4.0 / 3.9), behind))
@@ -164,7 +165,7 @@ def test_what_is_left_unexplained_opens_the_interval(discrepancy: float, contact
         4e7 * np.hypot(0.02, behind / norm.ppf(0.975)), rel=1e-4
     )
     rig = replace(state, fitted_modulus=np.nan)
-    assert _with_discrepancy_error(rig) is rig
+    assert with_discrepancy_error(rig) is rig
 
 
 def test_a_record_that_steps_in_the_contact_is_not_explained(

@@ -56,7 +56,7 @@ def test_absent_is_without_it_and_a_start_shows(
     drops = tuple(
         replace(drop, load=drop.load * (drop.load / drop.load.max()) ** 0.5) for drop in drops
     )
-    point = Point(PointRecords("a", drops, (1, 2), half_sine=True), library)
+    point = Point(PointRecords("a", drops, (1, 2), load="half-sine"), library)
     ground = replace(GROUND, viscosity=0.0) if effect.name == "viscosity" else GROUND
     model = point.drops[0]
     without = model.predict(ground, [])

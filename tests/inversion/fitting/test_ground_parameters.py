@@ -98,7 +98,7 @@ def test_soil_is_searched_around_the_peak_method() -> None:
     assert homogeneous_space(10e6, RADIUS, POISSON_RATIO).unknowns[
         1
     ].parameter.upper == pytest.approx(4e5)
-    assert (density.lower, density.upper, density.starts) == (1000.0, 2800.0, (1800.0,))
+    assert (density.lower, density.upper) == (1000.0, 2800.0)
     assert [p.logarithmic for p in (modulus, viscosity, density)] == [True, False, True]
     assert [p.unit for p in (modulus, viscosity, density)] == ["Pa", "Pa s", "kg/m3"]
 

@@ -189,7 +189,7 @@ def test_the_whole_record_counts_where_it_is_explained_as_the_contact_is(
 
         def polish(self, _: Any) -> GroundFit:
             best, misfit = Minimum(np.zeros(1), self.cost), cast(Any, self.coarse)
-            rule = AlternativeRule(max_rise=3.84, is_widened=False)
+            rule = AlternativeRule(max_rise=3.84)
             return GroundFit(best, (), True, 1, misfit, tuple(self.drops), rule)
 
     monkeypatch.setattr(module, "_Stage", Stage)

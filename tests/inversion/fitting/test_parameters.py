@@ -73,16 +73,13 @@ def test_slope_is_the_derivative(parameter: Parameter, unit: float) -> None:
     [
         replace(PLAIN, prior=(1e5, 5e4)),
         replace(LOGARITHMIC, prior=(math.log(4e7), 0.5)),
-        replace(PLAIN, lower=0.2, upper=9.0, inverse_prior=1.25),
         PLAIN,
     ],
-    ids=["linear", "logarithmic", "inverse", "none"],
+    ids=["linear", "logarithmic", "none"],
 )
 def test_a_prior_is_a_distance_in_its_standard_deviations(parameter: Parameter) -> None:
     def expected(unit: float) -> float:
         value = float(parameter.value(unit))
-        if parameter.inverse_prior is not None:
-            return 1.0 / value / parameter.inverse_prior
         if parameter.prior is None:
             return 0.0
         centre, deviation = parameter.prior
@@ -181,21 +178,6 @@ def test_one_medium_is_a_ground_of_one_layer() -> None:
     fitted_depth = one_medium()
     assert fitted_depth.depth_column == fitted_depth.names.index("bedrock_depth")
     assert of.depth_column is None
-
-
-@pytest.mark.parametrize("name", ["rock anywhere, own relaxation", "one medium"])
-def test_without_rock_the_lowest_medium_has_no_end(name: str) -> None:
-    of = SPACES[name]
-    bare = of.without_rock()
-    column = of.depth_column
-    assert column is not None
-    assert bare.names == tuple(np.delete(of.names, column))
-    place = points(of)
-    ground, expected = bare.grounds(np.delete(place, column, axis=1)), of.grounds(place)
-    assert not ground.rock
-    assert np.all(np.isinf(ground.thickness[:, -1]))
-    assert ground.modulus == pytest.approx(expected.modulus)
-    assert ground.density == pytest.approx(expected.density)
 
 
 @pytest.mark.parametrize("name", SPACES)

@@ -8,7 +8,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[3]
 MODULES = (
     *(f"inversion/inference/{name}.py" for name in (
-        "selection", "structures", "diagnose", "effect_results", "instrument", "modulus",
+        "base", "selection", "state", "structures", "diagnose", "effect_results", "instrument",
+        "modulus",
     )),
     *(f"inversion/diagnosis/{name}.py" for name in ("declarations", "findings")),
     *(f"pfwd/analysis/{name}.py" for name in (
@@ -32,7 +33,8 @@ NO_DECISION = {
         0.5,
         0.5,
     ),
-    "inversion/inference/diagnose.py": (100e3,),
+    "inversion/inference/base.py": (10.0, 30.0, 40.0, 1e-6, 0.025, 0.975),
+    "inversion/inference/state.py": (100e3,),
     "pfwd/analysis/results.py": (100, 10),
 }
 MOST = 40

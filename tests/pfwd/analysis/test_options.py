@@ -70,7 +70,7 @@ def test_a_value_outside_its_range_is_refused(options: dict[str, Any], message: 
         ({"published": True, "plate": "rigid-rough"}, "--published and --plate rigid-rough"),
         ({"published": True, "load": "measured"}, "--published and --load measured"),
         ({"published": True, "sensors": "all"}, "--published and --sensors all"),
-        ({"published": True, "method": "least-squares"}, "--published and --method least-squares"),
+        ({"published": True, "method": "posterior"}, "--published and --method posterior"),
         ({"published": True, "joint": True}, "--published and --joint"),
         ({"published": True, "bedrock_depth": "unknown"}, "--published and --bedrock-depth unkno"),
         ({"published": True, "layers": 2}, "--published and --layers 2"),

@@ -27,7 +27,7 @@ from pfwd.files.traces import TracePoint, write_traces
 from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.report.surveys import SETUP, half_sine_drop
 
-QUICK = AnalysisOptions(method="least-squares")
+QUICK = AnalysisOptions(method="posterior")
 LIBRARY = SurrogateLibrary()
 
 
@@ -120,12 +120,12 @@ def test_a_trial_does_not_count(survey: Path) -> None:
         assert counting.modulus_pa == result.modulus_pa
         assert counting.settings == "as declared"
         (trial,) = [said for said in drop.read_results() if said.get("refit")]
-        assert trial["refit"] == trial["settings"] == "elastic, least-squares"
+        assert trial["refit"] == trial["settings"] == "elastic, posterior"
 
 
 def test_a_result_chosen_while_measuring_keeps_its_place(survey: Path) -> None:
     with SurveyWriter.open(survey, publish=False) as writer:
-        writer.save_result(1, {"modulus_pa": 5e7, "settings": "elastic, least-squares"})
+        writer.save_result(1, {"modulus_pa": 5e7, "settings": "elastic, posterior"})
     ask_and_keep(survey, AnalysisOptions())
     counting = result_that_counts(read_survey(survey).drops[0])
     assert counting is not None
@@ -142,7 +142,7 @@ def test_results_say_what_made_them(survey: Path) -> None:
     for drop in read_survey(survey).drops:
         (said,) = drop.read_results()
         assert str(said["software"]).startswith("pfwd ")
-        assert said["settings"] == "least-squares"
+        assert said["settings"] == "posterior"
         assert said["seed"] == 0
 
 

@@ -32,6 +32,7 @@ from pfwd.analysis.results import (
     LayerResult,
     MeasuredFacts,
     StoredRecord,
+    StructureResult,
 )
 from pfwd.analysis.screening.drops import Screening
 from pfwd.errors import SurveyError
@@ -39,7 +40,14 @@ from pfwd.files.header import PointSetup
 from pfwd_device import Channel, Drop
 
 COMMANDS = (Path(__file__).resolve().parents[3] / "docs" / "command-line.md").read_text("utf-8")
-IN_FORCE = ["modulus_in_force_pa", "modulus_in_force_interval_pa", "modulus_source"]
+IN_FORCE = [
+    "modulus_in_force_pa",
+    "modulus_in_force_interval_pa",
+    "modulus_source",
+    "modulus_depth_m",
+    "equivalent_modulus_pa",
+    "equivalent_modulus_interval_pa",
+]
 """Keys that the command adds to a diagnosis."""
 
 numbers = st.floats(allow_nan=False, allow_infinity=False) | st.integers(-(10**12), 10**12)
@@ -70,6 +78,12 @@ def records(kind: type[StoredRecord], **special: Any) -> st.SearchStrategy[Any]:
         tuple[int, ...] | None: st.lists(st.integers(0, 99), max_size=3).map(tuple),
         tuple[LayerResult, ...] | None: st.lists(
             st.builds(LayerResult, modulus_pa=numbers, thickness_m=st.none() | numbers), max_size=3
+        ).map(tuple),
+        tuple[StructureResult, ...] | None: st.lists(
+            st.builds(StructureResult, name=texts, probability=numbers), max_size=2
+        ).map(tuple),
+        tuple[tuple[float, float], ...] | None: st.lists(
+            st.tuples(numbers, numbers), max_size=2
         ).map(tuple),
         tuple[HeldOutPart, ...] | None: st.lists(
             st.builds(HeldOutPart, name=texts, before=numbers, after=numbers), max_size=3
@@ -133,14 +147,16 @@ def test_nothing_that_a_stranger_wrote_is_lost_or_ends_the_program(said: dict[st
     for key, value in said.items():
         if isinstance(value, dict) and key in NESTED:
             assert {**again[key], **value} == again[key]
-        elif key == "layers" and isinstance(value, list):
+        elif key in ("layers", "structures") and isinstance(value, list):
             # A record has all of its keys when it is written again.
             for written, layer in zip(again[key], value, strict=True):
                 assert (written | layer if isinstance(layer, dict) else layer) == written
         elif value is not None or key not in DropResult.OPTIONAL_KEYS:
             assert again[key] == value
     for name, value in dataclasses.asdict(found).items():
-        if name.endswith(("_pa", "_m", "_s")) and not name.startswith(("modulus_interval", "bed")):
+        if name.endswith(("_pa", "_m", "_s")) and not name.startswith(
+            ("modulus_interval", "bed", "drift")
+        ):
             assert value is None or is_number(value)
 
 
@@ -148,6 +164,7 @@ def test_nothing_that_a_stranger_wrote_is_lost_or_ends_the_program(said: dict[st
     ("heading", "kind"),
     [
         ("### Keys of an inversion", DropResult),
+        ("Each of `structures` has", StructureResult),
         ("Each of `layers` has", LayerResult),
         ("### Keys of a diagnosis", DiagnosisResult),
         ("Each of `before` and `after` has", FittedState),
@@ -215,7 +232,7 @@ def test_the_method_that_ran_is_told() -> None:
         name: analyse_drop(drop, setup, Screening("measured"), options, library)
         for name, options in (
             ("published", AnalysisOptions(published=True)),
-            ("least-squares", AnalysisOptions(method="least-squares", model="half-space")),
+            ("posterior", AnalysisOptions(method="posterior", model="half-space")),
         )
     }
     for name, analysis in told.items():

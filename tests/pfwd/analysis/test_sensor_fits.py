@@ -60,7 +60,7 @@ def test_several_drops_have_mean_peaks_and_rms_residuals() -> None:
 def test_the_sensors_together_have_the_residual_of_the_drop(make_drop: Any) -> None:
     drop = make_drop(offsets=(0.0, 0.3, -0.3))
     setup = PointSetup(plate_radius=0.15, plate_mass=0.0, poisson_ratio=0.35)
-    options = AnalysisOptions(method="least-squares", bedrock_depth="none")
+    options = AnalysisOptions(method="posterior", bedrock_depth="none")
     found = analyse_drop(drop, setup, screen(drop, setup), options, SurrogateLibrary()).result
     assert found is not None
     history = found.history

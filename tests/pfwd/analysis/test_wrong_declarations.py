@@ -81,7 +81,7 @@ def half_space() -> Drop:
 
 def inverted(drop: Drop, setup: PointSetup, library: SurrogateLibrary) -> DropResult:
     point = TracePoint("drop.csv", setup, (drop,), setup_warnings(setup, (drop,)))
-    (analysis,) = analyse_point(point, AnalysisOptions(method="least-squares"), library)
+    (analysis,) = analyse_point(point, AnalysisOptions(method="posterior"), library)
     return drop_result(point.file, analysis, point.warnings)
 
 

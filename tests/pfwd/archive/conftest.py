@@ -7,7 +7,7 @@ import pytest
 from pfwd.analysis.options import AnalysisOptions
 from simulators.demo import demo_drops
 
-OPTIONS = AnalysisOptions(method="least-squares", sensors="centre", bedrock_depth=1.2)
+OPTIONS = AnalysisOptions(method="posterior", sensors="centre", bedrock_depth=1.2)
 
 
 @pytest.fixture

@@ -140,7 +140,7 @@ def test_other_options_are_another_run_beside_the_first(
     drops: Path, tmp_path: Path, options: AnalysisOptions
 ) -> None:
     out = tmp_path / "out"
-    other = AnalysisOptions(method="least-squares", seed=1)
+    other = AnalysisOptions(method="posterior", seed=1)
     one = invert_archive([str(drops)], out, options, QuickWorkers(options))
     two = invert_archive([str(drops)], out, other, QuickWorkers(other))
     assert one.run != two.run

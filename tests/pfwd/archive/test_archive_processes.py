@@ -89,7 +89,7 @@ from pfwd.analysis.options import AnalysisOptions
 
 if __name__ == "__main__":
     run.BATCH_SOURCES = 1
-    options = AnalysisOptions(method="least-squares", sensors="centre", bedrock_depth=1.2)
+    options = AnalysisOptions(method="posterior", sensors="centre", bedrock_depth=1.2)
     with contextlib.closing(LocalWorkers(options, 2)) as workers:
         run.invert_archive(
             [sys.argv[1]], sys.argv[2], options, workers,

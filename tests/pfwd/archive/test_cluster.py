@@ -18,7 +18,7 @@ from pfwd.archive.run import Summary, invert_archive, invert_stream
 from pfwd.archive.work import Failure, LocalWorkers
 from pfwd.errors import OptionError, SurveyError
 
-OPTIONS = AnalysisOptions(method="least-squares", sensors="centre", bedrock_depth=1.2)
+OPTIONS = AnalysisOptions(method="posterior", sensors="centre", bedrock_depth=1.2)
 
 
 @pytest.fixture(scope="module")

@@ -15,8 +15,8 @@ from pfwd.archive.cluster import ClusterWorkers, protection_warning
 from pfwd.errors import OptionError, SurveyError
 
 TOP = Path(__file__).resolve().parents[3]
-OPTIONS = AnalysisOptions(method="least-squares", sensors="centre", bedrock_depth=1.2)
-METHOD = ("--method", "least-squares", "--sensors", "centre", "--bedrock-depth", "1.2")
+OPTIONS = AnalysisOptions(method="posterior", sensors="centre", bedrock_depth=1.2)
+METHOD = ("--method", "posterior", "--sensors", "centre", "--bedrock-depth", "1.2")
 NAME = "DASK_DISTRIBUTED__COMM__TLS__"
 
 distributed: Any = pytest.importorskip("distributed", reason="the extra cluster is not installed")

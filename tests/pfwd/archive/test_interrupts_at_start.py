@@ -33,7 +33,7 @@ def test_no_moment_of_the_start_is_a_bad_one(drops: Path, tmp_path: Path) -> Non
         command = [
             sys.executable, "-c", MAIN, "invert", str(drops), "--jobs", "2",
             "--archive", str(tmp_path / f"out-{number}"),
-            "--method", "least-squares", "--sensors", "centre", "--bedrock-depth", "1.2",
+            "--method", "posterior", "--sensors", "centre", "--bedrock-depth", "1.2",
         ]  # fmt: skip
         with subprocess.Popen(
             command,

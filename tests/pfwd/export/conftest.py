@@ -86,7 +86,7 @@ def survey(tmp_path: Path, make_drop: Callable[..., Drop]) -> Path:
             saved = writer.save_drop(record)
             writer.publish(saved)
             if number < 3:
-                writer.save_result(saved, result_of(drop, modulus_pa=1.0, method="least-squares"))
+                writer.save_result(saved, result_of(drop, modulus_pa=1.0, method="posterior"))
                 writer.save_result(saved, result_of(drop))
         writer.edit("note", FORMULA, number=1)
         writer.edit("discard", "wet", number=3)

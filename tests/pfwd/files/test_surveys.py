@@ -364,7 +364,7 @@ def test_a_survey_gives_the_numbers_of_its_trace_file(
     drops = tuple(make_drop(number=n, peak=7000.0 + 500 * n, window=0.1) for n in (1, 2))
     write_traces(tmp_path / "t.csv", TracePoint("", setup, drops, ()))
     list(import_files([str(tmp_path / "t.csv")], tmp_path / "s"))
-    library, options = SurrogateLibrary(), AnalysisOptions(method="least-squares")
+    library, options = SurrogateLibrary(), AnalysisOptions(method="posterior")
     found = []
     for path in (tmp_path / "t.csv", tmp_path / "s"):
         outcome = analyse_file(str(path), options, library)

@@ -62,7 +62,7 @@ def faulty_drops(tmp_path_factory: pytest.TempPathFactory) -> list[FaultyDrop]:
     drops = []
     for name, true in truth.items():
         (point,) = read_points(folder / name)
-        (analysis,) = analyse_point(point, AnalysisOptions(method="least-squares"), library)
+        (analysis,) = analyse_point(point, AnalysisOptions(method="posterior"), library)
         result = drop_result(name, analysis, point.warnings)
         view = drop_from_traces(point.drops[0], point.setup).with_result(result)
         target = 0.5 * (result.modulus_pa or 0.0)
@@ -76,7 +76,8 @@ def test_a_visible_fault_that_changes_the_modulus_gets_no_verdict(
 ) -> None:
     assert len(faulty_drops) == 25
     wrong = [drop for drop in faulty_drops if drop.is_visible and drop.is_wrong]
-    assert len(wrong) >= 8  # else the drops test nothing
+    # Mass of the plate, delay and drift are unknowns of the fit, so that it corrects most faults.
+    assert len(wrong) >= 3
     decided = [drop.name for drop in wrong if drop.verdict is not Verdict.UNDECIDED]
     assert not decided
 

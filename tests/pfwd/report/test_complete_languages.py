@@ -350,7 +350,7 @@ DIAGNOSIS = {
             "value": 1.0,
             "sd": 0.1,
             "unit": "-",
-            "residual_without_over_peak": 0.02 + 0.01 * number,
+            "residual_rms_over_peak_without": 0.02 + 0.01 * number,
             "alternatives": ["sensor_lag", "layer"],
         }
         for number, effect in enumerate(OWN)

@@ -122,14 +122,14 @@ def test_curves_are_those_of_the_stored_ground(survey: Path) -> None:
 @pytest.mark.parametrize(
     "options",
     [
-        AnalysisOptions(method="least-squares", bedrock_depth=1.2),
-        AnalysisOptions(method="least-squares", model="half-space"),
-        AnalysisOptions(method="least-squares", plate="rigid-smooth", load="half-sine"),
-        AnalysisOptions(method="least-squares", layers=2, bedrock_depth=1.2),
-        AnalysisOptions(method="least-squares", layers=2, bedrock_depth="none"),
-        AnalysisOptions(method="least-squares", layers=3, thickness=(0.2, 0.3), elastic=True),
-        AnalysisOptions(method="least-squares", plate="uniform", bedrock_depth="none"),
-        AnalysisOptions(method="least-squares", plate="uniform", layers=2, load="half-sine"),
+        AnalysisOptions(method="posterior", bedrock_depth=1.2),
+        AnalysisOptions(method="posterior", model="half-space"),
+        AnalysisOptions(method="posterior", plate="rigid-smooth", load="half-sine"),
+        AnalysisOptions(method="posterior", layers=2, bedrock_depth=1.2),
+        AnalysisOptions(method="posterior", layers=2, bedrock_depth="none"),
+        AnalysisOptions(method="posterior", layers=3, thickness=(0.2, 0.3), elastic=True),
+        AnalysisOptions(method="posterior", plate="uniform", bedrock_depth="none"),
+        AnalysisOptions(method="posterior", plate="uniform", layers=2, load="half-sine"),
     ],
 )
 def test_a_stored_result_gives_the_curves_of_its_inversion(options: AnalysisOptions) -> None:
@@ -653,8 +653,8 @@ def test_a_ladder_of_residuals_has_plain_numbers_and_room_for_its_axis() -> None
 
     state = {"model": "half-space", "modulus_pa": 50e6}
     effects = [
-        {"name": "bedrock", "value": 1.8, "unit": "m", "residual_without_over_peak": 0.058},
-        {"name": "stress_dependence", "value": 0.5, "residual_without_over_peak": 0.16},
+        {"name": "bedrock", "value": 1.8, "unit": "m", "residual_rms_over_peak_without": 0.058},
+        {"name": "stress_dependence", "value": 0.5, "residual_rms_over_peak_without": 0.16},
     ]
     diagnosis = DiagnosisResult.from_json(
         {

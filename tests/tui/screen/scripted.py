@@ -125,7 +125,7 @@ def stored_drop(number: int, result: DropResult | None, **more: Any) -> DropView
 def result(modulus: float | None = 47.3e6, **more: Any) -> DropResult:
     fields: dict[str, Any] = {
         "status": "measured",
-        "method": "least-squares",
+        "method": "posterior",
         "model": "layer",
         "modulus_pa": modulus,
         "modulus_sd_pa": 0.1e6,

@@ -164,7 +164,7 @@ def test_curves_are_fetched_with_the_layers_of_the_result(make_drop: Callable[..
     fields = result(**LAYERS | {"layers": [fixed, BELOW]})
     fits.fetch(DropState("7", 1, saved=saved_drop(), results=[fields]))
     fits.fetch(DropState("7", 1, saved=saved_drop(), results=[result()]))
-    quick = AnalysisOptions(seed=4, method="least-squares")
+    quick = AnalysisOptions(seed=4, method="posterior")
     assert asking.options == [
         replace(quick, layers=2),
         replace(quick, layers=2, thickness=(0.25,)),

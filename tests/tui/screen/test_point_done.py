@@ -68,7 +68,7 @@ async def test_the_verdict_of_a_complete_point_fills_the_screen(
     app.redraw()
     await pilot.pause()
     assert word in app.text
-    assert "modulus 47.5 MPa (46.9 to 48.2)" in app.text
+    assert "E_eq 47.5 MPa (46.9 to 48.2)" in app.text
     assert "mean of 3 drops" in app.text
     assert app.text.count("████") > 10
     await pilot.press("up")

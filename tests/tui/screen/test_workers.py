@@ -40,13 +40,13 @@ def test_a_trial_fit_runs_in_a_separate_process() -> None:
     events = EventList()
     refits = RefitWorker(events)
     try:
-        options = AnalysisOptions(model="half-space", method="least-squares")
+        options = AnalysisOptions(model="half-space", method="posterior")
         refits.start(saved_drop(4), options, options.label)
         finished = events.last()
     finally:
         refits.close()
     assert (finished.point, finished.number, finished.fault) == ("7", 4, "")
-    assert finished.label == "half-space, least-squares"
+    assert finished.label == "half-space, posterior"
     assert finished.result.refit == finished.label
     assert finished.result.model == "half-space"
     assert finished.curves is not None

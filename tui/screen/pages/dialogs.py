@@ -180,7 +180,7 @@ _REFIT_CHOICES: dict[str, tuple[str, tuple[str, ...]]] = {
     "load": ("load", ("measured", "half-sine")),
     "plate": ("plate", ("rigid-rough", "rigid-smooth", "published")),
     "sensors": ("sensors", ("all", "centre")),
-    "method": ("method", ("mpga", "least-squares")),
+    "method": ("method", ("mpga", "posterior")),
     "elastic": ("viscosity", ("fitted", "none (elastic)")),
 }
 _CHOICE_WORDS = {**MODEL_TEXTS, **PLATE_WORDS, **METHOD_TEXTS}

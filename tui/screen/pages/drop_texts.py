@@ -127,7 +127,7 @@ def two_decimals(value: object) -> str:
     return f"{value:.2f}" if isinstance(value, int | float) else NO_VALUE
 
 
-METHOD_TEXTS: Mapping[str, str] = {"mpga": "full search", "least-squares": "quick fit"}
+METHOD_TEXTS: Mapping[str, str] = {"mpga": "full search", "posterior": "quick fit"}
 MODEL_TEXTS: Mapping[str, str] = {**MODEL_WORDS, "half-space": "soil without bedrock"}
 
 

@@ -127,7 +127,7 @@ class DropFits:
         if drop.saved is not None:
             options = self._source.plan.options or AnalysisOptions()
             if not options.published:
-                options = dataclasses.replace(options, method="least-squares")
+                options = dataclasses.replace(options, method="posterior")
             # The curves belong to the result on the screen, not to the options of new drops.
             options = with_layers_of(options, drop.result)
             self._refits.start(drop.saved, options, "")

@@ -40,8 +40,8 @@ def test_what_belongs_to_the_device_is_fitted_once(found: list[Diagnosed]) -> No
         values.add(lag.value)
         assert lag.value == pytest.approx(6e-4, abs=2e-5)
         assert one.result.after.modulus_pa == pytest.approx(modulus, rel=0.012)
-        before, after = one.result.before, one.result.after
-        assert before.residual_over_noise > 3 * after.residual_over_noise
+        # The delay is an unknown of the fit without effects, too.
+        assert one.result.before.modulus_pa == pytest.approx(modulus, rel=0.012)
     assert len(values) == 1
 
 
@@ -58,7 +58,7 @@ def test_a_point_is_predicted_by_the_others_of_its_device(found: list[Diagnosed]
     # The two files are one device's: its effects are transferred, the ground is fitted.
     assert "modulus (ground)" in record["held_out"]["fitted"]
     assert record["held_out"]["scaled_record"] is None
-    assert record["held_out"]["after"] < 0.1 * record["held_out"]["before"]
+    assert record["held_out"]["after"] < 0.001
     text = "\n".join(diagnosis_lines(found[0].result))
     assert "EXPLAINED" in text
     assert "sensor_lag" in text

@@ -22,7 +22,7 @@ from pfwd_device import Channel, Drop
 
 PLACES = (0.0, 0.3, -0.3, 0.6, -0.6)
 BAD = "bad sensor: displacement at -0.6 m: it ends far from rest, unlike the others; left out of"
-QUICK = AnalysisOptions(method="least-squares", bedrock_depth="none")
+QUICK = AnalysisOptions(method="posterior", bedrock_depth="none")
 
 Make = Callable[..., Drop]
 

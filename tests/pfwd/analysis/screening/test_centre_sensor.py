@@ -222,7 +222,7 @@ def test_a_geophone_that_the_setup_declares(make_drop: Make) -> None:
 def test_a_point_of_such_drops_has_no_modulus(make_drop: Make) -> None:
     drops = tuple(stopped(make_drop(number=number)) for number in (1, 2, 3))
     point = TracePoint("f", PointSetup(plate_radius=0.15), drops)
-    options = AnalysisOptions(method="least-squares", bedrock_depth="none")
+    options = AnalysisOptions(method="posterior", bedrock_depth="none")
     for analysis in analyse_point(point, options, SurrogateLibrary()):
         result = drop_result("f", analysis)
         assert (result.status, result.modulus_pa) == ("rejected", None)

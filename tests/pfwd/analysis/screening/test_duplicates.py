@@ -18,7 +18,7 @@ from pfwd.files.traces import TracePoint
 from pfwd_device import Drop
 
 SAME = "its samples are those of drop 1, number for number"
-QUICK = AnalysisOptions(method="least-squares", bedrock_depth="none")
+QUICK = AnalysisOptions(method="posterior", bedrock_depth="none")
 
 
 @pytest.fixture

@@ -1,0 +1,164 @@
+"""The base model: half-space and rock under all drops, averaged by evidence."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import pytest
+
+from inversion import InversionResult, Record, Settings, SurrogateLibrary, invert, invert_joint
+from inversion.diagnosis.model import PointRecords
+from inversion.diagnosis.problem import Point
+from inversion.fitting.ground_parameters import DENSITY, DEPTH, MODULUS, VISCOSITY
+from inversion.forward.model import Instrument
+from inversion.inference.base import BaseFit, fit_base
+from inversion.inference.diagnose import diagnose_point
+from inversion.measured.record import Sensor, prepare
+from simulators.drop import DropSimulator, Hammer
+from simulators.mesh import Ground, Plate
+from tests.inversion.synthetic import TRUTH, Scene, record
+
+MODULUS_PA = 30e6
+SMOOTH: Final = "rigid-smooth"
+"""Contact of the drops of one sensor in `tests.inversion.synthetic`."""
+QUIET = Scene("velocity", sensor_noise=2e-4, load_noise=10.0, length=0.06, seed=2)
+
+
+@pytest.fixture(scope="module")
+def without_rock() -> Record:
+    """A drop of 8 ms on a half-space, by finite elements; the depth is not declared."""
+    radius, mass, pulse = 0.05, 2.0, 0.008
+    weight = 300e3 * math.pi * radius**2 * pulse / (math.pi * 3.0)
+    hammer = Hammer(weight, weight * (math.pi / pulse) ** 2, 3.0)
+    ground = Ground.uniform(MODULUS_PA, 40e3, 1850.0, 0.35, math.inf)
+    simulator = DropSimulator(
+        ground, Plate(radius, mass), (0.0,), 0.036, 1e-4, hammer.pulse_duration
+    )
+    drop = simulator.run(hammer)
+    rest = 200
+    rng = np.random.default_rng(5)
+
+    def recorded(values: np.ndarray) -> np.ndarray:
+        noise = 0.002 * float(np.max(np.abs(values)))
+        whole = np.concatenate([np.zeros(rest), values])
+        return whole + noise * rng.standard_normal(whole.size)
+
+    load, speed = recorded(drop.load), recorded(drop.ground_velocity[0])
+    time = 1e-4 * np.arange(-rest, drop.load.size)
+    sensor = Sensor(0.0, "velocity", speed)
+    return Record(time, load, (sensor,), Instrument(radius, mass), 0.35)
+
+
+def base_of(library: SurrogateLibrary, *records: Record) -> BaseFit:
+    numbers = tuple(range(1, len(records) + 1))
+    return fit_base(Point(PointRecords("p", records, numbers), library, SMOOTH))
+
+
+def off(result: InversionResult) -> dict[str, float]:
+    """Relative errors of a result."""
+    values = {
+        MODULUS: result.modulus_pa,
+        VISCOSITY: result.viscosity_pa_s,
+        DENSITY: result.density_kg_m3,
+        DEPTH: result.bedrock_depth_m,
+    }
+    return {name: value / TRUTH[name] - 1.0 for name, value in values.items() if value is not None}
+
+
+@pytest.mark.parametrize("depth", [None, TRUTH[DEPTH]])
+@pytest.mark.parametrize("method", ["mpga", "posterior"])
+def test_the_ground_is_found(method: str, depth: float | None, library: SurrogateLibrary) -> None:
+    drop = replace(record(library, QUIET), bedrock_depth=depth)
+    result = invert(drop, Settings(SMOOTH, method=method), library)
+    errors = off(result)
+    assert abs(errors[MODULUS]) < 0.005
+    assert max(map(abs, errors.values())) < 0.05
+    assert result.converged
+    assert result.explained
+    assert result.window_end_s == pytest.approx(prepare(drop).tail_end + prepare(drop).start)
+    assert abs(result.added_mass_kg) < 2.0
+    assert abs(result.delay_s) < 2e-5
+
+
+def test_the_genetic_search_and_local_fits_end_in_one_optimum(library: SurrogateLibrary) -> None:
+    drop = record(library, QUIET)
+    genetic, local = (
+        invert(drop, Settings(method=method), library) for method in ("mpga", "least-squares")
+    )
+    assert local.method == "posterior"
+    assert genetic.modulus_pa == pytest.approx(local.modulus_pa, rel=1e-3)
+    assert genetic.forward_solves > 2 * local.forward_solves > 0
+
+
+def test_a_tail_that_the_model_does_not_explain_is_left_out(library: SurrogateLibrary) -> None:
+    """A vibration after the contact moves neither the modulus nor the weight of the contact."""
+    drop = record(library, QUIET)
+    prepared = prepare(drop)
+    late = drop.time - prepared.start > 1.05 * prepared.contact_end
+    wave = 0.05 * np.sin(2 * np.pi * 60 * drop.time) * late
+    sensor = replace(drop.sensors[0], values=drop.sensors[0].values + wave)
+    base = base_of(library, replace(drop, sensors=(sensor,)))
+    assert base.best.discrepancy.after_contact > 1.0
+    assert base.best.discrepancy.scale < 0.01
+    assert base.state.modulus_pa == pytest.approx(TRUTH[MODULUS], rel=0.02)
+    assert base_of(library, drop).best.discrepancy.after_contact == 1.0
+
+
+def test_several_drops_have_one_ground(library: SurrogateLibrary) -> None:
+    drops = [
+        record(library, replace(QUIET, seed=seed, peak=peak))
+        for seed, peak in ((1, 6000.0), (2, 9000.0))
+    ]
+    results = invert_joint(drops, Settings(SMOOTH, method="posterior"), library)
+    assert results[0].layers == results[1].layers
+    assert abs(off(results[0])[MODULUS]) < 0.005
+
+
+def test_the_fit_before_effects_is_that_of_the_inversion(library: SurrogateLibrary) -> None:
+    drops = tuple(record(library, replace(QUIET, seed=seed)) for seed in (1, 2))
+    result = invert_joint(drops, Settings(method="posterior"), library)[0]
+    before = diagnose_point(PointRecords("p", drops, (1, 2)), library, predict_last=False).before
+    for key in (
+        "model",
+        "modulus_pa",
+        "modulus_sd_pa",
+        "modulus_interval_pa",
+        "viscosity_pa_s",
+        "density_kg_m3",
+        "bedrock_depth_m",
+    ):
+        assert getattr(result, key) == getattr(before, key), key
+
+
+def test_probabilities_of_structures_add_up(
+    without_rock: Record, library: SurrogateLibrary
+) -> None:
+    """A drop on a half-space whose contact alone leaves rock open; by finite elements."""
+    result = invert(without_rock, Settings(method="posterior"), library)
+    structures = result.structures
+    assert structures is not None
+    assert sum(s.probability for s in structures) == pytest.approx(1.0)
+    assert [s.probability for s in structures] == sorted(
+        (s.probability for s in structures), reverse=True
+    )
+    assert structures[0].name == result.model
+    assert structures[0].bedrock_depth_m == result.bedrock_depth_m
+    low, high = result.modulus_interval_pa
+    assert low < MODULUS_PA < high < 1.3 * low
+    assert result.modulus_pa == pytest.approx(MODULUS_PA, rel=0.03)
+
+
+def test_without_priors_the_interval_is_wider(
+    without_rock: Record, library: SurrogateLibrary
+) -> None:
+    widths = []
+    for priors in (True, False):
+        result = invert(without_rock, Settings(method="posterior", priors=priors), library)
+        low, high = result.modulus_interval_pa
+        assert low < MODULUS_PA < high
+        assert result.priors == priors
+        widths.append(high / low)
+    assert widths[1] > widths[0]
