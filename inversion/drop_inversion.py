@@ -42,7 +42,6 @@ from inversion.measured.half_sine import (
 from inversion.measured.peak_method import PeakModulus, peak_modulus
 from inversion.measured.record import PreparedDrop, Record, prepare
 from inversion.notices import Notice, Value
-from inversion.records import known
 from inversion.result import (
     HalfSinePulse,
     InversionResult,
@@ -439,8 +438,8 @@ def _base_report(
         delay_s=base.delay,
         drift_m=tuple((float(a), float(b)) for a, b in drifts),
     )
-    over_peak = known(result.window_residual_rms_over_peak)
-    over_noise = over_peak * float(drop.peak_displacement[0]) / known(result.noise_rms_m)
+    residual = history.residual[:, drop.window] / item.scale[:, None]
+    over_noise = math.sqrt(float(np.mean(residual**2)))
     result = replace(result, explained=over_noise <= _MAX_RESIDUAL_OVER_NOISE)
     return replace(result, warnings=_warnings(result, drop, over_noise, base.open_depths))
 

@@ -266,7 +266,8 @@ def test_the_diagnosis_finds_the_effect_of_the_example(diagnosis: pfwd.Diagnosis
     assert before is not None
     assert after is not None
     assert after["modulus_pa"] == pytest.approx(50e6, rel=0.005)
-    assert abs(before["modulus_pa"] - 50e6) > 1e6
+    # The delay is an unknown of the fit without effects, too.
+    assert before["modulus_pa"] == pytest.approx(50e6, rel=0.005)
     frame = diagnosis.to_dataframe()
     assert frame["state"].tolist() == ["before", "after"]
     assert frame["in_force"].tolist() == [False, True]
