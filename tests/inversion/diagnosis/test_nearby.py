@@ -69,7 +69,7 @@ def made(library: SurrogateLibrary, offsets: tuple[float, ...], effect: Effect) 
         )
     options: dict[str, Any] = {
         "elastic": effect.name == "viscosity",
-        "half_sine": effect.name == "load_shape",
+        "load": "half-sine" if effect.name == "load_shape" else "measured",
     }
     return Point(PointRecords("a", drops, (1, 2), **options), library).drops[0]
 
