@@ -388,8 +388,8 @@ def _base_report(
     fit, state = base.best, base.state
     model = fit.model.point.drops[place]
     record = model.record
-    is_whole = fit.discrepancy.after_contact == 1.0
-    drop = model.drop if is_whole else prepare(record)
+    includes_tail = fit.discrepancy.after_contact == 1.0
+    drop = model.drop if includes_tail else prepare(record)
     load = model_load(drop.time, drop.load, settings.load)
     item = WeightedDrop.of(drop, record.instrument, load, record.model_floor)
     drifts = base.drifts(place)

@@ -50,13 +50,13 @@ class HomogeneousSearch:
     """
 
     def __init__(self, drops: Sequence[WeightedDrop], space: ParameterSpace, plate: Plate) -> None:
-        whole = [drop.with_tail() for drop in drops]
-        self._contact, self._rapid, self._whole = (
+        with_tails = [drop.with_tail() for drop in drops]
+        self._contact, self._rapid, self._record = (
             Misfit(items, space, plate, SEARCH_BAND_HZ, samples, single=single)
             for items, samples, single in (
                 (drops, _MAX_SEARCH_SAMPLES, False),
                 (drops, _MAX_SEARCH_SAMPLES, True),
-                (whole, 2 * _MAX_SEARCH_SAMPLES, False),
+                (with_tails, 2 * _MAX_SEARCH_SAMPLES, False),
             )
         )
         self.space = space
@@ -64,7 +64,7 @@ class HomogeneousSearch:
     @property
     def solves(self) -> int:
         """Number of evaluations of the model so far."""
-        return self._contact.solves + self._rapid.solves + self._whole.solves
+        return self._contact.solves + self._rapid.solves + self._record.solves
 
     def local_minima(self) -> list[Minimum]:
         """Return the optima over all depths of rock, or at a known depth, with their misfits.
@@ -82,10 +82,10 @@ class HomogeneousSearch:
             starts = np.repeat(starts, _N_PROFILE_DEPTHS, axis=0)
             starts[:, column] = np.linspace(*_PROFILE_ENDS, _N_PROFILE_DEPTHS)
         of_contact = self._profile(self._contact, starts)
-        of_whole = self._profile(self._whole, of_contact.points)
+        of_record = self._profile(self._record, of_contact.points)
         # The echo of rock comes late and is sharp: between two depths it is fitted freely.
-        near = of_whole.points[_lowest(of_whole.cost)]
-        free = fit_batch(self._whole.linearise, near, iterations=_N_STEPS, tolerance=1e-3)
+        lowest = of_record.points[_lowest(of_record.cost)]
+        free = fit_batch(self._record.linearise, lowest, iterations=_N_STEPS, tolerance=1e-3)
         points = np.concatenate([of_contact.points[_lowest(of_contact.cost)], free.points])
         costs = self._contact.objective(points)
         minima = distinct_minima(points, costs)

@@ -32,9 +32,9 @@ from inversion.inference.modulus import (
 from inversion.inference.point_model import GROUND_EFFECT, STIFFNESS, Key, PointModel
 from inversion.inference.posterior import PointFit, Posterior
 from inversion.inference.state import (
+    doubtful_weights,
     fitted_state,
     unexplained_reasons,
-    weights_in_doubt,
     with_discrepancy_error,
 )
 from inversion.inference.structures import ALWAYS, effects_of
@@ -44,8 +44,8 @@ from inversion.result import StructureResult
 
 _BEDROCK = "bedrock"
 _MODULUS: Key = (*STIFFNESS, None)
-_RELAXATION: Key = (GROUND_EFFECT, "relaxation", None)
-_DENSITY: Key = (GROUND_EFFECT, "density", None)
+_KEY_OF_RELAXATION: Key = (GROUND_EFFECT, "relaxation", None)
+_KEY_OF_DENSITY: Key = (GROUND_EFFECT, "density", None)
 _DEPTH: Key = (_BEDROCK, "depth", None)
 # Factor on the standard deviations of the priors of the ground by which they lose their influence.
 _NO_PRIORS = 30.0
@@ -83,7 +83,7 @@ class BaseFit:
         """Probability of each fit, by its evidence."""
         weights = [math.exp(fit.log_evidence - self.best.log_evidence) for fit in self.fits]
         if self.reasons:
-            weights = weights_in_doubt(weights, self.fits, self.best)
+            weights = doubtful_weights(weights, self.fits, self.best)
         return tuple(weight / sum(weights) for weight in weights)
 
     @cached_property
@@ -149,12 +149,12 @@ class BaseFit:
     @property
     def viscosity_deviation(self) -> float | None:
         """Standard deviation of the viscosity, Pa s; None: not fitted."""
-        return self._relative_deviation((_MODULUS, _RELAXATION), self.state.viscosity_pa_s)
+        return self._relative_deviation((_MODULUS, _KEY_OF_RELAXATION), self.state.viscosity_pa_s)
 
     @property
     def density_deviation(self) -> float | None:
         """Standard deviation of the density, kg/m3; None: not fitted."""
-        return self._relative_deviation((_DENSITY,), self.state.density_kg_m3)
+        return self._relative_deviation((_KEY_OF_DENSITY,), self.state.density_kg_m3)
 
     @property
     def depth_deviation(self) -> float | None:
@@ -214,14 +214,14 @@ class BaseFit:
     def at_bound(self) -> tuple[str, ...]:
         """Properties of the ground on a bound, except rock at the largest depth."""
         model, values = self.best.model, self.best.values
-        names = {_DENSITY: "density", _DEPTH: "bedrock_depth"}
+        names = {_KEY_OF_DENSITY: "density", _DEPTH: "bedrock_depth"}
         return tuple(
             name
             for key, name in names.items()
             if (place := self._places.get(key)) is not None
             and (
                 values[place] >= model.upper[place]
-                or (key == _DENSITY and values[place] <= model.lower[place])
+                or (key == _KEY_OF_DENSITY and values[place] <= model.lower[place])
             )
         )
 
@@ -258,14 +258,14 @@ def fit_base(
     fits = []
     for ground in starts:
         model = _model(point, on_rock=ground.inverse_depth > 0.0, priors=priors)
-        fits.append(PointFit(model, model.start_near(ground), is_contact_first=True))
-    near = sorted(
+        fits.append(PointFit(model, model.start_at(ground), is_contact_first=True))
+    short_fits = sorted(
         ((fit.run_from_contact({_BEDROCK}), fit) for fit in fits),
         key=lambda pair: -pair[0].log_evidence,
     )
-    limit = near[0][0].log_evidence - _HOPELESS_EVIDENCE_LOSS
+    limit = short_fits[0][0].log_evidence - _HOPELESS_EVIDENCE_LOSS
     promising: list[tuple[Posterior, PointFit]] = []
-    for posterior, fit in near:
+    for posterior, fit in short_fits:
         is_new = not any(_is_same_optimum(posterior, better) for better, _ in promising)
         if is_new and posterior.log_evidence > limit:
             promising.append((posterior, fit))

@@ -42,9 +42,9 @@ from inversion.inference.selection import (
     select,
 )
 from inversion.inference.state import (
+    doubtful_weights,
     fitted_state,
     unexplained_reasons,
-    weights_in_doubt,
     with_discrepancy_error,
     without_modulus,
 )
@@ -238,7 +238,7 @@ def _components(posterior: Posterior, selection: Selection, of: ModulusOf) -> li
     best = selection.fits[selection.best]
     weights = selection.weights()
     if best.discrepancy.scale > EXPLAINED_TO or selection.is_overparameterised:
-        in_doubt = weights_in_doubt([*weights.values()], [selection.fits[s] for s in weights], best)
+        in_doubt = doubtful_weights([*weights.values()], [selection.fits[s] for s in weights], best)
         weights = dict(zip(weights, in_doubt, strict=True))
     # Fits of the selection have a narrower frequency band than the final one.
     log_modulus_of_best, _ = of(best)

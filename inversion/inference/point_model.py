@@ -133,7 +133,7 @@ class PointModel:
         result: FloatArray = np.clip(values, self.lower, self.upper)
         return result
 
-    def start_near(self, ground: Ground) -> FloatArray:
+    def start_at(self, ground: Ground) -> FloatArray:
         """Return a starting point with the properties of a homogeneous ground."""
         values = {
             STIFFNESS: math.log(ground.modulus / self.point.peak_modulus),

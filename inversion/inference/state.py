@@ -45,7 +45,7 @@ _MAX_RESIDUAL_OVER_NOISE, _MAX_NOISE_OVER_PEAK = 2.0, 0.02
 _SIMILAR_WEIGHT = 0.1
 
 
-def weights_in_doubt(
+def doubtful_weights(
     weights: Sequence[float], fits: Sequence[Posterior], best: Posterior
 ) -> list[float]:
     """Return the weights of fits, relative to the best one, if even that one is doubtful.
