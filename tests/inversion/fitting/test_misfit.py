@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from inversion import ForwardModel, Instrument, Record, Sensor, SurrogateLibrary
-from inversion.fitting.ground_parameters import homogeneous_space
+from inversion.fitting.ground_parameters import homogeneous_space, layered_space
 from inversion.fitting.misfit import Misfit, WeightedDrop, model_floor
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.measured.record import prepare
@@ -40,7 +40,7 @@ def drops() -> tuple[WeightedDrop, ...]:
     ("density", "depth", "elastic"),
     [(None, None, False), (None, 0.8, False), (1900.0, math.inf, False), (None, None, True)],
 )
-@pytest.mark.parametrize(("band", "prior_level"), [(640.0, 0.0), (1600.0, 0.0), (640.0, 2.0)])
+@pytest.mark.parametrize("band", [640.0, 1600.0])
 def test_derivatives_are_differences(
     drops: tuple[WeightedDrop, ...],
     library: SurrogateLibrary,
@@ -48,10 +48,9 @@ def test_derivatives_are_differences(
     depth: float | None,
     elastic: bool,
     band: float,
-    prior_level: float,
 ) -> None:
     space = homogeneous_space(40e6, 0.15, 0.35, density=density, rock_depth=depth, elastic=elastic)
-    misfit = Misfit(drops, space, responses(library, drops[0]), band, 64, prior_level=prior_level)
+    misfit = Misfit(drops, space, responses(library, drops[0]), band, 64)
     points = POINTS[:, : space.size]
     for free in (np.arange(points.shape[1]), np.array([points.shape[1] - 1])):
         values, slopes = misfit.linearise(points, free)
@@ -64,14 +63,14 @@ def test_derivatives_are_differences(
 
 @pytest.mark.parametrize("prior_level", [0.0, 2.0])
 def test_priors_have_a_covariance_of_their_own(
-    drops: tuple[WeightedDrop, ...], prior_level: float, library: SurrogateLibrary
+    drops: tuple[WeightedDrop, ...], prior_level: float
 ) -> None:
-    space = homogeneous_space(40e6, 0.15, 0.35, rock_depth=0.8)
-    misfit = Misfit(drops, space, responses(library, drops[0]), 640.0, 64, prior_level=prior_level)
+    space = layered_space(2, 60e6, 0.15, 0.35, density=1900.0, rock_depth=0.8)
+    misfit = Misfit(drops, space, "rigid-rough", 640.0, 64, prior_level=prior_level)
     point = POINTS[:1, : space.size]
     values, slopes = misfit.linearise(point, np.arange(point.shape[1]))
     pseudo = np.linalg.pinv(slopes[0])
-    n_data = Misfit(drops, space, responses(library, drops[0]), 640.0, 64).residual(point).shape[1]
+    n_data = Misfit(drops, space, "rigid-rough", 640.0, 64).residual(point).shape[1]
     away = space.prior_distances(point)[0][0]
     of_priors = values[0, n_data:]
     assert of_priors.size == (away.size if prior_level else 0)
@@ -125,7 +124,6 @@ def test_of_two_drops_the_residuals_stand_one_after_the_other(library: Surrogate
     # One transform serves both, as long as the longer window: of the other drop it is as good.
     assert parts[0] == pytest.approx(alone[0])
     assert parts[1] == pytest.approx(alone[1], abs=5e-4 * np.abs(alone[1]).max())
-    assert both.seconds == pytest.approx(first.drop.window_end + second.drop.window_end)
     assert [rows.size for rows in both.rows] == [values.shape[1] for values in alone]
 
 

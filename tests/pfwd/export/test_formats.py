@@ -292,7 +292,10 @@ def test_pddx_holds_the_peaks_in_its_units(survey: Path, tmp_path: Path) -> None
     assert "not verified" in path.read_text(encoding="utf-8")
     assert any("not verified" in note for note in done.notes)
     text = path.read_text(encoding="utf-8")
-    assert "PointQuantity = modulus\nPointTarget = 45000.00\nPointVerdict = undecided" in text
+    assert (
+        "PointQuantity = equivalent-modulus\nPointTarget = 45000.00\nPointVerdict = undecided"
+        in text
+    )
     assert "DropKind_1 = measured\nDropDeflectionCorrected_1 = " in text
 
 
