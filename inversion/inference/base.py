@@ -255,14 +255,13 @@ def fit_base(
     priors : bool, False: the properties of the ground have no priors
     """
     starts, solves = _starting_points(point, rng)
-    fits = []
+    fits: list[tuple[Posterior, PointFit]] = []
     for ground in starts:
         model = _model(point, on_rock=ground.inverse_depth > 0.0, priors=priors)
-        fits.append(PointFit(model, model.start_at(ground), is_contact_first=True))
-    short_fits = sorted(
-        ((fit.run_from_contact({_BEDROCK}), fit) for fit in fits),
-        key=lambda pair: -pair[0].log_evidence,
-    )
+        fit = PointFit(model, model.start_at(ground), is_contact_first=True)
+        nearest = fits[0][0].discrepancy if fits else None
+        fits.append((fit.run_from_contact({_BEDROCK}, nearest), fit))
+    short_fits = sorted(fits, key=lambda pair: -pair[0].log_evidence)
     limit = short_fits[0][0].log_evidence - _HOPELESS_EVIDENCE_LOSS
     promising: list[tuple[Posterior, PointFit]] = []
     for posterior, fit in short_fits:
@@ -279,13 +278,13 @@ def fit_base(
             distinct.append(posterior)
     return BaseFit(
         tuple(distinct),
-        solves + sum(fit.solves for fit in fits),
+        solves + sum(fit.solves for _, fit in fits),
         has_converged=optima[0][1].has_converged,
     )
 
 
 def _starting_points(point: Point, rng: np.random.Generator | None) -> tuple[list[Ground], int]:
-    """Return grounds that fit the contact of the last drop, and the number of solves.
+    """Return grounds that fit the contact of the last drop, the best first, and number of solves.
 
     Without a declared depth they are a half-space and grounds on rock. Those whose misfit is far
     larger are left out.
@@ -320,7 +319,8 @@ def _starting_points(point: Point, rng: np.random.Generator | None) -> tuple[lis
             )
             candidates.append((minimum.cost, ground))
         solves += search.solves
-    limit = _MAX_COST_RATIO * max(1.0, min(cost for cost, _ in candidates))
+    candidates.sort(key=lambda candidate: candidate[0])
+    limit = _MAX_COST_RATIO * max(1.0, candidates[0][0])
     return [ground for cost, ground in candidates if cost <= limit], solves
 
 

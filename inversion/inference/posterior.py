@@ -48,6 +48,7 @@ _CORRELATIONS = (0.0, 0.3, 0.6, 0.85, 0.95)
 _FIRST_FACTORS = (1.0, 1.5, 2.5, 4.0)
 _DRIFTS = (0.001, 0.003, 0.01, 0.02)
 _AFTER_CONTACT_FACTORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+_TAIL_FACTORS = _AFTER_CONTACT_FACTORS[0], _AFTER_CONTACT_FACTORS[-1]
 # Large drifts are tried with several sensors only: with a single one, drift could absorb the motion
 # of the ground after the contact.
 _DRIFTS_OF_SEVERAL = (*_DRIFTS, 0.05, 0.1)
@@ -180,16 +181,23 @@ class PointFit:
         self._estimate_first(_FIXED_AT_FIRST)
         return self.run_to_optimum()
 
-    def run_from_contact(self, held: Collection[str]) -> Posterior:
+    def run_from_contact(
+        self, held: Collection[str], discrepancy: Discrepancy | None = None
+    ) -> Posterior:
         """Return the posterior of a short fit that starts near an optimum of the contact.
 
         Parameters
         ----------
-        held : names of effects whose unknowns are fixed
+        held : names of effects whose unknowns are fixed at first
+        discrepancy : Discrepancy of a similar fit; None: not available
         """
-        self.discrepancy = replace(_FAIRLY_WHITE, after_contact=_AFTER_CONTACT_FACTORS[-1])
-        self._estimate_first(_FIXED_AT_FIRST | frozenset(held))
-        self.maximise(8, _TOLERANCE)
+        if discrepancy is None:
+            self.discrepancy = replace(_FAIRLY_WHITE, after_contact=_AFTER_CONTACT_FACTORS[-1])
+            self._estimate_first(_FIXED_AT_FIRST | frozenset(held))
+            self.maximise(8, _TOLERANCE)
+        else:
+            self.discrepancy = discrepancy
+            self._estimate_first(())
         return self.posterior()
 
     def run_to_optimum(self) -> Posterior:
@@ -381,19 +389,25 @@ class PointFit:
         factors: tuple[float, ...] = _SCALE_FACTORS
         for round_ in range(_MAX_ROUNDS):
             before = best
-            candidates = [
-                *(("scale", max(best.scale * f, min_scale)) for f in factors),
-                *(("memory", memory) for memory in _MEMORIES_S),
-                *(("between_drops", rho) for rho in _CORRELATIONS if several),
+            scales = [max(best.scale * factor, min_scale) for factor in factors]
+            candidates: list[dict[str, float]] = [
+                *({"scale": scale} for scale in scales),
+                *({"memory": memory} for memory in _MEMORIES_S),
+                *({"between_drops": rho} for rho in _CORRELATIONS if several),
             ]
             if round_:
                 # Not in the first round, in which drift would absorb the correlated discrepancy.
-                candidates += [("first", factor) for factor in _FIRST_FACTORS if several]
-                candidates += [("drift", drift) for drift in drifts]
+                candidates += [{"first": factor} for factor in _FIRST_FACTORS if several]
+                candidates += [{"drift": drift} for drift in drifts]
             if self._is_contact_first:
-                candidates += [("after_contact", factor) for factor in _AFTER_CONTACT_FACTORS]
-            for name, value in candidates:
-                trial = replace(best, **{name: value})
+                candidates += [{"after_contact": factor} for factor in _AFTER_CONTACT_FACTORS]
+                tail = best.scale * best.after_contact
+                candidates += [
+                    {"scale": scale, "after_contact": float(np.clip(tail / scale, *_TAIL_FACTORS))}
+                    for scale in scales
+                ]
+            for candidate in candidates:
+                trial = replace(best, **candidate)
                 if trial in (before, best):
                     continue
                 likelihood = marginal(trial)
