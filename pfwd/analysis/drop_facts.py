@@ -344,7 +344,9 @@ def with_modulus(
             modulus_depth=None,
             residual=None,
             fit_fault=None,
+            fit_fault_code=None,
         )
+    of_fit = fault or fit_fault(result)
     return dataclasses.replace(
         facts,
         record_fault=fault,
@@ -354,7 +356,8 @@ def with_modulus(
         equivalent_interval=result.equivalent_modulus_interval_pa,
         modulus_depth=result.modulus_depth_m,
         residual=result.contact_residual_rms_over_peak,
-        fit_fault=fault or fit_fault(result),
+        fit_fault=of_fit,
+        fit_fault_code=of_fit.code if isinstance(of_fit, Notice) else None,
     )
 
 

@@ -195,9 +195,9 @@ def fit_before_diagnosis(diagnosis: DiagnosisResult) -> PointModulus | None:
         before.modulus_interval_pa,
         "fitted",
         fault,
-        before.equivalent_modulus_pa,
-        before.equivalent_modulus_interval_pa,
-        before.modulus_depth_m,
+        equivalent=before.equivalent_modulus_pa,
+        equivalent_interval=before.equivalent_modulus_interval_pa,
+        depth=before.modulus_depth_m,
     )
 
 
@@ -227,13 +227,15 @@ def modulus_in_force(
         fault = unsupported_records([fact for fact in point.facts if fact.number in drops])
     after = diagnosis.after
     if diagnosis.use != "do-not-use" and after is not None and after.modulus_pa is not None:
+        equivalent, equivalent_interval = _equivalent(diagnosis)
         return PointModulus(
             after.modulus_pa,
             after.modulus_interval_pa,
             "diagnosed",
             fault,
-            *_equivalent(diagnosis),
-            after.modulus_depth_m,
+            equivalent=equivalent,
+            equivalent_interval=equivalent_interval,
+            depth=after.modulus_depth_m,
         )
     if fitted is None or (fitted.not_supported is not None and fault is None):
         return None

@@ -136,7 +136,7 @@ def judge(
     if modulus is None and diagnosed is not None:
         withheld = diagnosed.use_reason
     if modulus is not None and record_fault is not None:
-        modulus = dataclasses.replace(modulus, not_supported=record_fault)
+        modulus = dataclasses.replace(modulus, not_supported=record_fault, not_supported_code=None)
     if procedure.quantity.is_fitted:
         if len(used) == 1 and modulus is not None and modulus.source == "fitted":
             notes.append("one drop: the scatter between drops is not in the interval")
@@ -144,7 +144,7 @@ def judge(
     value = value_of(procedure, used, plate_radius, poisson_ratio, notes, modulus)
     reason = violated[0] if violated else record_fault
     if value is not None and reason is not None:
-        value = dataclasses.replace(value, not_supported=reason)
+        value = dataclasses.replace(value, not_supported=reason, not_supported_code=None)
     scatter = _scatter(procedure.quantity, used)
     faults = _point_faults(procedure, scatter, value, notes)
     goal = _goal(procedure, target, moisture, material, notes)

@@ -61,6 +61,8 @@ class PointDrop:
     """Root mean square residual of the fit while the load acts, over the peak deflection."""
     fit_fault: str | None = None
     """Reason why the data do not support the modulus, other than a large residual."""
+    fit_fault_code: str | None = None
+    """Code of that reason; None: it has none."""
     record_fault: str | None = None
     """Reason why the record supports no value at all, not even its peaks."""
     peak_fault: str | None = None
@@ -134,6 +136,8 @@ class PointValue:
     """
     not_supported: str | None = None
     """Reason why the value may not decide a verdict; None: it may."""
+    not_supported_code: str | None = None
+    """Code of that reason, such as "residual-not-explained"; None: it has none."""
     mean_deflection: float | None = None
     """Mean peak deflection of the averaged drops, m."""
     mean_load: float | None = None
@@ -198,6 +202,8 @@ class PointModulus:
     """"diagnosed": from the diagnosis of the point; "fitted": from the fits of its drops."""
     not_supported: str | None = None
     """Reason why the data do not support the modulus; None: they do."""
+    not_supported_code: str | None = None
+    """Code of that reason, such as "residual-not-explained"; None: it has none."""
     equivalent: float | None = None
     """Equivalent modulus, Pa, from the same source; None: there is none."""
     equivalent_interval: tuple[float, float] | None = None

@@ -22,6 +22,9 @@ MIN_DROPS_FOR_INTERVAL = 3
 wide on each side.
 """
 
+RESIDUAL_NOT_EXPLAINED = "residual-not-explained"
+"""Code of the reason that a fit leaves a residual beyond its limit."""
+
 _STUDENT_95 = (12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228)
 """Two-sided 95 % quantiles of Student's t for 1 to 10 degrees of freedom (any table of them)."""
 
@@ -197,9 +200,9 @@ def moduli_of(
             diagnosed.interval,
             "diagnosed",
             reason,
-            diagnosed.equivalent,
-            diagnosed.equivalent_interval,
-            diagnosed.depth,
+            equivalent=diagnosed.equivalent,
+            equivalent_interval=diagnosed.equivalent_interval,
+            depth=diagnosed.depth,
         )
     if usable:
         return result, fitted
@@ -213,7 +216,7 @@ def _fitted_modulus(procedure: Procedure, used: Sequence[PointDrop]) -> PointMod
     if not fitted:
         return None
     faults = (unsupported_fit(procedure, drop) for drop in fitted)
-    fault = next((text for text in faults if text is not None), None)
+    fault, code = next((found for found in faults if found is not None), (None, None))
     value, interval = _combined([(drop.modulus or 0.0, drop.modulus_interval) for drop in fitted])
     equivalent, equivalent_interval = None, None
     equivalents = [
@@ -224,7 +227,9 @@ def _fitted_modulus(procedure: Procedure, used: Sequence[PointDrop]) -> PointMod
     if len(equivalents) == len(fitted):
         equivalent, equivalent_interval = _combined(equivalents)
     depth = fitted[-1].modulus_depth
-    return PointModulus(value, interval, "fitted", fault, equivalent, equivalent_interval, depth)
+    return PointModulus(
+        value, interval, "fitted", fault, code, equivalent, equivalent_interval, depth
+    )
 
 
 def _combined(
@@ -270,12 +275,15 @@ def unsupported_records(used: Sequence[PointDrop]) -> str | None:
     return None
 
 
-def unsupported_fit(procedure: Procedure, drop: PointDrop) -> str | None:
-    """Return the reason why the data do not support the fitted modulus of a drop; None: they do."""
+def unsupported_fit(procedure: Procedure, drop: PointDrop) -> tuple[str, str | None] | None:
+    """Return the reason why the data do not support the fitted modulus of a drop, and its code.
+
+    The result is None if they support it.
+    """
     if drop.fit_fault is not None:
-        return f"drop {drop.number}: {drop.fit_fault}"
+        return f"drop {drop.number}: {drop.fit_fault}", drop.fit_fault_code
     fault = residual_fault(drop.residual, procedure.tolerance("most_residual").value)
-    return None if fault is None else f"drop {drop.number}: {fault}"
+    return None if fault is None else (f"drop {drop.number}: {fault}", RESIDUAL_NOT_EXPLAINED)
 
 
 def residual_fault(residual: float | None, limit: float) -> str | None:
@@ -313,6 +321,7 @@ def _judged_modulus(
         interval,
         len(fitted),
         not_supported=modulus.not_supported,
+        not_supported_code=modulus.not_supported_code,
         mean_deflection=mean(deflections) if deflections else None,
         mean_load=mean(loads) if loads else None,
         plate_radius=plate_radius,

@@ -6,7 +6,7 @@ import importlib.metadata
 import json
 import shlex
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -53,6 +53,11 @@ from pfwd_device.recording import DropRecord, Survey, SurveyPoint, read_survey
 PACKAGES = ("pfwd", "numpy", "scipy", "h5py", "matplotlib")
 """Packages that a report names with their versions: they made its numbers and pictures."""
 
+MAX_POINTS_TO_DIAGNOSE = 30
+"""Largest number of points of a survey in which a report diagnoses points without being asked."""
+
+_WAITING_CODES = ("residual-not-explained", "tail-not-explained")
+
 TARGET_OF_REPORT = "given with the report"
 """Source that a report names for a target given by `ReportOptions.target`."""
 
@@ -81,8 +86,9 @@ class ReportOptions:
     """Target of points without one, Pa, or m for a procedure that judges deflections."""
     refit: bool = False
     """Invert all drops, even those with a stored result."""
-    diagnose: bool = False
-    """Diagnose the points."""
+    diagnose: bool | None = None
+    """Diagnose all points, or none; None: the points whose verdict waits for it, if the survey has
+    at most 30 points."""
     store: bool = True
     """Store new results with the survey."""
     seed: int = 0
@@ -116,6 +122,11 @@ class ReportOptions:
             raise OptionError(refusal("--signed", "--slip", "none"))
         if self.target is not None and not 0 < self.target < float("inf"):
             raise OptionError(refusal("--target", "a number > 0", f"{self.target:g}"))
+
+    @property
+    def diagnoses_waiting_points(self) -> bool:
+        """True if points whose fit leaves a residual are diagnosed; layers are no diagnosis."""
+        return self.diagnose is None and self.layers is None
 
     @property
     def analysis(self) -> AnalysisOptions:
@@ -180,6 +191,12 @@ def gather(
     diagnoses = _diagnose(survey, options, job, tell) if options.diagnose else {}
     gatherer = _Gatherer(survey, options, job, diagnoses, tell)
     points = [part for parts in _gather_points(gatherer, options.jobs) for part in parts]
+    waiting: set[str] = set()
+    if options.diagnoses_waiting_points and len(survey.points) <= MAX_POINTS_TO_DIAGNOSE:
+        waiting = {point.title for point in points if _waits_for_diagnosis(point)}
+    if waiting:
+        diagnoses = _diagnose(survey, options, job, tell, waiting)
+        points = [_with_diagnosis(point, diagnoses) for point in points]
     if options.store:
         failed = store_drop_results(
             str(folder), _new_results(points), counting=not options.ignores_stored_results
@@ -457,7 +474,8 @@ def _command(survey: str, output: str, options: ReportOptions) -> str:
     for name, value in _layer_settings(options).items():
         words += [f"--{name}", str(value)]
     words += ["--refit"] if options.refit else []
-    words += ["--diagnose"] if options.diagnose else []
+    if options.diagnose is not None:
+        words.append("--diagnose" if options.diagnose else "--no-diagnose")
     return shlex.join([*words, "--seed", str(options.seed)])
 
 
@@ -608,13 +626,39 @@ def _checksums(survey: Survey) -> Iterator[tuple[int, str]]:
                 yield drop.number, hashlib.sha256(drop.file.read_bytes()).hexdigest()
 
 
+def _waits_for_diagnosis(point: PointView) -> bool:
+    """Return True if the value of a point decides nothing, because its fit leaves a residual."""
+    value = point.progress.value
+    has_diagnosis = point.diagnosis_in_force is not None
+    return not has_diagnosis and value is not None and value.not_supported_code in _WAITING_CODES
+
+
+def _with_diagnosis(point: PointView, diagnoses: Diagnoses) -> PointView:
+    """Return a point, or the part of one, with its new diagnosis, if it has one."""
+    whole = point.whole or point
+    made = (diagnoses.get((point.title, drop.number)) for drop in reversed(whole.drops))
+    diagnosis = next((new for new in made if new is not None), None)
+    if diagnosis is None:
+        return point
+    return replace(
+        point,
+        diagnosis=diagnosis,
+        whole=None if point.whole is None else replace(whole, diagnosis=diagnosis),
+    )
+
+
 def _diagnose(
-    survey: Survey, options: ReportOptions, job: Job, tell: Progress
+    survey: Survey,
+    options: ReportOptions,
+    job: Job,
+    tell: Progress,
+    waiting: Collection[str] | None = None,
 ) -> dict[tuple[str, int], DiagnosisResult]:
     """Diagnose the points, store the diagnoses, and return them by point and drop.
 
     Discarded points have none. If the report is of one point, the others are not diagnosed, and
-    its diagnosis in force is used: that with the other points knows more of the device.
+    its diagnosis in force is used: that with the other points knows more of the device. ``waiting``
+    names the points that are diagnosed; None: all.
     """
     from pfwd.analysis.diagnosis.diagnose import diagnose_entries
     from pfwd.analysis.diagnosis.entries import entries_of
@@ -633,6 +677,8 @@ def _diagnose(
         return {}
     if only is not None:
         entries = [entry for entry in entries if entry.point == only.title]
+    if waiting is not None:
+        entries = [entry for entry in entries if entry.point in waiting]
     diagnosed_points = list(
         diagnose_entries(entries, jobs=options.jobs, use_stored=not options.refit)
     )

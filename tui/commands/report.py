@@ -63,7 +63,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "deflection",
     )
     parser.add_argument(
-        "--diagnose", action="store_true", help="diagnose points without a stored diagnosis (slow)"
+        "--diagnose",
+        action=argparse.BooleanOptionalAction,
+        help="diagnose all points without a stored diagnosis (slow), or none; default: the points "
+        "whose fit leaves a residual, in surveys of up to 30 points",
     )
     parser.add_argument("--point", metavar="P", help="report only this point")
     parser.add_argument(

@@ -21,6 +21,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from inversion import SurrogateLibrary
+from inversion.notices import Notice, codes
 from pfwd.analysis.analyse import analyse_drop
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.options import AnalysisOptions
@@ -590,6 +591,57 @@ def test_only_the_reported_point_is_diagnosed(
     assert requests == [["north"], ["north"]]
     gather(survey, ReportOptions(diagnose=True))
     assert requests[2:] == [["A", "north"]]
+
+
+def test_a_point_whose_fit_leaves_a_residual_is_diagnosed_first(
+    survey: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from pfwd.analysis.diagnosis import diagnose as diagnosis
+
+    left = Notice(
+        "residual-not-explained", {"residual_over_noise": 4.0, "residual_over_peak": 0.02}
+    )
+    with SurveyWriter.open(survey, publish=False) as writer:
+        for number in (5, 6, 7, 8):  # point B
+            more = {"warnings": [str(left)], "warning_codes": codes([left])}
+            writer.save_result(number, result_of(number) | more)
+    requests: list[list[str | None]] = []
+
+    def diagnose(entries: Any, **_more: Any) -> Any:
+        requests.append([entry.point for entry in entries])
+        after = {
+            "model": "half-space",
+            "modulus_pa": 50e6,
+            "modulus_sd_pa": 1e5,
+            "modulus_interval_pa": [48e6, 52e6],
+            "residual_rms_over_peak": 0.004,
+            "discrepancy_over_peak": 0.004,
+        }
+        for entry in entries:
+            record = {
+                "verdict": "explained",
+                "point": entry.point,
+                "drops": [2, 3, 4],
+                "left_out": [1],
+                "basis": entry.basis,
+                "after": after,
+            }
+            yield diagnosis.Diagnosed("x", DiagnosisResult.from_json(record), number=8)
+
+    monkeypatch.setattr(diagnosis, "diagnose_entries", diagnose)
+    plain = gather(survey, ReportOptions(diagnose=False)).points[1].progress
+    assert plain.modulus is not None
+    assert plain.modulus.not_supported_code == "residual-not-explained"
+    assert "--no-diagnose" in gather(survey, ReportOptions(diagnose=False)).command
+    assert requests == []
+    points = gather(survey).points
+    assert requests == [["B"]]
+    first, second = (point.progress.modulus for point in points)
+    assert first is not None
+    assert second is not None
+    assert (first.source, second.source) == ("fitted", "diagnosed")
+    gather(survey)  # from then on it is stored
+    assert requests == [["B"]]
 
 
 def test_a_browser_shows_it(survey: Path) -> None:

@@ -236,9 +236,7 @@ def _parameters(view: DropPageState, result: DropResult, width: int) -> list[Lin
     name = "subgrade" if has_layers(result) else "modulus"
     lines += _paragraph(f"{name:10} {modulus}", width, "strong")
     if result.modulus_interval_pa is not None:
-        noise = units.with_unit("modulus", result.modulus_sd_pa, 2)
-        text = f"95 %, with the error of the model; noise of the record alone ± {noise}"
-        lines += _paragraph(text, width)
+        lines += _paragraph("95 %, with the error of the model", width)
     bounds = result.at_bound or ()
     for name, text in ground_parameters(result, units).items():
         mark = "  AT THE LIMIT" if any(name in bound for bound in bounds) else ""
