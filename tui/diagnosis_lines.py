@@ -235,7 +235,7 @@ def _conditions(results: Sequence[DiagnosisResult]) -> list[str]:
         "above rock where rock was found, with the effects of the device taken out; equivalent: "
         "modulus of the half-space that deflects as much under the plate; "
         f"{' or '.join(plates)}, Poisson's ratio {' or '.join(ratios)}. "
-        "Misfit: residual beyond the noise, over the peak."
+        "Misfit: what is unexplained over the peak, with an allowance of 0.3 % for the model."
     ]
 
 
@@ -493,9 +493,7 @@ def diagnosis_line(point: str, result: DiagnosisResult) -> str:
 
 
 def misfit_text(result: DiagnosisResult) -> str:
-    """Return the misfit of a diagnosis as text: the residual beyond the noise, in percent of the
-    peak.
-    """
+    """Return what a diagnosis leaves unexplained as text, in percent of the peak."""
     return _percent(result.explained_to)
 
 

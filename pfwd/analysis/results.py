@@ -143,7 +143,7 @@ class DiagnosisResult(StoredRecord):
 
     @property
     def explained_to(self) -> float | None:
-        """Discrepancy of the point over its peak: model error beyond the noise.
+        """Discrepancy of the point over its peak: what is unexplained, with the model's allowance.
 
         For a record without it, the whole residual, which is larger. The value is None if nothing
         was fitted.
