@@ -138,8 +138,8 @@ def test_the_demo_is_a_point_that_passes_and_names_what_comes_next(tmp_path: Pat
     survey = tmp_path / "first survey"
     done = pfwd("demo", "--rate", WITH_SHUNT, "-o", survey)
     assert done.returncode == 0, done.stderr
-    last = done.stdout.splitlines()[-1]
-    assert last.startswith("point 1: E_vd ")
+    # The fit of the last drop may end after the verdict, which does not need it.
+    (last,) = (line for line in done.stdout.splitlines() if line.startswith("point 1: E_vd "))
     assert "target 45 MPa  PASS: the whole 95 % interval reaches the target" in last
     assert f"next: {next_commands(survey)[0]}" in done.stderr
     assert f"next: {next_commands(survey)[1]}" in done.stderr
