@@ -6,7 +6,7 @@ from importlib import import_module
 PARTS = {
     "speed": "analysis times, and the published method against the surrogate (a minute)",
     "coverage": "intervals against the truth of finite-element drops (some minutes)",
-    "noise": "stated and actual random error of 200 noisy copies (half a minute)",
+    "calibration": "ranks of true values in the posterior, by simulation (ten minutes; --cases)",
     "acquisition": "8 channels at 50 kHz in real time (half a minute); 24 hours with --day",
     "pictures": "draw the pictures of the documentation from a replay (some minutes)",
     "screen": "the live screen: first paint, updates, processor time, lost samples (a minute)",

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import coverage, layers, noise, validation
+from benchmarks import coverage, layers, validation
 from benchmarks.__main__ import main
 
 # A surrogate is built where none is at hand, and every drop takes seconds.
@@ -67,21 +67,6 @@ def test_a_trace_holds_what_is_declared_and_not_the_truth() -> None:
     assert np.max(record.load) == pytest.approx(np.max(drop.load), rel=0.02)
 
 
-def test_noise_reports_every_setup(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(noise, "SETUPS", noise.SETUPS[:2])
-    assert noise.run(["--cases", "2", "--json"]) == 0
-    found = lines(capsys)
-    assert [record["copies"] for record in found] == [2, 2]
-
-
-def test_correlated_noise_has_the_stated_correlation() -> None:
-    sample = noise.noise_of(np.random.default_rng(0), "correlated", 20_000)
-    assert np.std(sample) == pytest.approx(1.0, abs=0.05)
-    assert np.corrcoef(sample[1:], sample[:-1])[0, 1] == pytest.approx(0.8, abs=0.02)
-
-
 def test_validation_reports_methods_and_rungs(capsys: pytest.CaptureFixture[str]) -> None:
     assert validation.run(["--cases", "1", "--jobs", "1", "--json"]) == 0
     records = lines(capsys)
@@ -106,7 +91,7 @@ def test_validation_goes_without_the_studys_tables(tmp_path: Path) -> None:
     assert validation.printed_errors(tmp_path) == {}
 
 
-@pytest.mark.parametrize("part", ["coverage", "noise", "validation", "layers"])
+@pytest.mark.parametrize("part", ["coverage", "calibration", "validation", "layers"])
 def test_wrong_usage_is_status_2(part: str) -> None:
     assert main([part, "--cases", "many"]) == 2
 

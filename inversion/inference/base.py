@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,6 +21,7 @@ from inversion.effects.base import Ground
 from inversion.fitting.ground_parameters import homogeneous_space
 from inversion.fitting.homogeneous_search import HomogeneousSearch
 from inversion.ground_estimate import ground_at
+from inversion.inference.discrepancy import Discrepancy
 from inversion.inference.modulus import (
     Component,
     ModulusOf,
@@ -47,6 +48,7 @@ _MODULUS: Key = (*STIFFNESS, None)
 _KEY_OF_RELAXATION: Key = (GROUND_EFFECT, "relaxation", None)
 _KEY_OF_DENSITY: Key = (GROUND_EFFECT, "density", None)
 _DEPTH: Key = (_BEDROCK, "depth", None)
+_MASS: Key = ("plate_inertia", "mass", None)
 # Factor on the standard deviations of the priors of the ground by which they lose their influence.
 _NO_PRIORS = 30.0
 # Two fits are one optimum if their unknowns differ by less than this number of standard deviations.
@@ -129,7 +131,7 @@ class BaseFit:
     @property
     def added_mass(self) -> float:
         """Mass of the plate beyond the declared one, kg."""
-        return self.best.by_key["plate_inertia", "mass", None]
+        return self.best.by_key[_MASS]
 
     @property
     def delay(self) -> float:
@@ -255,12 +257,13 @@ def fit_base(
     priors : bool, False: the properties of the ground have no priors
     """
     starts, solves = _starting_points(point, rng)
-    fits: list[tuple[Posterior, PointFit]] = []
-    for ground in starts:
-        model = _model(point, on_rock=ground.inverse_depth > 0.0, priors=priors)
-        fit = PointFit(model, model.start_at(ground), is_contact_first=True)
-        nearest = fits[0][0].discrepancy if fits else None
-        fits.append((fit.run_from_contact({_BEDROCK}, nearest), fit))
+    fits = _short_fits(point, starts, priors)
+    mass = _typical_mass(fits[0][0].model)
+    if point.records.records[0].instrument.plate_mass < mass:
+        # An undeclared mass passes for other ground.
+        starts, more_solves = _starting_points(point, None, mass)
+        fits += _short_fits(point, starts, priors, fits[0][0].discrepancy)
+        solves += more_solves
     short_fits = sorted(fits, key=lambda pair: -pair[0].log_evidence)
     limit = short_fits[0][0].log_evidence - _HOPELESS_EVIDENCE_LOSS
     promising: list[tuple[Posterior, PointFit]] = []
@@ -283,13 +286,42 @@ def fit_base(
     )
 
 
-def _starting_points(point: Point, rng: np.random.Generator | None) -> tuple[list[Ground], int]:
+def _short_fits(
+    point: Point, starts: Sequence[Ground], priors: bool, nearest: Discrepancy | None = None
+) -> list[tuple[Posterior, PointFit]]:
+    """Return a short fit from each starting point.
+
+    All begin with a discrepancy, or with that of the first fit.
+    """
+    fits: list[tuple[Posterior, PointFit]] = []
+    for ground in starts:
+        model = _model(point, on_rock=ground.inverse_depth > 0.0, priors=priors)
+        fit = PointFit(model, model.start_at(ground), is_contact_first=True)
+        posterior = fit.run_from_contact({_BEDROCK}, nearest)
+        nearest = nearest or posterior.discrepancy
+        fits.append((posterior, fit))
+    return fits
+
+
+def _typical_mass(model: PointModel) -> float:
+    """Return the mass that a plate may have without a declaration, kg."""
+    return float(model.deviation[model.keys.index(_MASS)])
+
+
+def _starting_points(
+    point: Point, rng: np.random.Generator | None, added_mass: float = 0.0
+) -> tuple[list[Ground], int]:
     """Return grounds that fit the contact of the last drop, the best first, and number of solves.
 
     Without a declared depth they are a half-space and grounds on rock. Those whose misfit is far
-    larger are left out.
+    larger are left out. The plate has the declared mass, kg, and an added one.
     """
     record = point.records.records[0]
+    mass = record.instrument.plate_mass + added_mass
+    drops = [
+        replace(drop, instrument=replace(drop.instrument, plate_mass=mass))
+        for drop in point.weighted[-1:]
+    ]
     depths = [record.bedrock_depth]
     if record.bedrock_depth is None:
         depths.append(math.inf)
@@ -304,7 +336,7 @@ def _starting_points(point: Point, rng: np.random.Generator | None) -> tuple[lis
             rock_depth=depth,
             elastic=point.records.elastic,
         )
-        search = HomogeneousSearch(point.weighted[-1:], space, point.surrogate)
+        search = HomogeneousSearch(drops, space, point.surrogate)
         minima = search.local_minima()
         if rng is not None and depth is record.bedrock_depth:
             minima.append(search.genetic_minimum(rng))
@@ -315,7 +347,7 @@ def _starting_points(point: Point, rng: np.random.Generator | None) -> tuple[lis
                 medium.viscosity,
                 medium.density,
                 1.0 / medium.thickness,
-                record.instrument.plate_mass,
+                mass,
             )
             candidates.append((minimum.cost, ground))
         solves += search.solves

@@ -134,11 +134,13 @@ class PointModel:
         return result
 
     def start_at(self, ground: Ground) -> FloatArray:
-        """Return a starting point with the properties of a homogeneous ground."""
+        """Return a starting point with a homogeneous ground and the mass of its plate."""
         values = {
             STIFFNESS: math.log(ground.modulus / self.point.peak_modulus),
             (GROUND_EFFECT, "density"): math.log(ground.density),
             ("bedrock", "depth"): ground.inverse_depth,
+            ("plate_inertia", "mass"): ground.plate_mass
+            - self.point.records.records[0].instrument.plate_mass,
         }
         if ground.viscosity > 0.0:
             values[GROUND_EFFECT, "relaxation"] = math.log(ground.viscosity / ground.modulus)
