@@ -53,8 +53,8 @@ class DiagnosisPage(Page):
         "the sensors that were not declared. Each is added to the model, then the point is fitted; "
         "the table shows the modulus before, and the modulus in force with its 95 % interval, its "
         "use and its misfit: what is unexplained over the peak, with an allowance of 0.3 % for the "
-        "model. Effects of the device are the same at all its points and are listed below with their values. The diagnosis runs "
-        "in the background; measuring goes on."
+        "model. Effects of the device are the same at all its points and are listed below with "
+        "their values. The diagnosis runs in the background; measuring goes on."
     )
     KEYS: ClassVar[Sequence[tuple[str, str]]] = (
         ("enter", "run"),
