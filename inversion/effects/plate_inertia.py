@@ -6,8 +6,10 @@ from inversion.effects.base import DropContext, Effect, Ground, Values
 from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.parameters import Parameter
 
-# Plates below this radius, m, have the first typical undeclared mass, kg; larger ones the second.
+# Plates below this radius, m, have the first typical mass, kg; larger ones the second.
 _SMALL_PLATE_M, _TYPICAL_MASS_KG = 0.25, (8.0, 40.0)
+# Standard deviation of a declared mass, relative: the plate is weighed, not all that moves with it.
+_MASS_TOLERANCE = 0.05
 
 
 class PlateInertia(Effect):
@@ -22,10 +24,11 @@ class PlateInertia(Effect):
     advice = "weigh what moves between load cell and ground and declare it as plate_mass_kg"
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
-        """Return the mass, kg, as the unknown, with a prior that depends on the plate's size."""
+        """Return the mass, kg, as the unknown; its prior depends on size and declared mass."""
         (mass,) = super().coordinates(drop)
         typical = _TYPICAL_MASS_KG[0] if drop.plate_radius < _SMALL_PLATE_M else _TYPICAL_MASS_KG[1]
-        return (replace(mass, deviation=typical),)
+        deviation = max(typical - drop.plate_mass, _MASS_TOLERANCE * drop.plate_mass)
+        return (replace(mass, deviation=deviation),)
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
         """Return the ground with the mass added to the plate."""

@@ -258,7 +258,7 @@ def fit_base(
     """
     starts, solves = _starting_points(point, rng)
     fits = _short_fits(point, starts, priors)
-    mass = _typical_mass(fits[0][0].model)
+    mass = _mass_deviation(fits[0][0].model)
     if point.records.records[0].instrument.plate_mass < mass:
         # An undeclared mass passes for other ground.
         starts, more_solves = _starting_points(point, None, mass)
@@ -303,8 +303,8 @@ def _short_fits(
     return fits
 
 
-def _typical_mass(model: PointModel) -> float:
-    """Return the mass that a plate may have without a declaration, kg."""
+def _mass_deviation(model: PointModel) -> float:
+    """Return the standard deviation of the undeclared mass of the plate, kg."""
     return float(model.deviation[model.keys.index(_MASS)])
 
 
