@@ -8,8 +8,8 @@ from inversion.fitting.parameters import Parameter
 
 # Plates below this radius, m, have the first typical mass, kg; larger ones the second.
 _SMALL_PLATE_M, _TYPICAL_MASS_KG = 0.25, (8.0, 40.0)
-# Standard deviation of a declared mass, relative: the plate is weighed, not all that moves with it.
-_MASS_TOLERANCE = 0.05
+# Relative standard deviation of a declared mass: the plate is weighed, not all that moves with it.
+_MASS_TOLERANCE = 0.07
 
 
 class PlateInertia(Effect):

@@ -215,8 +215,8 @@ def _fitted_modulus(procedure: Procedure, used: Sequence[PointDrop]) -> PointMod
     fitted = [drop for drop in used if drop.modulus is not None and 0 < drop.modulus < math.inf]
     if not fitted:
         return None
-    faults = (unsupported_fit(procedure, drop) for drop in fitted)
-    fault, code = next((found for found in faults if found is not None), (None, None))
+    reasons = (unsupported_fit(procedure, drop) for drop in fitted)
+    fault, code = next((reason for reason in reasons if reason is not None), (None, None))
     value, interval = _combined([(drop.modulus or 0.0, drop.modulus_interval) for drop in fitted])
     equivalent, equivalent_interval = None, None
     equivalents = [

@@ -635,15 +635,15 @@ def _waits_for_diagnosis(point: PointView) -> bool:
 
 def _with_diagnosis(point: PointView, diagnoses: Diagnoses) -> PointView:
     """Return a point, or the part of one, with its new diagnosis, if it has one."""
-    whole = point.whole or point
-    made = (diagnoses.get((point.title, drop.number)) for drop in reversed(whole.drops))
-    diagnosis = next((new for new in made if new is not None), None)
+    complete = point.whole or point
+    stored = (diagnoses.get((point.title, drop.number)) for drop in reversed(complete.drops))
+    diagnosis = next((result for result in stored if result is not None), None)
     if diagnosis is None:
         return point
     return replace(
         point,
         diagnosis=diagnosis,
-        whole=None if point.whole is None else replace(whole, diagnosis=diagnosis),
+        whole=None if point.whole is None else replace(complete, diagnosis=diagnosis),
     )
 
 
