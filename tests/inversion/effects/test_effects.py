@@ -476,3 +476,16 @@ def test_hum_is_no_larger_than_it_was_before_the_pulse(before: float, most: floa
     amplitude = BY_NAME["mains_hum"].parameters_for(context(max_hum=before))[0]
     assert amplitude.prior == (0.0, most)
     assert len(BY_NAME["mains_hum"].parameters_for(context())) == 3
+
+
+@pytest.mark.parametrize(
+    ("radius", "declared", "deviation"),
+    [(0.15, 0.0, 8.0), (0.15, 5.0, 3.0), (0.15, 20.0, 1.4), (0.3, 0.0, 40.0), (0.3, 39.0, 2.73)],
+)
+def test_an_undeclared_mass_is_the_less_probable_the_more_is_declared(
+    radius: float, declared: float, deviation: float
+) -> None:
+    drop = context(plate_radius=radius, plate_mass=declared)
+    (mass,) = BY_NAME["plate_inertia"].coordinates(drop)
+    assert (mass.mean, mass.lower) == (0.0, 0.0)
+    assert mass.deviation == pytest.approx(deviation)
