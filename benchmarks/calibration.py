@@ -17,6 +17,7 @@ import math
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -47,8 +48,9 @@ from inversion.threads import single_threaded_blas
 
 _DEPTH: Key = ("bedrock", "depth", None)
 _MODULI_PA = (15e6, 200e6)
-# Stated error of the model, and further settings of the simulated drops.
-_ERROR = Discrepancy(scale=0.003, memory=4e-3, drift=0.005)
+# Stated error of the model under the plate, and further settings of the simulated drops.
+STATED_ERROR = 0.0015
+_MEMORY_S, _DRIFT = 4e-3, 0.005
 _STEP_S, _DURATION_S, _PRE_TRIGGER_S = 3e-4, 0.051, 0.015
 _NOISES, _CORRELATION = (5e-4, 3e-3), 0.8
 _PLATE_RADIUS_M, _PLATE_MASS_KG, _POISSON_RATIO, _DEPTHS_M = 0.15, 10.6, 0.35, (0.45, 4.0)
@@ -70,13 +72,17 @@ def run(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="pfwd bench calibration", description=__doc__)
     parser.add_argument("--cases", type=int, default=1000, help="drops of the model (1000)")
     parser.add_argument("--finite-elements", type=int, default=100, help="drops (100)")
+    parser.add_argument(
+        "--error", type=float, default=STATED_ERROR, help="of the model, over the peak (0.0015)"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of everything random (0)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
     parser.add_argument("--output", type=Path, help="file for the ranks, with version and hash")
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
     options = parser.parse_args(arguments)
+    of_model = partial(model_replicate, scale=options.error)
     tasks: list[tuple[Callable[[int, int], Replicate], int, int]] = [
-        *((model_replicate, options.seed, number) for number in range(options.cases)),
+        *((of_model, options.seed, number) for number in range(options.cases)),
         *((finite_element_replicate, options.seed, n) for n in range(options.finite_elements)),
     ]
     with ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool:
@@ -127,8 +133,11 @@ def distance_and_band(ranks: NDArray[np.float64]) -> tuple[float, float]:
 MODEL, FINITE_ELEMENTS = "model with its stated error", "finite elements"
 
 
-def model_replicate(seed: int, number: int) -> Replicate:
-    """Return the ranks of a drop that the model predicts for values drawn from the priors."""
+def model_replicate(seed: int, number: int, scale: float = STATED_ERROR) -> Replicate:
+    """Return the ranks of a drop that the model predicts for values drawn from the priors.
+
+    ``scale`` is the standard deviation of the discrepancy over the peak.
+    """
     rng = np.random.default_rng([seed, number])
     library = SurrogateLibrary()
     time = _STEP_S * np.arange(-round(_PRE_TRIGGER_S / _STEP_S), round(_DURATION_S / _STEP_S))
@@ -164,7 +173,7 @@ def model_replicate(seed: int, number: int) -> Replicate:
     motion = drop.predict(*model.ground_and_effects(truth, 0))[0]
     peak = float(motion.max())
     drops = RecordedDrops(model)
-    lower = np.linalg.cholesky(drops.covariances(_ERROR)[0])
+    lower = np.linalg.cholesky(drops.covariances(Discrepancy(scale, _MEMORY_S, drift=_DRIFT))[0])
     error = np.zeros(motion.size)
     error[motion.size - lower.shape[0] :] = peak * (lower @ rng.standard_normal(lower.shape[0]))
     noise = rng.uniform(*_NOISES) * peak * rng.standard_normal(motion.size)
