@@ -54,7 +54,7 @@ _TAIL_FACTORS = _AFTER_CONTACT_FACTORS[0], _AFTER_CONTACT_FACTORS[-1]
 _DRIFTS_OF_SEVERAL = (*_DRIFTS, 0.05, 0.1)
 _MAX_ROUNDS = 6
 # Error of the base model under the plate, over the peak. For 100 finite-element drops its root mean
-# square is at most 0.1 % of the peak, and twice that of sensors on the ground.
+# square is at most 0.05 %, and its largest value 0.2 %.
 _PLATE_FLOOR_FRACTION = 0.0015
 _BOUND_TOLERANCE = 1e-9
 # Half of the 95 % quantile of chi-square with one degree of freedom: the decrease of the log
