@@ -132,7 +132,8 @@ def test_a_replay_runs_on_the_screen_and_leaves_the_survey_as_it_was(tmp_path: P
 def test_the_demo_has_the_screen_on_a_terminal_and_ends_by_sigterm(tmp_path: Path) -> None:
     survey = tmp_path / "demo"
     with terminal("demo", "-o", survey, "--rate", "4", size=(80, 24)) as program:
-        wait(program, lambda: "SAFE" in text(program))
+        # Both say that the drop is on the disk; a busy computer still computes when SAFE is over.
+        wait(program, lambda: "SAFE" in text(program) or "COMPUTING" in text(program))
         program.process.terminate()
         assert ended(program) == 0
     assert "simulated moduli, which the measurement" in text(program)
