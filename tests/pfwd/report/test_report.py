@@ -507,17 +507,20 @@ def test_a_trial_is_not_reported(survey: Path) -> None:
     assert after.points[0].drops[0].facts.modulus == before.points[0].drops[0].facts.modulus
 
 
+FITTED_STATE: dict[str, Any] = {
+    "model": "half-space",
+    "modulus_pa": 50e6,
+    "modulus_sd_pa": 1e5,
+    "modulus_interval_pa": [42e6, 48e6],
+    "residual_rms_over_peak": 0.004,
+    "discrepancy_over_peak": 0.004,
+}
+
+
 def test_a_diagnosis_is_shown_with_its_point(survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from pfwd.analysis.diagnosis import diagnose as diagnosis
 
-    state = {
-        "model": "half-space",
-        "modulus_pa": 50e6,
-        "modulus_sd_pa": 1e5,
-        "modulus_interval_pa": [42e6, 48e6],
-        "residual_rms_over_peak": 0.03,
-        "discrepancy_over_peak": 0.01,
-    }
+    state = FITTED_STATE | {"residual_rms_over_peak": 0.03, "discrepancy_over_peak": 0.01}
     bent = {"name": "stress_dependence", "value": 0.43, "sd": 0.13, "unit": "-"}
     late = {"name": "sensor_lag", "value": 0.0021, "sd": 0.0001, "unit": "s"}
     effect = {"name": "geophone_response", "value": 11.0, "sd": 0.2, "unit": "Hz"}
@@ -609,14 +612,7 @@ def test_a_point_whose_fit_leaves_a_residual_is_diagnosed_first(
 
     def diagnose(entries: Any, **_more: Any) -> Any:
         requests.append([entry.point for entry in entries])
-        after = {
-            "model": "half-space",
-            "modulus_pa": 50e6,
-            "modulus_sd_pa": 1e5,
-            "modulus_interval_pa": [48e6, 52e6],
-            "residual_rms_over_peak": 0.004,
-            "discrepancy_over_peak": 0.004,
-        }
+        after = FITTED_STATE | {"modulus_interval_pa": [48e6, 52e6]}
         for entry in entries:
             record = {
                 "verdict": "explained",
