@@ -6,7 +6,7 @@ import math
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Literal, cast
 
 import numpy as np
@@ -15,23 +15,15 @@ from inversion.arrays import ComplexArray, FloatArray
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point, surrogate_request
 from inversion.errors import ModelError, RecordError
-from inversion.fitting.ground_parameters import homogeneous_space
-from inversion.fitting.homogeneous_search import Method, fit_published
-from inversion.fitting.layer_count import MAX_LAYERS
-from inversion.fitting.misfit import DropHistory, WeightedDrop, transform_of
-from inversion.fitting.uncertainty import NORMAL_95
+from inversion.fitting.homogeneous_search import Method
+from inversion.fitting.misfit import DropHistory, WeightedDrop, count_distances, transform_of
 from inversion.forward.contact import PLATE_MODELS, PlateModel, PlateProblem
 from inversion.forward.laplace import FULL_BAND_HZ
-from inversion.forward.layered import LayeredPlateModel
+from inversion.forward.layered import LayeredGround, LayeredPlateModel, Medium
+from inversion.forward.layered.statics import effective_depth
 from inversion.forward.library import SurrogateLibrary
-from inversion.forward.surrogate import Surrogate
-from inversion.ground_estimate import (
-    GroundEstimate,
-    estimate_ground,
-    homogeneous_effective,
-)
-from inversion.inference.base import BaseFit, fit_base
-from inversion.layered_inversion import LayerRequest, invert_layers
+from inversion.inference.base import MAX_LAYERS, BaseFit, fit_base, fit_published
+from inversion.inference.modulus import NORMAL_95, ground_of
 from inversion.measured.half_sine import (
     HalfSineFit,
     Load,
@@ -42,13 +34,8 @@ from inversion.measured.half_sine import (
 from inversion.measured.peak_method import PeakModulus, peak_modulus
 from inversion.measured.record import PreparedDrop, Record, prepare
 from inversion.notices import Notice, Value
-from inversion.result import (
-    HalfSinePulse,
-    InversionResult,
-    LayerResult,
-    TimeHistories,
-    is_open,
-)
+from inversion.records import known
+from inversion.result import HalfSinePulse, InversionResult, TimeHistories, is_open
 from inversion.threads import single_threaded_blas
 
 # A residual up to this multiple of the noise counts as noise.
@@ -189,83 +176,34 @@ def _invert_joint(
     if settings.homogeneous:
         library.get(*tables_of(used[0], settings))
     start = clock.perf_counter()
-    of_posterior = settings.homogeneous and settings.method != "published"
-    reports = (_by_posterior if of_posterior else _by_misfit)(used, settings, library)
+    declared = [replace(record, bedrock_depth=settings.depth_of(record)) for record in used]
+    _check_thickness(settings, declared[0].bedrock_depth)
+    numbers = tuple(range(1, len(declared) + 1))
+    of_point = PointRecords("", tuple(declared), numbers, settings.elastic, settings.load)
+    point = Point(of_point, library, settings.plate, layered=not settings.homogeneous)
+    peaks = [_peak(model.drop, record) for model, record in zip(point.drops, used, strict=True)]
+    rng = np.random.default_rng(settings.seed)
+    if settings.method == "published":
+        base = fit_published(point, rng)
+    else:
+        base = fit_base(
+            point,
+            rng if settings.method == "mpga" else None,
+            priors=settings.priors,
+            layers=settings.layers,
+            thickness=settings.thickness,
+        )
+    reports = [_report(base, place, peak, settings) for place, peak in enumerate(peaks)]
     elapsed = clock.perf_counter() - start
     return tuple(replace(report, elapsed_s=elapsed) for report in reports)
 
 
-def _by_posterior(
-    records: list[Record], settings: Settings, library: SurrogateLibrary
-) -> list[InversionResult]:
-    """Fit homogeneous ground to the drops, a half-space and ground on rock by their evidence."""
-    declared = [replace(record, bedrock_depth=settings.depth_of(record)) for record in records]
-    numbers = tuple(range(1, len(declared) + 1))
-    of_point = PointRecords("", tuple(declared), numbers, settings.elastic, settings.load)
-    point = Point(of_point, library, cast(PlateModel, settings.plate))
-    peaks = [_peak(model.drop, record) for model, record in zip(point.drops, records, strict=True)]
-    rng = np.random.default_rng(settings.seed) if settings.method == "mpga" else None
-    base = fit_base(point, rng, priors=settings.priors)
-    return [_base_report(base, place, peak, settings) for place, peak in enumerate(peaks)]
-
-
-def _by_misfit(
-    records: list[Record], settings: Settings, library: SurrogateLibrary
-) -> list[InversionResult]:
-    """Fit layered ground to the drops, or homogeneous ground by the published method."""
-    first = records[0]
-    drops = tuple(_weighted_drop(record, settings) for record in records)
-    peaks = [_peak(item.drop, first) for item in drops]
-    modulus = float(np.median([peak.modulus for peak in peaks]))
-    if settings.homogeneous:
-        surrogate = library.get(*tables_of(first, settings))
-        estimate = _published_estimate(drops, surrogate, modulus, first, settings)
-    else:
-        estimate = _layered_estimate(drops, modulus, first, settings)
-    return [
-        _report(item, estimate, peak, settings)
-        for item, peak in zip(estimate.fit.drops, peaks, strict=True)
-    ]
-
-
-def _published_estimate(
-    drops: tuple[WeightedDrop, ...],
-    surrogate: Surrogate,
-    peak_modulus: float,
-    record: Record,
-    settings: Settings,
-) -> GroundEstimate:
-    """Fit one homogeneous ground to the drops by the published method."""
-    radius = record.instrument.plate_radius
-    space = homogeneous_space(
-        peak_modulus,
-        radius,
-        record.poisson_ratio,
-        density=record.density,
-        rock_depth=settings.depth_of(record),
-        elastic=settings.elastic,
-    )
-    fit = fit_published(drops, space, surrogate, np.random.default_rng(settings.seed))
-    return estimate_ground(fit, settings.plate, radius)
-
-
-def _layered_estimate(
-    drops: tuple[WeightedDrop, ...], peak_modulus: float, record: Record, settings: Settings
-) -> GroundEstimate:
-    """Fit layered ground to the drops."""
-    request = LayerRequest(
-        layers=settings.layers,
-        thickness=settings.thickness,
-        rock_depth=settings.depth_of(record),
-        density=record.density,
-        elastic=settings.elastic,
-        plate=settings.plate,
-        poisson_ratio=record.poisson_ratio,
-        plate_radius=record.instrument.plate_radius,
-        surface_modulus=peak_modulus,
-        genetic=settings.method == "mpga",
-    )
-    return invert_layers(drops, request, np.random.default_rng(settings.seed))
+def _check_thickness(settings: Settings, rock_depth: float | None) -> None:
+    above = sum(settings.thickness or ())
+    if rock_depth is not None and not above < rock_depth:
+        raise ModelError(
+            f"thickness: expected layers above the rock at {rock_depth:g} m, got {above:g} m"
+        )
 
 
 def _check_same_point(records: Sequence[Record]) -> None:
@@ -307,12 +245,6 @@ def tables_of(record: Record, settings: Settings) -> tuple[PlateProblem, float |
     return surrogate_request(chosen, cast(PlateModel, settings.plate))
 
 
-def _weighted_drop(record: Record, settings: Settings) -> WeightedDrop:
-    drop = prepare(record)
-    load = model_load(drop.time, drop.load, settings.load)
-    return WeightedDrop.of(drop, record.instrument, load, record.model_floor)
-
-
 def _pulse(fit: HalfSineFit, item: WeightedDrop) -> HalfSinePulse:
     return HalfSinePulse(
         peak_pressure_pa=fit.peak_load / (math.pi * item.instrument.plate_radius**2),
@@ -334,79 +266,22 @@ def _peak(drop: PreparedDrop, record: Record) -> PeakModulus:
     return peak_modulus(drop.peak_load, deflection, radius, record.poisson_ratio)
 
 
-def _report(
-    item: WeightedDrop, estimate: GroundEstimate, peak: PeakModulus, settings: Settings
-) -> InversionResult:
-    fit, lowest = estimate.fit, estimate.lowest
-    misfit = fit.misfit
-
-    def transfer(s: ComplexArray) -> ComplexArray:
-        grounds = misfit.space.grounds(fit.best.point[None])
-        return np.asarray(misfit.transfer.values(s, grounds)[0])
-
-    history = _histories(item, transfer)
-    # The bounds of homogeneous ground are near its peak modulus, so that it is always stated.
-    is_stated = settings.homogeneous or estimate.is_modulus_known
-    equivalent, equivalent_interval = estimate.equivalent or (None, None)
-    result = replace(
-        _described(item, history, peak, settings),
-        model="layer" if fit.space.rock else "half-space",
-        modulus_pa=lowest.modulus_pa if is_stated else None,
-        modulus_sd_pa=lowest.modulus_sd_pa if is_stated else None,
-        modulus_interval_pa=lowest.modulus_interval_pa,
-        modulus_depth_m=estimate.modulus_depth,
-        equivalent_modulus_pa=None if is_open(equivalent_interval) else equivalent,
-        equivalent_modulus_interval_pa=equivalent_interval,
-        viscosity_pa_s=lowest.viscosity_pa_s,
-        viscosity_sd_pa_s=estimate.viscosity_deviation,
-        density_kg_m3=lowest.density_kg_m3,
-        density_sd_kg_m3=estimate.density_deviation,
-        bedrock_depth_m=estimate.bedrock_depth,
-        bedrock_depth_sd_m=estimate.depth_deviation,
-        bedrock_depth_interval_m=estimate.depth_interval,
-        modulus_depth_correlation=estimate.modulus_depth_correlation,
-        layers=estimate.layers,
-        effective_modulus_pa=estimate.effective.modulus,
-        effective_modulus_interval_pa=estimate.effective.interval,
-        effective_depth_m=estimate.effective.depth,
-        poisson_ratio=fit.space.poisson_ratio,
-        priors=not settings.homogeneous,
-        explained=bool(np.sqrt(fit.best.cost) <= _MAX_RESIDUAL_OVER_NOISE),
-        converged=fit.converged,
-        at_bound=fit.space.at_bound(fit.best.point),
-        forward_solves=estimate.solves,
-    )
-    depths = None if estimate.uncertainty.depth_unique else estimate.depth_interval
-    notices = _warnings(result, item.drop, math.sqrt(fit.best.cost), depths)
-    return replace(result, warnings=(*notices, *estimate.remarks))
-
-
-def _base_report(
-    base: BaseFit, place: int, peak: PeakModulus, settings: Settings
-) -> InversionResult:
-    """Return the result of drop ``place`` of a fit of homogeneous ground."""
+def _report(base: BaseFit, place: int, peak: PeakModulus, settings: Settings) -> InversionResult:
+    """Return the result of drop ``place`` of a fit."""
+    is_published = settings.method == "published"
     fit, state = base.best, base.state
     model = fit.model.point.drops[place]
     record = model.record
-    includes_tail = fit.discrepancy.after_contact == 1.0
+    includes_tail = fit.discrepancy.after_contact == 1.0 and not is_published
     drop = model.drop if includes_tail else prepare(record)
     load = model_load(drop.time, drop.load, settings.load)
     item = WeightedDrop.of(drop, record.instrument, load, record.model_floor)
     drifts = base.drifts(place)
+    if is_published:
+        drifts = np.zeros_like(drifts)
     share = np.minimum(drop.time / model.drop.tail_end, 1.0)
     history = _histories(item, partial(base.transfer, place), drifts @ np.stack([share, share**2]))
-    layer = LayerResult(
-        modulus_pa=state.fitted_modulus,
-        modulus_sd_pa=state.modulus_sd_pa,
-        modulus_interval_pa=state.modulus_interval_pa,
-        thickness_m=state.bedrock_depth_m,
-        thickness_sd_m=base.depth_deviation,
-        thickness_interval_m=base.depth_interval,
-        viscosity_pa_s=state.viscosity_pa_s,
-        density_kg_m3=state.density_kg_m3,
-        poisson_ratio=record.poisson_ratio,
-    )
-    effective = homogeneous_effective(layer, settings.plate, record.instrument.plate_radius)
+    effective, effective_interval = base.effective(settings.plate)
     result = replace(
         _described(item, history, peak, settings),
         model=state.model,
@@ -424,16 +299,16 @@ def _base_report(
         bedrock_depth_sd_m=base.depth_deviation,
         bedrock_depth_interval_m=base.depth_interval,
         modulus_depth_correlation=base.modulus_depth_correlation,
-        layers=(layer,),
-        effective_modulus_pa=effective.modulus,
-        effective_modulus_interval_pa=effective.interval,
-        effective_depth_m=effective.depth,
+        layers=base.layers,
+        effective_modulus_pa=effective,
+        effective_modulus_interval_pa=effective_interval,
+        effective_depth_m=_effective_depth(base, settings),
         poisson_ratio=record.poisson_ratio,
-        priors=settings.priors,
+        priors=settings.priors and not is_published,
         converged=base.has_converged,
         at_bound=base.at_bound,
         forward_solves=base.solves,
-        structures=base.structures,
+        structures=None if is_published else base.structures,
         added_mass_kg=base.added_mass,
         delay_s=base.delay,
         drift_m=tuple((float(a), float(b)) for a, b in drifts),
@@ -441,7 +316,51 @@ def _base_report(
     residual = history.residual[:, drop.window] / item.scale[:, None]
     over_noise = math.sqrt(float(np.mean(residual**2)))
     result = replace(result, explained=over_noise <= _MAX_RESIDUAL_OVER_NOISE)
-    return replace(result, warnings=_warnings(result, drop, over_noise, base.open_depths))
+    notices = _warnings(result, drop, over_noise, base.open_depths)
+    return replace(result, warnings=(*notices, *_remarks(result, base, settings)))
+
+
+def _effective_depth(base: BaseFit, settings: Settings) -> float:
+    """Return the depth, m, above which 90 % of the static deflection under the plate arises."""
+    record = base.best.model.point.records.records[0]
+    radius = record.instrument.plate_radius
+    ground = ground_of(base.best)
+    if ground.above:
+        return effective_depth(settings.plate, radius, ground.layered(record.poisson_ratio))
+    depth = math.inf if ground.inverse_depth == 0.0 else 1.0 / ground.inverse_depth / radius
+    return radius * _effective_radii(settings.plate, record.poisson_ratio, float(f"{depth:.3g}"))
+
+
+@lru_cache(maxsize=1024)
+def _effective_radii(plate: LayeredPlateModel, poisson_ratio: float, depth: float) -> float:
+    """Return the effective depth of a homogeneous layer on rock; both depths in plate radii."""
+    medium = Medium(1.0, 0.0, 1.0, poisson_ratio, depth)
+    return effective_depth(plate, 1.0, LayeredGround((medium,), math.isfinite(depth)))
+
+
+def _remarks(result: InversionResult, base: BaseFit, settings: Settings) -> list[Notice]:
+    """Return the remarks on the layers of a result."""
+    if settings.layers == 1:
+        return []
+    layers, remarks = base.layers, []
+    if result.modulus_pa is None:
+        values: dict[str, Value] = {
+            "modulus_interval_pa": known(layers[-1].modulus_interval_pa),
+            "effective_modulus_pa": known(result.effective_modulus_pa),
+            "effective_depth_m": known(result.effective_depth_m),
+        }
+        remarks.append(Notice("subgrade-modulus-unknown", values))
+    for number, layer in enumerate(layers[:-1], 1):
+        if is_open(layer.modulus_interval_pa):
+            values = {"layer": number, "modulus_interval_pa": known(layer.modulus_interval_pa)}
+            remarks.append(Notice("layer-modulus-unknown", values))
+    if count_distances(base.best.model.point.drops[0].context.offsets) == 1:
+        has_layers = len(layers) > 1
+        remarks.append(Notice("layers-from-one-sensor" if has_layers else "layers-need-sensors"))
+    if settings.layers == "auto":
+        values = {"media": len(layers), "most_media": base.most_media}
+        remarks.append(Notice("layers-chosen", values))
+    return remarks
 
 
 def _described(

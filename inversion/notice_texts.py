@@ -69,10 +69,6 @@ TEMPLATES: dict[str, str] = {
         "intervals hold them, the values are one choice"
     ),
     "layers-chosen": "layers chosen: {media:d} of 1 to {most_media:d} tried",
-    "layers-chosen-by-sensors": (
-        "layers chosen: {media:d} of 1 to {most_media:d} tried; a sensor that was left out is "
-        "missed by, of its peak, {errors:list}"
-    ),
     "layers-need-sensors": (
         "one sensor cannot resolve layers: the modulus is that of homogeneous ground, and its "
         "interval includes ground below a layer that fits as well; add sensors further out"

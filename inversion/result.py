@@ -55,9 +55,7 @@ class LayerResult(JsonRecord):
     modulus_pa: float | None = quantity(
         "Young's modulus; none: not known within a factor of ten", "Pa", column="layers"
     )
-    modulus_sd_pa: float | None = quantity(
-        "Standard deviation of the modulus from the noise", "Pa", column=None
-    )
+    modulus_sd_pa: float | None = quantity("Standard deviation of the modulus", "Pa", column=None)
     modulus_interval_pa: Interval | None = quantity(
         "95 % interval of the modulus", "Pa", column="layers"
     )
@@ -71,9 +69,6 @@ class LayerResult(JsonRecord):
     viscosity_pa_s: float | None = quantity("Viscosity", "Pa s", column=None)
     density_kg_m3: float | None = quantity("Density", "kg/m3", column=None)
     poisson_ratio: float | None = quantity("Poisson's ratio", column=None)
-    modulus_open: tuple[bool, bool] = not_stored((False, False))
-    """For the lower and the upper end of the modulus interval: True if it is a bound of the search,
-    because the data do not determine it."""
 
     @property
     def modulus_known(self) -> bool:
@@ -150,7 +145,7 @@ class InversionResult(JsonRecord):
         "Young's modulus; of layers that of the lowest", "Pa", column="established"
     )
     modulus_sd_pa: float | None = quantity(
-        "Standard deviation of the modulus; of layers from the noise", "Pa", column="established"
+        "Standard deviation of the modulus", "Pa", column="established"
     )
     viscosity_pa_s: float | None = quantity("Viscosity", "Pa s", column="established")
     viscosity_sd_pa_s: float | None = quantity(
@@ -187,7 +182,7 @@ class InversionResult(JsonRecord):
         "Correlation of modulus and depth as fitted", column="established"
     )
     structures: tuple[StructureResult, ...] | None = quantity(
-        "Grounds that were averaged, the most probable first; none: layers or the published method",
+        "Grounds that were averaged, the most probable first; none: the published method",
         column=None,
     )
     added_mass_kg: float | None = quantity(

@@ -6,7 +6,6 @@ drop. One call with derivatives gives all of them, for all drops of the point.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TypeVar
@@ -18,9 +17,8 @@ from inversion.arrays import ComplexArray, FloatArray
 from inversion.effects.base import Ground
 from inversion.forward.layered import (
     Field,
-    LayeredGround,
     LayeredGrounds,
-    Medium,
+    LayeredPlateModel,
     MediumParameter,
     PlateSetup,
     layered_transfer,
@@ -52,30 +50,42 @@ class GroundResponse:
 
     Parameters
     ----------
-    surrogate : Surrogate, of homogeneous ground, for offset 0 and every sensor
+    plate : Surrogate of homogeneous ground, for offset 0 and every sensor; or the contact of plate
+        and ground, for which all ground is solved as layers
     instrument : Instrument; its plate mass is replaced by that of each ground
     offsets : sequence of float, m, of the sensors
+    poisson_ratio : float
     library : SurrogateLibrary, for surrogates of ground whose modulus grows with depth
     """
 
     def __init__(
         self,
-        surrogate: Surrogate,
+        plate: Surrogate | LayeredPlateModel,
         instrument: Instrument,
         offsets: Sequence[float] | FloatArray,
+        poisson_ratio: float,
         library: SurrogateLibrary | None = None,
     ) -> None:
-        self.surrogate = surrogate
+        self._plate = plate
         self._library = library or SurrogateLibrary()
         self._instrument = instrument
         self._sensors = len(offsets)
         self._setup = PlateSetup(
-            "rigid-rough", instrument.plate_radius, tuple(abs(float(r)) for r in offsets)
+            plate if isinstance(plate, str) else plate.problem.plate,
+            instrument.plate_radius,
+            tuple(abs(float(r)) for r in offsets),
         )
-        self._poisson_ratio = surrogate.problem.poisson_ratio
+        self._poisson_ratio = poisson_ratio
         self._cache: dict[_Key, ComplexArray] = {}
         self._slope_cache: dict[tuple[_Key, tuple[int, ...]], ComplexArray] = {}
         self._instruments: dict[float, Instrument] = {}
+
+    @property
+    def surrogate(self) -> Surrogate:
+        """Table of the responses of homogeneous ground; raises TypeError if there is none."""
+        if isinstance(self._plate, str):
+            raise TypeError(f"expected a response table, got the plate {self._plate}")
+        return self._plate
 
     def compliance(self, ground: Ground, s: ComplexArray) -> ComplexArray:
         """Return displacement over load at every sensor at ``s`` (n,), (n_sensors, n), m/N."""
@@ -85,13 +95,17 @@ class GroundResponse:
             if ground.contact_share != 1.0:
                 partial_contact: ComplexArray = self._under_part_of_plate([ground], s)[0]
                 return partial_contact
-            if ground.above:
-                grounds = LayeredGrounds.of([self._layered(ground)])
+            if self.is_layered(ground):
+                grounds = LayeredGrounds.of([ground.layered(self._poisson_ratio)])
                 response = layered_transfer(self._setup, ground.plate_mass, s, grounds)[0]
             else:
                 response = self._solve([ground], s)[0]
             _remember(self._cache, key, response)
         return response
+
+    def is_layered(self, ground: Ground) -> bool:
+        """Return whether the response of a ground is solved as that of layers."""
+        return bool(ground.above) or isinstance(self._plate, str)
 
     def solve_together(self, grounds: Sequence[Ground], s: ComplexArray, nearby: bool) -> None:
         """Compute the responses of several grounds together, and cache them.
@@ -106,7 +120,9 @@ class GroundResponse:
         nearby : bool
             True: derivatives are computed too, for grounds that differ by a small step.
         """
-        new = [g for g in dict.fromkeys(grounds) if not g.above and g.contact_share == 1.0]
+        new = [
+            g for g in dict.fromkeys(grounds) if not self.is_layered(g) and g.contact_share == 1.0
+        ]
         for kind in dict.fromkeys(map(_kind, new)):
             same_kind = [g for g in new if _kind(g) == kind]
             if nearby:
@@ -146,9 +162,10 @@ class GroundResponse:
         return slopes
 
     def _surrogate(self, ground: Ground) -> PlateResponse:
+        table = self.surrogate
         if ground.growth_exponent == 0.0:
-            return self.surrogate
-        return self._library.growth(self.surrogate.problem, ground.growth_exponent)
+            return table
+        return self._library.growth(table.problem, ground.growth_exponent)
 
     def _moving(self, ground: Ground) -> tuple[int, ...]:
         """Return the columns of the fields that a fit may change.
@@ -204,7 +221,7 @@ class GroundResponse:
             start = self._fields(ground)
             steps = np.stack([self._fields(moved[place - 1]) for place in same_kind]) - start
             columns = np.flatnonzero(steps.any(axis=0))
-            if not ground.above:
+            if not self.is_layered(ground):
                 # These are the columns of `solve_together`, so that its cache is used.
                 columns = np.array(self._moving(ground))
             slopes = self._slopes(ground, s, columns)
@@ -242,9 +259,9 @@ class GroundResponse:
 
     def _fields(self, ground: Ground) -> FloatArray:
         """Return the parameters with respect to which `_slopes` differentiates, in its order."""
-        if not ground.above:
+        if not self.is_layered(ground):
             return np.array([getattr(ground, name) for name in _HOMOGENEOUS])
-        layered = self._layered(ground)
+        layered = ground.layered(self._poisson_ratio)
         values = [[getattr(m, name) for name in _MEDIUM_FIELDS] for m in layered.media]
         if not layered.rock:
             values[-1][-1] = 0.0
@@ -256,7 +273,7 @@ class GroundResponse:
         cached = self._slope_cache.get(key)
         if cached is not None:
             return cached
-        if not ground.above:
+        if not self.is_layered(ground):
             slopes_of_ground: ComplexArray = self._solve_slopes([ground], s, key[1])[0]
         else:
             width = len(_MEDIUM_FIELDS)
@@ -264,23 +281,11 @@ class GroundResponse:
                 MediumParameter(_MEDIUM_FIELDS[column % width], int(column // width))
                 for column in columns
             ]
-            grounds = LayeredGrounds.of([self._layered(ground)])
+            grounds = LayeredGrounds.of([ground.layered(self._poisson_ratio)])
             _, slopes = layered_transfer_slopes(self._setup, ground.plate_mass, s, grounds, varied)
             slopes_of_ground = slopes[0]
         _remember(self._slope_cache, key, slopes_of_ground)
         return slopes_of_ground
-
-    def _layered(self, ground: Ground) -> LayeredGround:
-        rock = ground.inverse_depth > 0.0
-        above = sum(medium.thickness for medium in ground.above)
-        below = Medium(
-            ground.modulus,
-            ground.viscosity,
-            ground.density,
-            self._poisson_ratio,
-            1.0 / ground.inverse_depth - above if rock else math.inf,
-        )
-        return LayeredGround((*ground.above, below), rock)
 
 
 def _kind(ground: Ground) -> tuple[object, ...]:

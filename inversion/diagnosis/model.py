@@ -27,8 +27,6 @@ from inversion.diagnosis.flat_tops import (
 from inversion.diagnosis.ground_response import GroundResponse
 from inversion.diagnosis.rest import PreTriggerNoise, estimate_pre_trigger_noise
 from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
-from inversion.fitting.equivalent_modulus import MAX_PEAK_TIME, largest_deflections
-from inversion.fitting.layer_starts import LayerStarts
 from inversion.fitting.misfit import model_floor
 from inversion.forward.laplace import DampedTransform, band_of_load
 from inversion.forward.nonlinear_stiffness import (
@@ -38,7 +36,6 @@ from inversion.forward.nonlinear_stiffness import (
     forces_nearby,
     hat_response,
 )
-from inversion.forward.surrogate import Surrogate
 from inversion.measured.half_sine import Load, model_load
 from inversion.measured.record import PreparedDrop, Record, prepare
 
@@ -57,6 +54,8 @@ FROM_SAMPLE = 1
 # Smallest upward motion that counts as a rebound, as a fraction of the largest deflection and as a
 # multiple of the noise.
 _MIN_REBOUND, _MIN_REBOUND_OVER_NOISE = 0.01, 3.0
+# End of the time in which the largest deflection is searched, in multiples of the contact.
+_MAX_PEAK_TIME = 1.3
 
 Active = Sequence[tuple[Effect, Values]]
 _Motion = tuple[FloatArray, FloatArray | None]
@@ -114,12 +113,10 @@ class DropModel:
     Parameters
     ----------
     record : Record
-    surrogate : Surrogate, for offset 0 and every sensor; for all depths, or the declared one
     largest_load : float, N, of the point's drops
     index : int, of the drop within the point, from 0
     point : PointRecords
-    layers : LayerStarts or None, starting points for layered ground
-    response : GroundResponse or None, which the drops of a point share
+    response : GroundResponse, which the drops of a point share
     duration : float or None, s, of the longest record of the point, so that drops share a response
     rest : PreTriggerNoise or None, the drop with its noise as estimated from all drops of the point
     """
@@ -127,19 +124,16 @@ class DropModel:
     def __init__(
         self,
         record: Record,
-        surrogate: Surrogate,
         largest_load: float,
         index: int,
         point: PointRecords,
-        layers: LayerStarts | None = None,
-        response: GroundResponse | None = None,
+        response: GroundResponse,
         duration: float | None = None,
         rest: PreTriggerNoise | None = None,
     ) -> None:
-        # The surrogate returns its sensors in this order, whatever order the record has.
+        # The response has its sensors in this order, whatever order the record has.
         record = record.nearest_first()
         drop = prepare(record)
-        self._layers = layers
         at_rest = rest or estimate_pre_trigger_noise([record])[0]
         self._at_rest = at_rest
         with_tail = at_rest.drop
@@ -149,7 +143,7 @@ class DropModel:
         self._instrument = replace(
             record.instrument, geophone_natural_frequency=None, geophone_damping=None
         )
-        self.response = response or GroundResponse(surrogate, self._instrument, drop.offsets)
+        self.response = response
         self._duration = duration
         count_samples = int(np.searchsorted(drop.time, with_tail.tail_end * (1 + 1e-9)))
         stride = max(1, -(-count_samples // MAX_SAMPLES))
@@ -258,7 +252,6 @@ class DropModel:
             elastic=point.elastic,
             is_density_declared=record.density is not None,
             unmodelled_load=None if point.load == "measured" else (drop.load - load)[self.rows],
-            layers=self._layers,
             plate_mass=record.instrument.plate_mass,
             swings_back=rebound > min_rebound,
             has_bedrock=record.bedrock_depth is not None and not np.isinf(record.bedrock_depth),
@@ -391,9 +384,9 @@ class DropModel:
             for g, effects in ((ground, active), *moved)
         )
         motions, places = self._motions_nearby(*start, near, _changed(start[1], near))
-        contact = self.context.time <= MAX_PEAK_TIME * self.context.contact_end
+        contact = self.context.time <= _MAX_PEAK_TIME * self.context.contact_end
         rows = motions[:, self._plate, contact]
-        return largest_deflections(rows)[[0, *places]]
+        return _largest_deflections(rows)[[0, *places]]
 
     def _motions_nearby(
         self,
@@ -585,7 +578,7 @@ class DropModel:
 
         The last one is static load.
         """
-        return self._s_layered if stages.ground.above else self.s
+        return self._s_layered if self.response.is_layered(stages.ground) else self.s
 
     def _compliance(self, stages: _Stages) -> ComplexArray:
         """Return displacement over load at every sensor, (n_sensors, n), m/N."""
@@ -607,7 +600,7 @@ class DropModel:
     def peak_in_contact(self) -> float:
         """Largest deflection of the innermost sensor up to 1.3 contact times, m."""
         row = self.observed[int(np.argmin(self.context.offsets))]
-        return float(row[self.context.time <= MAX_PEAK_TIME * self.context.contact_end].max())
+        return float(row[self.context.time <= _MAX_PEAK_TIME * self.context.contact_end].max())
 
     def noise_covariance(self, sensor: int, floor: float) -> FloatArray:
         """Return the covariance of the noise of a sensor at the fitted samples, m2.
@@ -688,3 +681,13 @@ def _parts(compliances: ComplexArray) -> FloatArray:
 def _rows(records: _A) -> _A:
     """Return records (m, n_sensors, n) as one table with a row for each sensor of each record."""
     return records.reshape(-1, records.shape[-1])
+
+
+def _largest_deflections(rows: FloatArray) -> FloatArray:
+    """Return the largest value of each row (m, n), of a parabola through three samples."""
+    top = np.clip(np.argmax(rows, axis=1), 1, rows.shape[1] - 2)
+    before, peak, after = (rows[np.arange(top.size), top + step] for step in (-1, 0, 1))
+    bend = before - 2.0 * peak + after
+    shift = np.where(bend < 0.0, 0.5 * (before - after) / np.minimum(bend, -1e-300), 0.0)
+    result: FloatArray = peak - 0.25 * (before - after) * np.clip(shift, -1.0, 1.0)
+    return result

@@ -11,9 +11,9 @@ import numpy as np
 from inversion.diagnosis.ground_response import GroundResponse
 from inversion.diagnosis.model import DropModel, PointRecords
 from inversion.diagnosis.rest import estimate_pre_trigger_noise
-from inversion.fitting.layer_starts import LayerStarts
 from inversion.fitting.misfit import WeightedDrop
-from inversion.forward.contact import PlateModel, PlateProblem
+from inversion.forward.contact import PLATE_MODELS, PlateModel, PlateProblem
+from inversion.forward.layered import LayeredPlateModel
 from inversion.forward.library import SurrogateLibrary
 from inversion.forward.surrogate import Surrogate
 from inversion.measured.half_sine import model_load
@@ -28,23 +28,31 @@ class Point:
     ----------
     records : PointRecords
     library : SurrogateLibrary
-    plate : Plate, contact of plate and ground
+    plate : contact of plate and ground
+    layered : bool, True: ground without layers is also solved as a layer, without tables
     """
 
     def __init__(
-        self, records: PointRecords, library: SurrogateLibrary, plate: PlateModel = "rigid-rough"
+        self,
+        records: PointRecords,
+        library: SurrogateLibrary,
+        plate: LayeredPlateModel = "rigid-rough",
+        *,
+        layered: bool = False,
     ) -> None:
         self.records = records
         first = records.records[0]
         self.declared_depth = first.bedrock_depth
-        self.surrogate = surrogate = surrogate_of(first, library, plate)
+        self.contact = plate
+        self.plate: Surrogate | LayeredPlateModel = plate
+        if not layered and plate in PLATE_MODELS:
+            self.plate = surrogate_of(first, library, plate)
         largest = max(float(np.max(r.load)) - float(r.load[0]) for r in records.records)
-        layers = _layered_first_estimate(records)
-        self.weighted = tuple(layers.drops)
-        longest = max(float(item.drop.with_tail().tail_end) for item in layers.drops)
-        response = response_of(first, surrogate, library)
+        self.weighted = _weighted_drops(records)
+        longest = max(float(item.drop.with_tail().tail_end) for item in self.weighted)
+        response = response_of(first, self.plate, library)
         self.drops = tuple(
-            DropModel(record, surrogate, largest, index, records, layers, response, longest, rest)
+            DropModel(record, largest, index, records, response, longest, rest)
             for index, (record, rest) in enumerate(
                 zip(records.records, estimate_pre_trigger_noise(records.records), strict=True)
             )
@@ -59,7 +67,6 @@ class Point:
             for model in self.drops
         ]
         self.peak_modulus = float(np.median(peaks))
-        layers.peak_modulus = self.peak_modulus
 
     def coarse(self) -> Point:
         """Return the point with a narrower frequency band, for the fits that select effects.
@@ -99,27 +106,21 @@ def surrogate_request(record: Record, plate: PlateModel) -> tuple[PlateProblem, 
     return problem, round(depth / radius, 10)
 
 
-def response_of(record: Record, surrogate: Surrogate, library: SurrogateLibrary) -> GroundResponse:
+def response_of(
+    record: Record, plate: Surrogate | LayeredPlateModel, library: SurrogateLibrary
+) -> GroundResponse:
     """Return the response of the ground at the sensors of a record, without geophones."""
     instrument = replace(record.instrument, geophone_natural_frequency=None, geophone_damping=None)
     offsets = [abs(sensor.offset) for sensor in record.nearest_first().sensors]
-    return GroundResponse(surrogate, instrument, offsets, library)
+    return GroundResponse(plate, instrument, offsets, record.poisson_ratio, library)
 
 
-def _layered_first_estimate(records: PointRecords) -> LayerStarts:
-    """Return the drops of a point as input of a first fit of layered ground."""
-    first = records.records[0]
+def _weighted_drops(records: PointRecords) -> tuple[WeightedDrop, ...]:
+    """Return the drops of a point as input of a first fit of the ground."""
     drops = []
     for record in records.records:
         # The sensors have the same order as in the models of the drops.
         drop = prepare(record.nearest_first())
         load = model_load(drop.time, drop.load, records.load)
         drops.append(WeightedDrop.of(drop, record.instrument, load, record.model_floor))
-    return LayerStarts(
-        drops,
-        first.poisson_ratio,
-        first.density,
-        first.bedrock_depth,
-        records.elastic,
-        math.nan,
-    )
+    return tuple(drops)

@@ -28,9 +28,8 @@ from scipy.linalg.lapack import dtbtrs
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.errors import ModelError
 from inversion.fitting.coordinates import Coordinate, coordinate_of, parameter_value
-from inversion.fitting.layer_starts import LayerStarts
 from inversion.fitting.parameters import Parameter
-from inversion.forward.layered import Medium
+from inversion.forward.layered import LayeredGround, Medium
 from inversion.forward.nonlinear_stiffness import NonlinearStiffness
 
 Scope = Literal["drop", "point", "device"]
@@ -74,7 +73,6 @@ class DropContext:
     is_density_declared : bool, True if the ground's density is declared
     unmodelled_load : (n,) ndarray of float or None, N: measured load minus the half-sine that
         drives the model
-    layers : LayerStarts or None, starting points for layered ground under the point's drops
     """
 
     time: FloatArray
@@ -100,7 +98,6 @@ class DropContext:
     elastic: bool = False
     is_density_declared: bool = False
     unmodelled_load: FloatArray | None = None
-    layers: LayerStarts | None = None
 
     @property
     def step(self) -> float:
@@ -146,6 +143,14 @@ class Ground:
             )
         if self.above and self.loss_exponent > 0.0:
             raise ModelError(f"ground: expected no layers with constant-Q damping, got {self}")
+
+    def layered(self, poisson_ratio: float) -> LayeredGround:
+        """Return the media from the surface down."""
+        rock = self.inverse_depth > 0.0
+        above = sum(medium.thickness for medium in self.above)
+        thickness = 1.0 / self.inverse_depth - above if rock else math.inf
+        lowest = Medium(self.modulus, self.viscosity, self.density, poisson_ratio, thickness)
+        return LayeredGround((*self.above, lowest), rock)
 
 
 class Effect:

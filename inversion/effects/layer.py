@@ -1,14 +1,17 @@
-"""Top layer, stiffer or softer than the ground, and a second layer if the sensors can resolve it.
+"""Layers above the ground, stiffer or softer than it.
 
 The model is the dynamic layered ground of :mod:`inversion.forward.layered`. The reported modulus is
 that of the ground below the layers.
 """
 
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from inversion.effects.base import DropContext, Effect, Ground, Values
+from inversion.fitting.misfit import count_distances
 from inversion.fitting.parameters import Parameter
 from inversion.forward.layered import Medium
 
@@ -28,18 +31,23 @@ _THICKNESS_RADII = (0.2, 20.0)
 # Largest depth of the layers over the depth of the rock.
 _ABOVE_ROCK = 0.98
 # Smallest thickness of the ground above rock, over that of the layers. Smallest relative change of
-# the plate's deflection by a single layer; it is required up to this number of sensor distances.
+# the plate's deflection by a layer; it is required up to this number of sensor distances.
 _MIN_GROUND_SHARE, _MIN_CHANGE, _MAX_DISTANCES = 0.25, 0.03, 3
 # Smallest modulus of a layer over that of the ground; below it, the model is soil on rock.
 _ROCK = 0.05
-_MIDDLE_PREFIX = "middle_"
 # Relative error (95 %) of the modulus below. In a campaign of finite elements, fits of three media
 # with fewer layers had errors of 0.6 to 1.5 %.
 _MORE_MEDIA = 0.015
 
 
 class Layer(Effect):
-    """Layers above the ground: one modulus does not fit the centre sensor and the others."""
+    """Layers above the ground: one modulus does not fit the centre sensor and the others.
+
+    Parameters
+    ----------
+    count : int, number of layers; the effect that is searched for has one
+    thickness : sequence of float, m, of the layers from the top; None: fitted
+    """
 
     name = "layer"
     scope = "point"
@@ -51,15 +59,18 @@ class Layer(Effect):
     # Both change the ratio of the plate's deflection to that of the ground outside.
     excludes = frozenset({"rough_contact"})
 
+    def __init__(self, count: int = 1, thickness: Sequence[float] | None = None) -> None:
+        self.count = count
+        self.thickness = thickness
+
     def is_sound(self, ground: Ground, values: Values, drop: DropContext) -> bool:
         """Return whether a layer changes the deflection, with enough ground below.
 
-        Layers down to the rock are equivalent to rock at another depth, and ground much stiffer
-        than its layers is rock. A change of the plate's deflection is required if there are few
+        A layer down to the rock is equivalent to rock at another depth, and ground much stiffer
+        than its layer is rock. A change of the plate's deflection is required if there are few
         sensor distances: slow motions of other causes then resemble a boundary far below the plate.
         """
-        ratios = (values.get(prefix + "modulus_ratio", 1.0) for prefix in ("", _MIDDLE_PREFIX))
-        if min(ratios) < _ROCK:
+        if values["modulus_ratio"] < _ROCK:
             return False
         layers = sum(medium.thickness for medium in ground.above)
         if (
@@ -67,10 +78,7 @@ class Layer(Effect):
             and 1.0 / ground.inverse_depth - layers < _MIN_GROUND_SHARE * layers
         ):
             return False
-        if (
-            _MIDDLE_PREFIX + "thickness" in values
-            or np.unique(np.abs(drop.offsets)).size > _MAX_DISTANCES
-        ):
+        if count_distances(drop.offsets) > _MAX_DISTANCES:
             return True
         change = abs(values["modulus_ratio"] - 1.0) * drop.plate_radius / values["thickness"]
         return bool(change >= _MIN_CHANGE)
@@ -80,28 +88,49 @@ class Layer(Effect):
         return _MORE_MEDIA
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """Return the parameters of the top layer, and of a second one if the sensors resolve it."""
+        """Return the parameters of the layers, from the top."""
         a = drop.plate_radius
         low, high = (radii * a for radii in _THICKNESS_RADII)
-        thickness = replace(_THICKNESS, lower=low, upper=high, starts=(a, 2.0 * a))
-        top: tuple[Parameter, ...] = (_RATIO, thickness)
-        top += () if drop.elastic else (_RELAXATION,)
-        top += () if drop.is_density_declared else (_DENSITY,)
-        if drop.layers is None or not drop.layers.has_second_layer:
-            return top
-        return (*top, *(replace(p, name=_MIDDLE_PREFIX + p.name) for p in top))
+        of_layer: tuple[Parameter, ...] = (_RATIO,)
+        if self.thickness is None:
+            of_layer += (replace(_THICKNESS, lower=low, upper=high, starts=(a, 2.0 * a)),)
+        of_layer += () if drop.elastic else (_RELAXATION,)
+        of_layer += () if drop.is_density_declared else (_DENSITY,)
+        return tuple(
+            replace(p, name=layer_prefix(number) + p.name)
+            for number in range(self.count)
+            for p in of_layer
+        )
+
+    def values_at(self, coordinates: Mapping[str, float]) -> dict[str, float]:
+        """Return the values of the parameters, all of which are fitted by their logarithms."""
+        return {name: math.exp(value) for name, value in coordinates.items()}
+
+    def coordinates_of(self, ground: Ground) -> dict[str, float]:
+        """Return the coordinates, by name, of the layers above a ground."""
+        values = {}
+        relaxation = ground.viscosity / ground.modulus
+        for number, medium in enumerate(ground.above):
+            prefix = layer_prefix(number)
+            values[prefix + "modulus_ratio"] = math.log(medium.modulus / ground.modulus)
+            values[prefix + "thickness"] = math.log(medium.thickness)
+            values[prefix + "density_ratio"] = math.log(medium.density / ground.density)
+            if relaxation > 0.0 and medium.viscosity > 0.0:
+                ratio = medium.viscosity / medium.modulus / relaxation
+                values[prefix + "relaxation_ratio"] = math.log(ratio)
+        return values
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
         """Return whether sensors are at several distances.
 
         The centre alone cannot resolve layers.
         """
-        return drops[0].layers is not None and drops[0].layers.n_distances > 1
+        return count_distances(drops[0].offsets) > 1
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
         """Return the ground with layers above it; Poisson's ratio and rock depth do not change."""
-        prefixes = ("", _MIDDLE_PREFIX) if _MIDDLE_PREFIX + "thickness" in values else ("",)
-        thicknesses = [values[prefix + "thickness"] for prefix in prefixes]
+        prefixes = [layer_prefix(number) for number in range(self.count)]
+        thicknesses = self.thickness or [values[prefix + "thickness"] for prefix in prefixes]
         if ground.inverse_depth > 0.0:
             available = _ABOVE_ROCK / ground.inverse_depth
             share = min(1.0, available / sum(thicknesses))
@@ -118,3 +147,8 @@ class Layer(Effect):
             for prefix, thickness in zip(prefixes, thicknesses, strict=True)
         )
         return replace(ground, above=above)
+
+
+def layer_prefix(number: int) -> str:
+    """Return the prefix of the parameters of a layer, counted from 0; that of the top is empty."""
+    return f"layer_{number + 1}_" if number else ""

@@ -2,8 +2,8 @@
 
 A medium is a layer or the half-space below. Homogeneous ground is searched around its modulus from
 the peak method. The moduli of layers differ by orders of magnitude, so that their bounds are wider,
-all of them have priors, and the viscosity of each is described by its relaxation time, viscosity
-over modulus.
+all of them have priors, and their viscosity is described by one relaxation time, viscosity over
+modulus.
 """
 
 from __future__ import annotations
@@ -43,21 +43,14 @@ _LAYER_RELAXATION_BOUNDS_S = (1e-4, _MAX_RELAXATION_S)
 _LAYER_DENSITY_BOUNDS_KG_M3 = (1200.0, 2700.0)
 # Rock is at least half a plate radius below the lowest boundary, and near enough for an echo.
 _LOWEST_THICKNESS_BOUNDS_RADII = (0.5, _MAX_DEPTH_RADII)
-_MAX_LAG_S = 4.0e-3
-_NATURAL_FREQUENCY_BOUNDS_HZ = (0.2, 30.0)
-_DAMPING_BOUNDS = (0.1, 2.0)
 
 # Priors of layers, mean and standard deviation (of the natural logarithm where logarithmic).
 # Density: soils, granular fills and asphalt. Modulus: within two orders of magnitude of that from
-# the deflection. Thickness: a third of the plate radius to ten radii. Lag: that of converters and
-# filters.
+# the deflection. Thickness: a third of the plate radius to ten radii.
 _LAYER_LOG_DENSITY_PRIOR = (math.log(2000.0), 0.08)
 _LAYER_LOG_MODULUS_SD = 2.0
 _LAYER_THICKNESS_PRIOR_RADII, _LAYER_LOG_THICKNESS_SD = 1.7, 1.0
 _LAYER_RELAXATION_PRIOR_S = (0.8e-3, 1.0e-3)
-_LAG_PRIOR_S = (0.0, 0.5e-3)
-_LOG_NATURAL_FREQUENCY_PRIOR = (math.log(3.0), 1.0)
-_DAMPING_PRIOR = (0.7, 0.3)
 
 
 def depth_parameter(plate_radius: float) -> Parameter:
@@ -124,10 +117,6 @@ def layered_space(
     thickness: Sequence[float] | None = None,
     rock_depth: float | None = None,
     elastic: bool = False,
-    separate_relaxation: bool = False,
-    geophone: bool = False,
-    lag: bool = False,
-    sensor_lags: Sequence[int] = (),
 ) -> ParameterSpace:
     """Return the parameter space of a ground of ``media`` media under one plate.
 
@@ -141,10 +130,6 @@ def layered_space(
     thickness : media - 1 values from the top, m; None: fitted
     rock_depth : m; inf: no rock; None: fitted
     elastic : True: no viscosity
-    separate_relaxation : True: a relaxation time for each medium; False: one for all of them
-    geophone : True: natural frequency and damping of the geophones are fitted
-    lag : True: a lag of all sensors is fitted
-    sensor_lags : indices of sensors with a lag of their own
     """
     if media < 1:
         raise ModelError(f"layers: expected at least 1, got {media}")
@@ -180,21 +165,14 @@ def layered_space(
         lowest = _logarithmic(f"thickness_{media}", "m", (low, high), None)
         unknowns.append(Unknown(lowest, "thickness", media - 1))
     if not elastic:
-        places = tuple(range(media)) if separate_relaxation else (None,)
-        unknowns += [
-            Unknown(
-                Parameter(
-                    "relaxation" if j is None else f"relaxation_{j + 1}",
-                    "s",
-                    *_LAYER_RELAXATION_BOUNDS_S,
-                    natural=True,
-                    prior=_LAYER_RELAXATION_PRIOR_S,
-                ),
-                "relaxation",
-                j,
-            )
-            for j in places
-        ]
+        relaxation = Parameter(
+            "relaxation",
+            "s",
+            *_LAYER_RELAXATION_BOUNDS_S,
+            natural=True,
+            prior=_LAYER_RELAXATION_PRIOR_S,
+        )
+        unknowns.append(Unknown(relaxation, "relaxation"))
     if density is None:
         prior = _LAYER_LOG_DENSITY_PRIOR
         unknowns += [
@@ -202,16 +180,6 @@ def layered_space(
                     "density", j)
             for j in range(media)
         ]  # fmt: skip
-    if lag:
-        unknowns.append(Unknown(_lag("lag"), "lag"))
-    unknowns += [Unknown(_lag(f"lag_of_sensor_{j + 1}"), "lag", j) for j in sensor_lags]
-    if geophone:
-        frequency = _logarithmic(
-            "natural_frequency", "Hz", _NATURAL_FREQUENCY_BOUNDS_HZ, _LOG_NATURAL_FREQUENCY_PRIOR
-        )
-        damping = Parameter("geophone_damping", "-", *_DAMPING_BOUNDS, prior=_DAMPING_PRIOR)
-        unknowns.append(Unknown(frequency, "natural_frequency"))
-        unknowns.append(Unknown(damping, "geophone_damping"))
     return ParameterSpace(
         tuple(unknowns),
         media,
@@ -227,7 +195,3 @@ def _logarithmic(
     name: str, unit: str, bounds: tuple[float, float], prior: tuple[float, float] | None
 ) -> Parameter:
     return Parameter(name, unit, *bounds, logarithmic=True, prior=prior)
-
-
-def _lag(name: str) -> Parameter:
-    return Parameter(name, "s", -_MAX_LAG_S, _MAX_LAG_S, prior=_LAG_PRIOR_S)

@@ -9,13 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inversion.arrays import FloatArray
-from inversion.fitting.ground_fit import (
-    CHI_SQUARE_2_95,
-    AlternativeRule,
-    GroundFit,
-    Minimum,
-    distinct_minima,
-)
+from inversion.fitting.minima import Minimum, distinct_minima
 from inversion.fitting.misfit import Misfit, WeightedDrop
 from inversion.fitting.parameters import ParameterSpace
 from inversion.fitting.published_fitness import published_fitness
@@ -36,7 +30,6 @@ _N_PROFILE_DEPTHS = 14
 _PROFILE_ENDS = (0.02, 0.98)
 # Number of steps of these fits, and largest cost over the best one at which a minimum is kept.
 _N_STEPS, _MAX_COST_RATIO = 8, 10.0
-_PUBLISHED_RULE = AlternativeRule(max_rise=CHI_SQUARE_2_95)
 
 
 class HomogeneousSearch:
@@ -121,14 +114,16 @@ def _lowest(cost: FloatArray) -> NDArray[np.intp]:
     return np.flatnonzero((cost <= padded[:-2]) & (cost <= padded[2:]))
 
 
-def fit_published(
-    drops: tuple[WeightedDrop, ...], space: ParameterSpace, plate: Plate, rng: np.random.Generator
-) -> GroundFit:
+def search_as_published(
+    drops: Sequence[WeightedDrop], space: ParameterSpace, plate: Plate, rng: np.random.Generator
+) -> tuple[FloatArray, int]:
     """Search as in the published method, with its fitness (Eq. 16) and no refinement.
+
+    The result is a point (d,) of the unit cube, and the number of solves.
 
     Parameters
     ----------
-    drops : tuple of WeightedDrop
+    drops : sequence of WeightedDrop
     space : ParameterSpace
     plate : Plate
     rng : numpy Generator
@@ -149,6 +144,4 @@ def fit_published(
     )
     while search.has_next():
         search.next()
-    point = np.asarray(search.result().parameters)
-    cost = float(misfit.objective(point[None])[0])
-    return GroundFit(Minimum(point, cost), (), True, misfit.solves, misfit, drops, _PUBLISHED_RULE)
+    return np.asarray(search.result().parameters), misfit.solves

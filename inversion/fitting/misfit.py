@@ -79,14 +79,14 @@ class WeightedDrop:
         result: FloatArray = np.sqrt(noise**2 + self.drop.quantisation**2 + self.model_floor**2)
         return result
 
-    @property
-    def n_distances(self) -> int:
-        """Number of different distances of the sensors from the plate's centre.
 
-        Sensors at one distance on both sides count once.
-        """
-        offsets = np.sort(np.abs(self.drop.offsets))
-        return 1 + int(np.count_nonzero(np.diff(offsets) > _DISTANCE_GAP_M))
+def count_distances(offsets: FloatArray) -> int:
+    """Return the number of different distances of sensors from the plate's centre.
+
+    Sensors at one distance on both sides count once.
+    """
+    distances = np.sort(np.abs(offsets))
+    return 1 + int(np.count_nonzero(np.diff(distances) > _DISTANCE_GAP_M))
 
 
 def model_floor(drop: PreparedDrop, granted: float | None) -> FloatArray:
@@ -128,7 +128,6 @@ class Misfit:
     prior_level : float, mean square of the data's residuals at which one standard deviation from a
         prior counts like one independent error; 0: priors are not used
     n_independent : float, number of independent errors in the data; None: six for each drop
-    sensors : sequence of int or None, indices of the sensors that are fitted; None: all
     single : bool, True: single precision in the tables, for the search
     rule : WavenumberRule, for layers
     """
@@ -143,7 +142,6 @@ class Misfit:
         *,
         prior_level: float = 0.0,
         n_independent: float | None = None,
-        sensors: Sequence[int] | None = None,
         single: bool = False,
         rule: WavenumberRule = FAST,
     ) -> None:
@@ -153,10 +151,8 @@ class Misfit:
         self.solves = 0
         first = self.drops[0]
         self.instrument = first.instrument
-        offsets = first.drop.offsets
-        self.sensors = np.arange(offsets.size) if sensors is None else np.asarray(sensors)
         self.transfer = transfer_of(
-            plate, self.instrument, offsets, self.sensors, single=single, rule=rule
+            plate, self.instrument, first.drop.offsets, single=single, rule=rule
         )
         self.rows = [_even_rows(item.drop.window, max_samples) for item in self.drops]
         longest = max(
@@ -169,10 +165,10 @@ class Misfit:
             for item, rows in zip(self.drops, self.rows, strict=True)
         ]
         self._observed = [
-            item.drop.displacement[np.ix_(self.sensors, rows)]
+            item.drop.displacement[:, rows]
             for item, rows in zip(self.drops, self.rows, strict=True)
         ]
-        self._weights = [1.0 / item.scale[self.sensors, None] for item in self.drops]
+        self._weights = [1.0 / item.scale[:, None] for item in self.drops]
         self.count = sum(observed.size for observed in self._observed)
         """Number of residuals without those of the priors."""
 
@@ -180,21 +176,7 @@ class Misfit:
         """Return the displacement of each drop at its `rows`, (m, n_sensors, n), m."""
         self.solves += points.shape[0]
         transfer = self.transfer.values(self.transform.s, self.space.grounds(points))
-        if self.space.instrument_columns:
-            transfer = transfer * self.response(points, self.transform.s)[0]
         return [history.of(transfer) for history in self._histories]
-
-    def response(
-        self, points: FloatArray, s: ComplexArray
-    ) -> tuple[ComplexArray, dict[int, ComplexArray]]:
-        """Return the response of the fitted instrument at the fitted sensors.
-
-        See `ParameterSpace.response` for the formula.
-        """
-        # The lag of one sensor refers to its index among all sensors.
-        response, slopes = self.space.response(points, s, self.drops[0].drop.offsets.size)
-        counting = {column: slope[:, self.sensors] for column, slope in slopes.items()}
-        return response[:, self.sensors], counting
 
     def residual(self, points: FloatArray) -> FloatArray:
         """Return the weighted residuals (m, n) at points (m, d); those of the priors come last."""
@@ -226,12 +208,6 @@ class Misfit:
                     np.multiply(by_ground[:, row], factor, out=both[:, place])
                 else:
                     both[:, place] += by_ground[:, row] * factor
-        if self.space.instrument_columns:
-            response, by_instrument = self.response(points, self.transform.s)
-            both *= response[:, None]
-            for place, column in enumerate(free.tolist(), start=1):
-                if column in by_instrument:
-                    both[:, place] = both[:, 0] * by_instrument[column]
         residuals: list[FloatArray] = []
         jacobians: list[FloatArray] = []
         for history, observed, weight in zip(
@@ -254,14 +230,6 @@ class Misfit:
     def prior_scale(self) -> float:
         """Weighted residual of one standard deviation from a prior."""
         return math.sqrt(self.prior_level * self.count / self.n_independent)
-
-    def prior_covariance(self, pseudo: FloatArray) -> FloatArray:
-        """Return the covariance (d, d) of the unit values from the spread of the priors.
-
-        ``pseudo`` (d, n) is the pseudo-inverse of the derivatives by `linearise`.
-        """
-        by_priors = pseudo[:, self.count :] * self.prior_scale
-        return np.asarray(by_priors @ by_priors.T)
 
     def objective(self, points: FloatArray) -> FloatArray:
         """Return the mean square of the weighted residuals, those of the priors included, (m,)."""

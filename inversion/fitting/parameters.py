@@ -1,15 +1,15 @@
 """Fitted parameters with their bounds and priors, and the grounds that they describe.
 
-Every unknown is a `Parameter` between bounds, together with the medium (layer or half-space) or the
-sensor on which it acts. Knowledge of soils and instruments enters as a normal prior: a parameter
-that the record determines is hardly changed by it, and one that the record does not determine is
-set by it. Fits use the unit cube, onto which the ranges of all parameters are scaled.
+Every unknown is a `Parameter` between bounds, together with the medium (layer or half-space) on
+which it acts. Knowledge of soils enters as a normal prior: a parameter that the record determines
+is hardly changed by it, and one that the record does not determine is set by it. Searches use the
+unit cube, onto which the ranges of all parameters are scaled.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -17,25 +17,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from inversion.arrays import ComplexArray, FloatArray
-from inversion.forward.layered import LayeredGrounds, MediumParameter
+from inversion.arrays import FloatArray
+from inversion.forward.layered import LayeredGround, LayeredGrounds, Medium, MediumParameter
 
-Quantity = Literal[
-    "modulus",
-    "thickness",
-    "relaxation",
-    "viscosity",
-    "density",
-    "lag",
-    "natural_frequency",
-    "geophone_damping",
-]
-INSTRUMENT_QUANTITIES: tuple[Quantity, ...] = ("lag", "natural_frequency", "geophone_damping")
+Quantity = Literal["modulus", "thickness", "relaxation", "viscosity", "density"]
 # Properties of a medium; the relaxation time is an alternative to the viscosity.
 _MEDIUM_QUANTITIES = ("modulus", "relaxation", "viscosity", "density", "poisson_ratio", "thickness")
-
-# A fitted value counts as on a bound if it is closer than this fraction of the range.
-_BOUND_MARGIN = 1e-3
 
 
 @dataclass(frozen=True)
@@ -99,23 +86,15 @@ class Parameter:
         return distance, np.full(shape, (high - low) / deviation)
 
 
-def on_bound(
-    unit_values: FloatArray, low: FloatArray | float = 0.0, high: FloatArray | float = 1.0
-) -> NDArray[np.bool_]:
-    """Return True for each unit value (...,) on a bound, by default of the unit interval."""
-    return np.asarray((unit_values < low + _BOUND_MARGIN) | (unit_values > high - _BOUND_MARGIN))
-
-
 @dataclass(frozen=True)
 class Unknown:
-    """Fitted parameter, and the medium or sensor on which it acts.
+    """Fitted parameter, and the medium on which it acts.
 
     Parameters
     ----------
     parameter : Parameter
     quantity : Quantity
-    place : int or None, index of the medium from the top (ground) or of the sensor (lag); None: all
-        of them
+    place : int or None, index of the medium from the top; None: all media
     """
 
     parameter: Parameter
@@ -145,7 +124,7 @@ def _negative_unit(_: LayeredGrounds, __: int) -> float:
 
 @dataclass(frozen=True)
 class ParameterSpace:
-    """Unknowns of a ground of N media and of its instrument, and the values of what is not fitted.
+    """Unknowns of a ground of N media, and the values of what is not fitted.
 
     A point of the space is a point of the unit cube, with one unit value for each unknown.
 
@@ -173,13 +152,8 @@ class ParameterSpace:
         """Number of unknowns."""
         return len(self.unknowns)
 
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Names of the unknowns."""
-        return tuple(u.name for u in self.unknowns)
-
     def index(self, quantity: Quantity, place: int = 0) -> int | None:
-        """Return the column of the unknown for a quantity of a medium or sensor.
+        """Return the column of the unknown for a quantity of a medium.
 
         The result is None if the quantity is not fitted.
         """
@@ -196,29 +170,25 @@ class ParameterSpace:
         """
         return self.index("thickness", self.media - 1)
 
-    def values(self, points: FloatArray) -> FloatArray:
-        """Return the physical values (m, d) of points (m, d) of the unit cube."""
-        columns = [u.parameter.value(points[:, i]) for i, u in enumerate(self.unknowns)]
-        return np.stack(columns, axis=1)
-
-    def point(self, values: Sequence[float]) -> FloatArray:
-        """Return the point (d,) of the unit cube for physical values, clipped to the bounds."""
-        pairs = zip(self.unknowns, values, strict=True)
-        return np.array([u.parameter.unit_value(float(v)) for u, v in pairs])
-
     def grounds(self, points: FloatArray) -> LayeredGrounds:
         """Return the grounds of points (m, d) of the unit cube."""
         fields = np.empty((len(_MEDIUM_QUANTITIES), points.shape[0], self.media))
         fields[:] = self._fixed_fields[:, None]
         for column, (field, media) in enumerate(self._targets):
-            if field is not None:
-                value = self.unknowns[column].parameter.value(points[:, column])
-                fields[field, :, media] = value[:, None]
+            value = self.unknowns[column].parameter.value(points[:, column])
+            fields[field, :, media] = value[:, None]
         modulus, relaxation, viscosity, density, poisson_ratio, thickness = fields
         if self.rock_depth is not None:
             thickness[:, -1] = self.rock_depth - thickness[:, :-1].sum(axis=1)
         viscosity += relaxation * modulus
         return LayeredGrounds(modulus, viscosity, density, poisson_ratio, thickness, self.rock)
+
+    def ground(self, point: FloatArray) -> LayeredGround:
+        """Return the ground at a point (d,) of the unit cube."""
+        g = self.grounds(point[None])
+        fields = (g.modulus, g.viscosity, g.density, g.poisson_ratio, g.thickness)
+        media = tuple(Medium(*(float(field[0, j]) for field in fields)) for j in range(self.media))
+        return LayeredGround(media, self.rock)
 
     @cached_property
     def _fixed_fields(self) -> FloatArray:
@@ -227,11 +197,11 @@ class ParameterSpace:
         return np.array([np.broadcast_to(value, self.media) for value in fixed])
 
     @cached_property
-    def _targets(self) -> tuple[tuple[int | None, slice], ...]:
-        """Field and media on which each unknown acts; the field is None for the instrument."""
+    def _targets(self) -> tuple[tuple[int, slice], ...]:
+        """Field and media on which each unknown acts."""
         return tuple(
             (
-                _MEDIUM_QUANTITIES.index(u.quantity) if u.quantity in _MEDIUM_QUANTITIES else None,
+                _MEDIUM_QUANTITIES.index(u.quantity),
                 slice(None) if u.place is None else slice(u.place, u.place + 1),
             )
             for u in self.unknowns
@@ -278,8 +248,8 @@ class ParameterSpace:
             for j in range(self.media) if unknown.place is None else (unknown.place,):
                 if unknown.quantity == "relaxation":
                     of_unknown.append((MediumParameter("viscosity", j), _modulus))
-                elif unknown.quantity not in INSTRUMENT_QUANTITIES:
-                    of_unknown.append((MediumParameter(unknown.quantity, j), None))  # type: ignore[arg-type]
+                else:
+                    of_unknown.append((MediumParameter(unknown.quantity, j), None))
                 if unknown.quantity == "modulus" and self.index("relaxation", j) is not None:
                     of_unknown.append((MediumParameter("viscosity", j), _relaxation))
                 if unknown.quantity == "thickness" and self.rock_depth is not None and j < last:
@@ -287,60 +257,8 @@ class ParameterSpace:
             changes.append(tuple(of_unknown))
         return tuple(changes)
 
-    @cached_property
-    def instrument_columns(self) -> tuple[int, ...]:
-        """Columns of the unknowns of the instrument."""
-        return tuple(i for i, u in enumerate(self.unknowns) if u.quantity in INSTRUMENT_QUANTITIES)
-
-    def response(
-        self, points: FloatArray, s: ComplexArray, sensors: int
-    ) -> tuple[ComplexArray, dict[int, ComplexArray]]:
-        r"""Return the response of the fitted instrument, and its logarithmic derivatives.
-
-        :math:`R = \frac{s^2}{s^2 + 2 h \omega s + \omega^2} e^{-s \tau}`
-
-        Returns
-        -------
-        (m, n_sensors, n) ndarray of complex, and by column d ln R / d unit value, same shape
-        """
-        logarithm = np.zeros((points.shape[0], sensors, s.size), dtype=np.complex128)
-        slopes: dict[int, ComplexArray] = {}
-        frequency = self.index("natural_frequency")
-        damping = self.index("geophone_damping")
-        result = np.ones_like(logarithm)
-        if frequency is not None and damping is not None:
-            f = self.unknowns[frequency].parameter
-            h = self.unknowns[damping].parameter
-            omega = 2.0 * np.pi * f.value(points[:, frequency])[:, None]
-            ratio = h.value(points[:, damping])[:, None]
-            denominator = s**2 + 2.0 * ratio * omega * s + omega**2
-            result = result * (s**2 / denominator)[:, None]
-            by_omega = -(2.0 * ratio * s + 2.0 * omega) / denominator
-            by_frequency = 2.0 * np.pi * f.slopes(points[:, frequency])[:, None] * by_omega
-            by_damping = h.slopes(points[:, damping])[:, None] * (-2.0 * omega * s / denominator)
-            slopes[frequency] = np.broadcast_to(by_frequency[:, None], logarithm.shape)
-            slopes[damping] = np.broadcast_to(by_damping[:, None], logarithm.shape)
-        for column, unknown in enumerate(self.unknowns):
-            if unknown.quantity == "lag":
-                place = unknown.place
-                where = slice(None) if place is None else slice(place, place + 1)
-                lag = unknown.parameter.value(points[:, column])
-                logarithm[:, where] -= lag[:, None, None] * s
-                slope = np.zeros_like(logarithm)
-                slope[:, where] = -unknown.parameter.slopes(points[:, column])[:, None, None] * s
-                slopes[column] = slope
-        return result * np.exp(logarithm), slopes
-
     def prior_distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return distances (m, d) from the priors over their deviations, and slopes."""
         pairs = [u.parameter.prior_distance(points[:, i]) for i, u in enumerate(self.unknowns)]
         distances, slopes = zip(*pairs, strict=True)
         return np.stack(distances, axis=1), np.stack(slopes, axis=1)
-
-    def at_bound(self, point: FloatArray) -> tuple[str, ...]:
-        """Return the names of the unknowns on a bound at a point (d,), except physical limits."""
-        return tuple(
-            u.name
-            for u, hit in zip(self.unknowns, on_bound(point), strict=True)
-            if hit and not u.parameter.natural
-        )

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.forward.layered import (
@@ -53,13 +52,13 @@ class TableTransfer:
     ----------
     table : PlateResponse, for offset 0 first and then for the sensors
     instrument : Instrument
-    rows : slice or (n_sensors,) ndarray of int, indices of the sensors among the table's offsets
+    rows : slice of the sensors among the table's offsets
     single : bool, True: single precision in `values`, for a search
     """
 
     table: PlateResponse
     instrument: Instrument
-    rows: slice | NDArray[np.intp]
+    rows: slice
     single: bool = False
 
     def values(self, s: ComplexArray, grounds: LayeredGrounds) -> ComplexArray:
@@ -120,26 +119,23 @@ def transfer_of(
     plate: Plate,
     instrument: Instrument,
     offsets: FloatArray,
-    sensors: NDArray[np.intp],
     *,
     single: bool = False,
     rule: WavenumberRule = FAST,
 ) -> Transfer:
-    """Return the transfer function to some of the sensors of an instrument.
+    """Return the transfer function to the sensors of an instrument.
 
     Parameters
     ----------
     plate : Plate
     instrument : Instrument
-    offsets : (n,) ndarray of float, m, of all sensors
-    sensors : (n_sensors,) ndarray of int, indices of the fitted ones
+    offsets : (n_sensors,) ndarray of float, m
     single : bool, True: single precision in a table
     rule : WavenumberRule, for layers
     """
     if isinstance(plate, str):
-        distances = tuple(float(offset) for offset in np.abs(offsets[sensors]))
+        distances = tuple(float(offset) for offset in np.abs(offsets))
         setup = PlateSetup(plate, instrument.plate_radius, distances)
         return LayerTransfer(setup, instrument.plate_mass, rule)
-    first = len(plate.problem.offsets) - offsets.size
-    rows = slice(first, None) if sensors.size == offsets.size else first + sensors
+    rows = slice(len(plate.problem.offsets) - offsets.size, None)
     return TableTransfer(plate, instrument, rows, single)

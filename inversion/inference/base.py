@@ -1,8 +1,9 @@
-"""Fit of the base model: one ground under all drops, a half-space or ground on rock.
+"""Fit of the base model: one ground under all drops, with or without rock, and its media.
 
-Both are averaged by evidence. Further unknowns are an undeclared mass of the plate, a delay between
-load and deflection, and the drift of each sensor, all with priors. The contact is fitted first,
-because a plate may bounce and tip after it.
+Grounds with and without rock, and with different numbers of media if that is asked, are averaged by
+evidence. Further unknowns are an undeclared mass of the plate, a delay between load and deflection,
+and the drift of each sensor, all with priors. The contact is fitted first, because a plate may
+bounce and tip after it.
 """
 
 from __future__ import annotations
@@ -11,39 +12,50 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
 from inversion.arrays import ComplexArray, FloatArray
-from inversion.diagnosis.findings import FittedState
+from inversion.diagnosis.findings import CALIBRATION, FittedState
 from inversion.diagnosis.problem import Point
 from inversion.effects.base import Ground
-from inversion.fitting.ground_parameters import homogeneous_space
-from inversion.fitting.homogeneous_search import HomogeneousSearch
-from inversion.ground_estimate import ground_at
+from inversion.effects.layer import Layer, layer_prefix
+from inversion.fitting.ground_parameters import homogeneous_space, layered_space
+from inversion.fitting.homogeneous_search import HomogeneousSearch, search_as_published
+from inversion.fitting.layered_search import layered_minima
+from inversion.fitting.misfit import count_distances
+from inversion.fitting.parameters import ParameterSpace
+from inversion.forward.layered import LayeredPlateModel, Medium
 from inversion.inference.discrepancy import Discrepancy
 from inversion.inference.modulus import (
+    NORMAL_95,
     Component,
     ModulusOf,
+    effective_estimate,
     equivalent_estimate,
     ground_of,
     quantile,
+    quantiles,
     rock_depth,
+    secant_estimate,
 )
 from inversion.inference.point_model import GROUND_EFFECT, STIFFNESS, Key, PointModel
 from inversion.inference.posterior import PointFit, Posterior
 from inversion.inference.state import (
+    discrepancy_error,
     doubtful_weights,
     fitted_state,
     unexplained_reasons,
+    wider,
     with_discrepancy_error,
 )
 from inversion.inference.structures import ALWAYS, effects_of
 from inversion.notices import Notice
-from inversion.records import Interval
-from inversion.result import StructureResult
+from inversion.records import Interval, known
+from inversion.result import LayerResult, StructureResult
 
-_BEDROCK = "bedrock"
+_BEDROCK, _LAYER = "bedrock", "layer"
 _MODULUS: Key = (*STIFFNESS, None)
 _KEY_OF_RELAXATION: Key = (GROUND_EFFECT, "relaxation", None)
 _KEY_OF_DENSITY: Key = (GROUND_EFFECT, "density", None)
@@ -57,7 +69,11 @@ _SAME_OPTIMUM = 1.0
 # evidence after a short fit is this much below the largest.
 _MAX_COST_RATIO, _HOPELESS_EVIDENCE_LOSS = 10.0, 40.0
 # Smallest probability of a fit that a 95 % interval covers; deviation of an exact value.
-_IN_INTERVAL, _EXACT = 0.025, 1e-6
+IN_INTERVAL, _EXACT = 0.025, 1e-6
+MAX_LAYERS = 4
+# Smallest number of media up to which all are tried: with fewer media than there are, the interval
+# of one sensor is too narrow.
+_MIN_TRIED_MEDIA = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,11 +85,13 @@ class BaseFit:
     fits : tuple of Posterior
     solves : int, number of predictions of all fits
     has_converged : bool, of the most probable fit
+    most_media : int, largest number of media that was tried
     """
 
     fits: tuple[Posterior, ...]
     solves: int = field(default=0, compare=False)
     has_converged: bool = True
+    most_media: int = 1
 
     @property
     def best(self) -> Posterior:
@@ -118,6 +136,97 @@ class BaseFit:
                 )
             )
         return tuple(results)
+
+    @cached_property
+    def layers(self) -> tuple[LayerResult, ...]:
+        """Media of the most probable fit from the surface down, with 95 % intervals.
+
+        Those of the lowest medium are over all fits, of the others over fits with as many media.
+        The modulus of the lowest one is the median of its distribution.
+        """
+        state, ground = self.state, ground_of(self.best)
+        above = tuple(self._layer(number, medium) for number, medium in enumerate(ground.above))
+        top = sum(medium.thickness for medium in ground.above)
+        depth, interval = state.bedrock_depth_m, self.depth_interval
+        lowest = LayerResult(
+            modulus_pa=state.fitted_modulus,
+            modulus_sd_pa=state.modulus_sd_pa,
+            modulus_interval_pa=state.modulus_interval_pa,
+            thickness_m=None if depth is None else depth - top,
+            thickness_sd_m=self.depth_deviation,
+            thickness_interval_m=interval and (interval[0] - top, interval[1] - top),
+            viscosity_pa_s=state.viscosity_pa_s,
+            density_kg_m3=state.density_kg_m3,
+            poisson_ratio=self.best.model.point.records.records[0].poisson_ratio,
+        )
+        return (*above, lowest)
+
+    def _layer(self, number: int, medium: Medium) -> LayerResult:
+        """Return the layer with this number, from 0, of the most probable fit."""
+        prefix = layer_prefix(number)
+        ratio: Key = (_LAYER, prefix + "modulus_ratio", None)
+        thickness: Key = (_LAYER, prefix + "thickness", None)
+        error = discrepancy_error(self.state, is_base=True) if self.reasons else 0.0
+        low, _, high = quantiles(
+            [
+                Component(weight, _log_modulus_of(fit, ratio), self._modulus_deviation(fit, ratio))
+                for weight, fit in self._of_same_size
+            ]
+        )
+        reach, limits = None, None
+        if thickness in self._places:
+            reach = medium.thickness * _deviation(self.best, (thickness,))
+            low_thickness, _, high_thickness = quantiles(
+                [
+                    Component(weight, fit.by_key[thickness], _deviation(fit, (thickness,)))
+                    for weight, fit in self._of_same_size
+                ]
+            )
+            place = self._places[thickness]
+            limits = (
+                max(low_thickness, math.exp(self.best.model.lower[place])),
+                min(high_thickness, math.exp(self.best.model.upper[place])),
+            )
+        return LayerResult(
+            modulus_pa=medium.modulus,
+            modulus_sd_pa=medium.modulus * self._modulus_deviation(self.best, ratio),
+            modulus_interval_pa=wider(medium.modulus, (low, high), error),
+            thickness_m=medium.thickness,
+            thickness_sd_m=reach,
+            thickness_interval_m=limits,
+            viscosity_pa_s=medium.viscosity,
+            density_kg_m3=medium.density,
+            poisson_ratio=medium.poisson_ratio,
+        )
+
+    @cached_property
+    def _of_same_size(self) -> list[tuple[float, Posterior]]:
+        """Return the fits with as many media as the most probable one, with their probabilities."""
+        media = _n_media(self.best)
+        pairs = zip(self.probabilities, self.fits, strict=True)
+        return [(weight, fit) for weight, fit in pairs if _n_media(fit) == media]
+
+    def _modulus_deviation(self, fit: Posterior, ratio: Key) -> float:
+        """Return the standard deviation of the logarithm of a layer's modulus."""
+        return math.hypot(_deviation(fit, (_MODULUS, ratio)), CALIBRATION / NORMAL_95)
+
+    def effective(self, plate: LayeredPlateModel) -> tuple[float, Interval]:
+        """Return the effective modulus, Pa, and its 95 % interval over all fits.
+
+        That of ground without layers is its modulus.
+        """
+        if all(_n_media(fit) == 1 for fit in self.fits):
+            return self.state.fitted_modulus, known(self.state.modulus_interval_pa)
+        stress = known(self.state.stress_pa)
+
+        def estimate(fit: Posterior) -> tuple[float, float]:
+            if _n_media(fit) == 1:
+                return secant_estimate(fit, stress)
+            return effective_estimate(fit, plate)
+
+        low, median, high = quantiles(self._mixture(estimate))
+        error = discrepancy_error(self.state, is_base=True) if self.reasons else 0.0
+        return median, wider(median, (low, high), error)
 
     def transfer(self, place: int, s: ComplexArray) -> ComplexArray:
         """Return displacement over load of drop ``place`` by the best fit, (n_sensors, n), m/N.
@@ -194,7 +303,7 @@ class BaseFit:
     def open_depths(self) -> Interval | None:
         """Interval of the depth of rock if the data leave it open; None: they do not."""
         depths = self.depth_interval
-        has_others = any(p >= _IN_INTERVAL for p in self.probabilities[1:])
+        has_others = any(p >= IN_INTERVAL for p in self.probabilities[1:])
         is_open_below = (
             _DEPTH in self._places
             and depths is not None
@@ -217,13 +326,17 @@ class BaseFit:
         """Properties of the ground on a bound, except rock at the largest depth."""
         model, values = self.best.model, self.best.values
         names = {_KEY_OF_DENSITY: "density", _DEPTH: "bedrock_depth"}
+        for number in range(_n_media(self.best) - 1):
+            for name, result in (("modulus_ratio", "modulus"), ("thickness", "thickness")):
+                key: Key = (_LAYER, layer_prefix(number) + name, None)
+                names[key] = f"{result}_{number + 1}"
         return tuple(
             name
             for key, name in names.items()
             if (place := self._places.get(key)) is not None
             and (
                 values[place] >= model.upper[place]
-                or (key == _KEY_OF_DENSITY and values[place] <= model.lower[place])
+                or (key != _DEPTH and values[place] <= model.lower[place])
             )
         )
 
@@ -236,8 +349,7 @@ class BaseFit:
         """Return the deviation of a product of quantities whose logarithms are unknowns."""
         if value is None or keys[-1] not in self._places:
             return None
-        places = [self._places[key] for key in keys]
-        return value * math.sqrt(float(self.best.covariance[np.ix_(places, places)].sum()))
+        return value * _deviation(self.best, keys)
 
     def _mixture(self, of: ModulusOf) -> list[Component]:
         pairs = zip(self.probabilities, self.fits, strict=True)
@@ -245,7 +357,12 @@ class BaseFit:
 
 
 def fit_base(
-    point: Point, rng: np.random.Generator | None = None, *, priors: bool = True
+    point: Point,
+    rng: np.random.Generator | None = None,
+    *,
+    priors: bool = True,
+    layers: int | Literal["auto"] = 1,
+    thickness: tuple[float, ...] | None = None,
 ) -> BaseFit:
     """Fit the base model to all drops of a point.
 
@@ -255,14 +372,66 @@ def fit_base(
     rng : numpy Generator, optional
         For a genetic search, which adds starting points.
     priors : bool, False: the properties of the ground have no priors
+    layers : int or "auto", number of media; "auto": all numbers that the sensors may determine
+    thickness : tuple of float, m, of the media but the lowest, from the top; None: fitted
     """
-    starts, solves = _starting_points(point, rng)
-    fits = _short_fits(point, starts, priors)
+    if layers != "auto":
+        return _fit_media(point, rng, priors, layers, thickness)
+    distances = count_distances(point.drops[0].context.offsets)
+    fits: list[BaseFit] = []
+    for media in range(1, min(MAX_LAYERS, max(_MIN_TRIED_MEDIA, distances)) + 1):
+        fits.append(_fit_media(point, rng, priors, media, None))
+        best = max(fits, key=lambda fit: fit.best.log_evidence)
+        has_failed_twice = media > _n_media(best.best) + 1
+        if best is not fits[-1] and (has_failed_twice or not best.reasons):
+            break
+    every = sorted((fit for base in fits for fit in base.fits), key=lambda fit: -fit.log_evidence)
+    return BaseFit(
+        tuple(every),
+        sum(base.solves for base in fits),
+        has_converged=best.has_converged,
+        most_media=len(fits),
+    )
+
+
+def fit_published(point: Point, rng: np.random.Generator) -> BaseFit:
+    """Return the ground that the published method finds, with the covariance of the base model.
+
+    Parameters
+    ----------
+    point : Point
+    rng : numpy Generator
+    """
+    record = point.records.records[0]
+    space = _homogeneous(point, record.bedrock_depth)
+    found, solves = search_as_published(point.weighted, space, point.plate, rng)
+    ground = _ground_at(space, found, record.instrument.plate_mass)
+    ground = replace(ground, viscosity=max(ground.viscosity, _EXACT * ground.modulus))
+    model = _model(point, on_rock=ground.inverse_depth > 0.0, priors=False)
+    # Its bounds are wider than those of the base model.
+    wider_bounds = [key != _DEPTH for key in model.keys]
+    model.lower[wider_bounds], model.upper[wider_bounds] = -math.inf, math.inf
+    fit = PointFit(model, model.start_at(ground), is_contact_first=True)
+    fit.estimate_discrepancy(fit.posterior())
+    return BaseFit((fit.posterior(),), solves)
+
+
+def _fit_media(
+    point: Point,
+    rng: np.random.Generator | None,
+    priors: bool,
+    media: int,
+    thickness: tuple[float, ...] | None,
+) -> BaseFit:
+    """Fit ground of a number of media, with and without rock if its depth is not declared."""
+    layer = Layer(media - 1, thickness) if media > 1 else None
+    starts, solves = _starting_points(point, rng, layer)
+    fits = _short_fits(point, starts, priors, layer)
     mass = _mass_deviation(fits[0][0].model)
     if point.records.records[0].instrument.plate_mass < mass:
         # An undeclared mass passes for other ground.
-        starts, more_solves = _starting_points(point, None, mass)
-        fits += _short_fits(point, starts, priors, fits[0][0].discrepancy)
+        starts, more_solves = _starting_points(point, None, layer, mass)
+        fits += _short_fits(point, starts, priors, layer, fits[0][0].discrepancy)
         solves += more_solves
     short_fits = sorted(fits, key=lambda pair: -pair[0].log_evidence)
     limit = short_fits[0][0].log_evidence - _HOPELESS_EVIDENCE_LOSS
@@ -287,7 +456,11 @@ def fit_base(
 
 
 def _short_fits(
-    point: Point, starts: Sequence[Ground], priors: bool, nearest: Discrepancy | None = None
+    point: Point,
+    starts: Sequence[Ground],
+    priors: bool,
+    layer: Layer | None,
+    nearest: Discrepancy | None = None,
 ) -> list[tuple[Posterior, PointFit]]:
     """Return a short fit from each starting point.
 
@@ -295,7 +468,7 @@ def _short_fits(
     """
     fits: list[tuple[Posterior, PointFit]] = []
     for ground in starts:
-        model = _model(point, on_rock=ground.inverse_depth > 0.0, priors=priors)
+        model = _model(point, on_rock=ground.inverse_depth > 0.0, priors=priors, layer=layer)
         fit = PointFit(model, model.start_at(ground), is_contact_first=True)
         posterior = fit.run_from_contact({_BEDROCK}, nearest)
         nearest = nearest or posterior.discrepancy
@@ -309,11 +482,11 @@ def _mass_deviation(model: PointModel) -> float:
 
 
 def _starting_points(
-    point: Point, rng: np.random.Generator | None, added_mass: float = 0.0
+    point: Point, rng: np.random.Generator | None, layer: Layer | None, added_mass: float = 0.0
 ) -> tuple[list[Ground], int]:
     """Return grounds that fit the contact of the last drop, the best first, and number of solves.
 
-    Without a declared depth they are a half-space and grounds on rock. Those whose misfit is far
+    Without a declared depth they are grounds with and without rock. Those whose misfit is far
     larger are left out. The plate has the declared mass, kg, and an added one.
     """
     record = point.records.records[0]
@@ -328,44 +501,96 @@ def _starting_points(
     candidates: list[tuple[float, Ground]] = []
     solves = 0
     for depth in depths:
-        space = homogeneous_space(
-            point.peak_modulus,
-            record.instrument.plate_radius,
-            record.poisson_ratio,
-            density=record.density,
-            rock_depth=depth,
-            elastic=point.records.elastic,
-        )
-        search = HomogeneousSearch(drops, space, point.surrogate)
-        minima = search.local_minima()
-        if rng is not None and depth is record.bedrock_depth:
-            minima.append(search.genetic_minimum(rng))
-        for minimum in minima:
-            (medium,) = ground_at(space, minimum.point).media
-            ground = Ground(
-                medium.modulus,
-                medium.viscosity,
-                medium.density,
-                1.0 / medium.thickness,
-                mass,
-            )
-            candidates.append((minimum.cost, ground))
-        solves += search.solves
+        is_genetic = rng is not None and depth is record.bedrock_depth
+        if layer is not None:
+            space = _layered(point, depth, layer)
+            # The seed is fixed, so that both methods have the same starting points.
+            starts = np.random.default_rng(0)
+            minima, count = layered_minima(drops, space, point.contact, starts, genetic=is_genetic)
+        else:
+            space = _homogeneous(point, depth)
+            search = HomogeneousSearch(drops, space, point.plate)
+            minima = search.local_minima()
+            if is_genetic and rng is not None:
+                minima.append(search.genetic_minimum(rng))
+            count = search.solves
+        candidates += [(minimum.cost, _ground_at(space, minimum.point, mass)) for minimum in minima]
+        solves += count
     candidates.sort(key=lambda candidate: candidate[0])
     limit = _MAX_COST_RATIO * max(1.0, candidates[0][0])
     return [ground for cost, ground in candidates if cost <= limit], solves
 
 
-def _model(point: Point, *, on_rock: bool, priors: bool) -> PointModel:
+def _homogeneous(point: Point, depth: float | None) -> ParameterSpace:
+    """Return the parameters of ground without layers; ``depth``, m, of rock, None: fitted."""
+    record = point.records.records[0]
+    return homogeneous_space(
+        point.peak_modulus,
+        record.instrument.plate_radius,
+        record.poisson_ratio,
+        density=record.density,
+        rock_depth=depth,
+        elastic=point.records.elastic,
+    )
+
+
+def _layered(point: Point, depth: float | None, layer: Layer) -> ParameterSpace:
+    """Return the parameters of ground with layers; ``depth``, m, of rock, None: fitted."""
+    record = point.records.records[0]
+    return layered_space(
+        layer.count + 1,
+        point.peak_modulus,
+        record.instrument.plate_radius,
+        record.poisson_ratio,
+        density=record.density,
+        thickness=layer.thickness,
+        rock_depth=depth,
+        elastic=point.records.elastic,
+    )
+
+
+def _ground_at(space: ParameterSpace, unit_values: FloatArray, plate_mass: float) -> Ground:
+    """Return the ground at a point (d,) of the unit cube."""
+    *above, lowest = space.ground(unit_values).media
+    depth = sum(medium.thickness for medium in above) + lowest.thickness
+    return Ground(
+        lowest.modulus,
+        lowest.viscosity,
+        lowest.density,
+        1.0 / depth,
+        plate_mass,
+        above=tuple(above),
+    )
+
+
+def _model(point: Point, *, on_rock: bool, priors: bool, layer: Layer | None = None) -> PointModel:
     structure = ALWAYS
     if on_rock and point.declared_depth is None:
         structure = structure | {_BEDROCK}
-    drops = range(len(point.drops))
-    model = PointModel(point, effects_of(structure), drops, is_same_ground=True)
+    effects = effects_of(structure) if layer is None else (*effects_of(structure), layer)
+    model = PointModel(point, effects, range(len(point.drops)), is_same_ground=True)
     if not priors:
         of_ground = [unknown.effect in (GROUND_EFFECT, _BEDROCK) for unknown in model.unknowns]
         model.deviation[of_ground] *= _NO_PRIORS
     return model
+
+
+def _n_media(fit: Posterior) -> int:
+    """Return the number of media of a fit."""
+    layers = [effect for effect in fit.model.effects if isinstance(effect, Layer)]
+    return 1 + sum(layer.count for layer in layers)
+
+
+def _log_modulus_of(fit: Posterior, ratio: Key) -> float:
+    """Return the logarithm of the modulus, Pa, of a layer with a ratio to the ground below."""
+    values = fit.by_key
+    return math.log(fit.model.point.peak_modulus) + values[_MODULUS] + values[ratio]
+
+
+def _deviation(fit: Posterior, keys: Sequence[Key]) -> float:
+    """Return the standard deviation of a sum of unknowns."""
+    places = [fit.model.keys.index(key) for key in keys]
+    return math.sqrt(float(fit.covariance[np.ix_(places, places)].sum()))
 
 
 def _depth_bounds(fit: Posterior) -> Interval:

@@ -13,10 +13,13 @@ from inversion.arrays import FloatArray
 from inversion.diagnosis.findings import CALIBRATION
 from inversion.diagnosis.model import Active
 from inversion.effects.base import DropContext, Ground
-from inversion.fitting.uncertainty import NORMAL_95
+from inversion.forward.layered import LayeredPlateModel
+from inversion.forward.layered.statics import effective_modulus
 from inversion.inference.point_model import ActiveEffects, PointModel
 from inversion.inference.posterior import Posterior
 
+NORMAL_95 = 1.96
+"""Two-sided 95 % of a normal distribution."""
 ModulusOf = Callable[[Posterior], tuple[float, float]]
 """Function that returns the logarithm of a modulus of a fit, Pa, and its standard deviation."""
 
@@ -71,6 +74,30 @@ def log_deviation(posterior: Posterior, stress: float) -> float:
 
     It excludes the errors of calibration and of simplifications in effects, see `model_error`.
     """
+    return _deviation(posterior, lambda values: _log_modulus(posterior.model, values, stress))
+
+
+def effective_estimate(posterior: Posterior, plate: LayeredPlateModel) -> tuple[float, float]:
+    """Return the logarithm of the effective modulus, Pa, and its standard deviation.
+
+    The standard deviation includes the errors of calibration and effects. See
+    :func:`inversion.forward.layered.statics.effective_modulus`.
+    """
+    model, context = posterior.model, _context(posterior.model)
+
+    def logarithm(values: FloatArray) -> float:
+        ground = _with_effects(*model.ground_and_effects(values, model.last), context)
+        layers = ground.layered(context.poisson_ratio)
+        return math.log(effective_modulus(plate, context.plate_radius, layers))
+
+    deviation = math.hypot(
+        _deviation(posterior, logarithm), model_error(posterior) / NORMAL_95, _MIN_DEVIATION
+    )
+    return logarithm(posterior.values), deviation
+
+
+def _deviation(posterior: Posterior, function: Callable[[FloatArray], float]) -> float:
+    """Return the standard deviation of a function of the unknowns, by its slopes."""
     gradient = np.zeros(posterior.values.size)
     for place, variance in enumerate(np.diag(posterior.covariance)):
         step = _MODULUS_STEP_OVER_POSTERIOR_SD * math.sqrt(max(float(variance), 0.0))
@@ -82,7 +109,7 @@ def log_deviation(posterior: Posterior, stress: float) -> float:
                 posterior.model.lower[place],
                 posterior.model.upper[place],
             )
-            ends.append((values[place], _log_modulus(posterior.model, values, stress)))
+            ends.append((values[place], function(values)))
         (low, below), (high, above) = ends
         if high > low:
             gradient[place] = (above - below) / (high - low)

@@ -119,15 +119,12 @@ class DropPredictor:
         drop = prepare(record.nearest_first())
         # The load is known at a second contact too, so the model extends to the end of the record.
         drop = replace(drop, tail_end=float(drop.time[-1])).with_tail()
-        surrogate = surrogate_of(record, library)
         model = DropModel(
             record,
-            surrogate,
             fitted.context.largest_load,
             fitted.context.index,
             records,
-            fitted.context.layers,
-            response_of(record, surrogate, library),
+            response_of(record, surrogate_of(record, library), library),
             max(drop.tail_end, float(fitted.drop.tail_end)),
             PreTriggerNoise(drop, (), (), 0.0),
         )

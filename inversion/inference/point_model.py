@@ -16,6 +16,7 @@ from inversion.arrays import FloatArray
 from inversion.diagnosis.model import DropModel
 from inversion.diagnosis.problem import Point
 from inversion.effects.base import DropContext, Effect, Ground, Values
+from inversion.effects.layer import Layer
 from inversion.effects.rebound import Rebound
 from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.ground_parameters import LOG_DENSITY_PRIOR, TYPICAL_RELAXATION_S
@@ -134,7 +135,7 @@ class PointModel:
         return result
 
     def start_at(self, ground: Ground) -> FloatArray:
-        """Return a starting point with a homogeneous ground and the mass of its plate."""
+        """Return a starting point with a ground and the mass of its plate."""
         values = {
             STIFFNESS: math.log(ground.modulus / self.point.peak_modulus),
             (GROUND_EFFECT, "density"): math.log(ground.density),
@@ -144,6 +145,10 @@ class PointModel:
         }
         if ground.viscosity > 0.0:
             values[GROUND_EFFECT, "relaxation"] = math.log(ground.viscosity / ground.modulus)
+        for effect in self.effects:
+            if isinstance(effect, Layer):
+                layers = effect.coordinates_of(ground)
+                values |= {(effect.name, name): value for name, value in layers.items()}
         return self.start_from({(*name, None): value for name, value in values.items()})
 
     def is_seating(self, drop: int) -> bool:

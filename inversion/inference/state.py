@@ -10,8 +10,8 @@ import numpy as np
 
 from inversion.arrays import FloatArray
 from inversion.diagnosis.findings import FittedState
-from inversion.fitting.uncertainty import NORMAL_95
 from inversion.inference.modulus import (
+    NORMAL_95,
     Component,
     ModulusOf,
     depth_range,
@@ -143,6 +143,30 @@ def _without_open_moduli(state: FittedState) -> FittedState:
     return replace(without_modulus(state), equivalent_modulus_pa=state.equivalent_modulus_pa)
 
 
+def discrepancy_error(state: FittedState, *, is_base: bool) -> float:
+    """Return the error (95 %) of the logarithm of a modulus that the discrepancy indicates.
+
+    Parameters
+    ----------
+    state : FittedState
+    is_base : bool, True: of a fit without effects
+    """
+    discrepancy = max(
+        known(state.discrepancy_over_peak), known(state.contact_residual_rms_over_peak)
+    )
+    factor = _ERROR_PER_DISCREPANCY_OF_BASE if is_base else _MODULUS_ERROR_PER_DISCREPANCY
+    return math.log1p(factor * discrepancy)
+
+
+def wider(value: float, limits: Interval, error: float) -> Interval:
+    """Return the interval of a modulus, Pa, with a further error of its logarithm."""
+    low, high = (
+        value * math.exp(sign * math.hypot(math.log(end / value), error))
+        for sign, end in zip((-1.0, 1.0), limits, strict=True)
+    )
+    return low, high
+
+
 def with_discrepancy_error(state: FittedState, *, is_base: bool = False) -> FittedState:
     """Return a state whose intervals include the error that the discrepancy indicates.
 
@@ -154,26 +178,14 @@ def with_discrepancy_error(state: FittedState, *, is_base: bool = False) -> Fitt
     if math.isnan(state.fitted_modulus):
         return state
     modulus, equivalent = state.fitted_modulus, state.equivalent_modulus_pa
-    discrepancy = max(
-        known(state.discrepancy_over_peak), known(state.contact_residual_rms_over_peak)
-    )
-    factor = _ERROR_PER_DISCREPANCY_OF_BASE if is_base else _MODULUS_ERROR_PER_DISCREPANCY
-    error = math.log1p(factor * discrepancy)
-
-    def wider(value: float, limits: Interval) -> Interval:
-        low, high = (
-            value * math.exp(sign * math.hypot(math.log(end / value), error))
-            for sign, end in zip((-1.0, 1.0), limits, strict=True)
-        )
-        return low, high
-
+    error = discrepancy_error(state, is_base=is_base)
     if equivalent is not None:
-        limits = wider(equivalent, known(state.equivalent_modulus_interval_pa))
+        limits = wider(equivalent, known(state.equivalent_modulus_interval_pa), error)
         state = replace(state, equivalent_modulus_interval_pa=limits)
     if state.modulus_sd_pa is not None:
         relative = math.hypot(state.modulus_sd_pa / modulus, error / NORMAL_95)
         state = replace(state, modulus_sd_pa=modulus * relative)
-    limits = wider(modulus, known(state.modulus_interval_pa))
+    limits = wider(modulus, known(state.modulus_interval_pa), error)
     return _without_open_moduli(replace(state, modulus_interval_pa=limits))
 
 

@@ -80,20 +80,21 @@ def curves_of(
         record = _in_order(record, centre_only=published)
         prepared = prepare(record)
         load = _model_load(prepared, result)
+        instrument = _fitted_instrument(record.instrument, result)
         if layered:
-            predicted = _layered_motion(prepared, record, load, result)
-            return _curves(prepared, load, predicted, result)
-        model = ForwardModel(
-            library.get(*tables_of(record, settings)),
-            _fitted_instrument(record.instrument, result),
-            prepared.time,
-            load,
-            prepared.time[1:],
-            FULL_BAND_HZ,
-        )
-        modulus, viscosity, density = (np.array([float(cast(float, n))]) for n in ground)
-        inverse = np.array([0.0 if depth is None else 1.0 / depth])
-        moved = model.displacement(Grounds(modulus, viscosity, density, inverse))[0]
+            moved = _layered_motion(prepared, instrument, load, result, best_modulus)
+        else:
+            model = ForwardModel(
+                library.get(*tables_of(record, settings)),
+                instrument,
+                prepared.time,
+                load,
+                prepared.time[1:],
+                FULL_BAND_HZ,
+            )
+            modulus, viscosity, density = (np.array([float(cast(float, n))]) for n in ground)
+            inverse = np.array([0.0 if depth is None else 1.0 / depth])
+            moved = model.displacement(Grounds(modulus, viscosity, density, inverse))[0]
     except InversionError:
         return None
     predicted = np.zeros_like(prepared.displacement)
@@ -114,11 +115,15 @@ def _fitted_instrument(declared: Instrument, result: DropResult) -> Instrument:
 
 
 def _layered_motion(
-    prepared: PreparedDrop, record: Record, load: NDArray[np.floating[Any]], result: DropResult
+    prepared: PreparedDrop,
+    instrument: Instrument,
+    load: NDArray[np.floating[Any]],
+    result: DropResult,
+    lowest_modulus: float | None,
 ) -> NDArray[np.floating[Any]]:
-    """Return the displacement of layered ground, (n_sensors, n), m."""
+    """Return the displacement of layered ground after the first sample, (n_sensors, n - 1), m."""
     layers = result.layers or ()
-    media = tuple(
+    media = [
         Medium(
             cast(float, layer.modulus_pa),
             cast(float, layer.viscosity_pa_s),
@@ -127,20 +132,21 @@ def _layered_motion(
             math.inf if layer.thickness_m is None else layer.thickness_m,
         )
         for layer in layers
-    )
+    ]
+    if lowest_modulus is not None:
+        media[-1] = replace(media[-1], modulus=lowest_modulus)
     model = LayeredForwardModel(
         cast(LayeredPlateModel, result.plate),
-        record.instrument,
+        instrument,
         [abs(float(offset)) for offset in prepared.offsets],
         prepared.time,
         load,
         prepared.time[1:],
         FULL_BAND_HZ,
     )
-    ground = LayeredGround(media, rock=math.isfinite(media[-1].thickness))
-    predicted = np.zeros_like(prepared.displacement)
-    predicted[:, 1:] = model.displacement(LayeredGrounds.of([ground]))[0]
-    return predicted
+    ground = LayeredGround(tuple(media), rock=math.isfinite(media[-1].thickness))
+    moved: NDArray[np.floating[Any]] = model.displacement(LayeredGrounds.of([ground]))[0]
+    return moved
 
 
 def _curves(

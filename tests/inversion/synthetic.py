@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from inversion import ForwardModel, Grounds, Instrument, PlateProblem, Record, Sensor
 from inversion import SurrogateLibrary as Library
-from inversion.fitting.ground_fit import AlternativeRule, GroundFit, Minimum
 from inversion.fitting.ground_parameters import (
     DENSITY,
     DEPTH,
@@ -20,7 +19,7 @@ from inversion.fitting.ground_parameters import (
     VISCOSITY,
     homogeneous_space,
 )
-from inversion.fitting.misfit import Misfit, WeightedDrop
+from inversion.fitting.misfit import WeightedDrop
 from inversion.fitting.parameters import ParameterSpace
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.forward.surrogate import Surrogate
@@ -109,20 +108,20 @@ def space(density: float | None = TRUTH[DENSITY], depth: float | None = None) ->
 
 
 def true_point(of: ParameterSpace) -> Array:
-    return np.array([u.parameter.unit_value(TRUTH[u.name]) for u in of.unknowns])
+    return point_at(of, TRUTH)
 
 
-RULE = AlternativeRule(max_rise=6.0)
+def names(of: ParameterSpace) -> tuple[str, ...]:
+    """Names of the unknowns of a space."""
+    return tuple(unknown.name for unknown in of.unknowns)
 
 
-def fit_at_truth(
-    library: Library,
-    drops: tuple[WeightedDrop, ...],
-    of: ParameterSpace,
-    most_samples: int = 400,
-) -> GroundFit:
-    """A fit that came to rest at the truth, without other minima."""
-    misfit = Misfit(drops, of, responses(library, drops[0]), FULL_BAND_HZ, most_samples)
-    point = true_point(of)
-    best = Minimum(point, float(misfit.objective(point[None])[0]))
-    return GroundFit(best, (), True, 1, misfit, drops, RULE)
+def values_at(of: ParameterSpace, points: Array) -> Array:
+    """Physical values (m, d) of points (m, d) of the unit cube."""
+    columns = [u.parameter.value(points[:, i]) for i, u in enumerate(of.unknowns)]
+    return np.stack(columns, axis=1)
+
+
+def point_at(of: ParameterSpace, values: dict[str, float]) -> Array:
+    """The point (d,) of the unit cube for values by name."""
+    return np.array([u.parameter.unit_value(float(values[u.name])) for u in of.unknowns])

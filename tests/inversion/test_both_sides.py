@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from inversion import Record, RecordError, Sensor, Settings, SurrogateLibrary, invert
-from inversion.diagnosis.model import DropModel, PointRecords
+from inversion.diagnosis.model import PointRecords
+from inversion.diagnosis.problem import Point
 from inversion.drop_inversion import tables_of
 from inversion.effects import Ground
-from inversion.forward.contact import PlateProblem
-from tests.inversion.synthetic import POISSON_RATIO, TRUTH, Scene, record
+from tests.inversion.synthetic import TRUTH, Scene, record
 
 QUICK = Settings(method="posterior")
 SCENE = Scene(offsets=(0.0, 0.3, 0.6))
@@ -91,9 +91,8 @@ def test_a_diagnosis_measures_a_residual_by_what_two_sides_differ_by(
     library: SurrogateLibrary,
 ) -> None:
     drop = record(library, SCENE)
-    surrogate = library.get(PlateProblem("rigid-rough", POISSON_RATIO, (0.0, 2.0, 2.0, 4.0)), None)
     alike, apart = (
-        DropModel(one, surrogate, 8000.0, 0, PointRecords("a", (one,), (1,)))
+        Point(PointRecords("a", (one,), (1,)), library).drops[0]
         for one in (tilted(drop, 0.0), tilted(drop, 0.04))
     )
     assert apart.noise[[0, 3]] == pytest.approx(alike.noise[[0, 3]])
@@ -127,8 +126,7 @@ def test_a_diagnosis_gives_each_sensor_its_own_prediction(
     straight = record(library, SCENE)
     sensors = moved(straight, 0.0, -0.3, 0.6).sensors
     drop = replace(straight, sensors=tuple(sensors[i] for i in order))
-    surrogate = library.get(PlateProblem("rigid-rough", POISSON_RATIO, (0.0, 2.0, 4.0)), None)
-    model = DropModel(drop, surrogate, 8000.0, 0, PointRecords("a", (drop,), (1,)))
+    model = Point(PointRecords("a", (drop,), (1,)), library).drops[0]
     assert model.context.offsets.tolist() == [0.0, 0.3, 0.6]
     assert model.drop.positions.tolist() == [0.0, -0.3, 0.6]
     peaks = model.observed.max(axis=1)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,10 +20,10 @@ from inversion import (
     invert,
     invert_joint,
 )
-from inversion import ground_estimate as module
-from inversion.fitting.uncertainty import Uncertainty, estimate_uncertainty
+from inversion.diagnosis.findings import FittedState
 from inversion.forward.layered import LayeredGround, Medium
 from inversion.forward.layered.statics import effective_depth, effective_modulus
+from inversion.inference import base as module
 from inversion.records import known
 from pfwd.analysis.analyse import record_of
 from pfwd.files.traces import read_traces
@@ -69,7 +68,6 @@ def test_layers_are_found_within_their_intervals(found: InversionResult) -> None
         assert layer.viscosity_pa_s == pytest.approx(truth.viscosity, rel=0.05)
         assert layer.density_kg_m3 == pytest.approx(truth.density, rel=0.05)
         assert layer.thickness_m == pytest.approx(truth.thickness, rel=0.03)
-        assert layer.modulus_open == (False, False)
         assert layer.poisson_ratio == POISSON_RATIO
     upper, lower = found.layers
     assert holds(upper.thickness_interval_m, 0.2)
@@ -105,7 +103,8 @@ def test_the_effective_modulus_is_that_of_the_ground_and_holds_the_truth(
     assert found.effective_modulus_pa == pytest.approx(expected, rel=0.01)
     low, high = found.effective_modulus_interval_pa
     assert math.sqrt(low * high) == pytest.approx(found.effective_modulus_pa)
-    assert 1.003 < high / low < 1.05
+    # The error of calibration alone makes it 1.056.
+    assert 1.056 < high / low < 1.08
     assert found.effective_depth_m == pytest.approx(
         effective_depth("rigid-rough", RADIUS, TRUTH), rel=0.02
     )
@@ -154,7 +153,7 @@ def test_elastic_ground_has_no_viscosity(library: SurrogateLibrary) -> None:
     assert result.viscosity_sd_pa_s is None
     # Soil that is viscous is not explained without.
     assert not result.explained
-    assert "residual not explained" in result.warnings[0]
+    assert "residual-not-explained" in [notice.code for notice in result.warnings]
 
 
 def test_one_modulus_alone_under_a_plate_of_equal_pressure(library: SurrogateLibrary) -> None:
@@ -220,71 +219,54 @@ def test_two_media_are_told_and_one_is_left_one(
     two = invert(recorded(TWO, **noise), AUTO, library)  # type: ignore[arg-type]
     assert len(two.layers) == 2
     assert two.layers[1].modulus_pa == pytest.approx(5e7, rel=0.02)
-    said = [text for text in two.warnings if "layers chosen" in text]
-    # One layer misses a left-out sensor by much, two and three hardly.
-    text = (
-        "layers chosen: 2 of 1 to 3 tried; a sensor that was left out is missed by, of its peak, "
-    )
-    assert said[0].startswith(text)
-    missed = [part.split(" % with ") for part in said[0].removeprefix(text).split(", ")]
-    assert [number for _, number in missed] == ["1", "2", "3"]
-    assert float(missed[0][0]) > 5 > 1 > float(missed[1][0])
+    (said,) = [notice for notice in two.warnings if notice.code == "layers-chosen"]
+    assert said.values == {"media": 2, "most_media": 3}
     alone = invert(recorded(ALONE, **noise), AUTO, library)  # type: ignore[arg-type]
     assert len(alone.layers) == 1
     assert holds(alone.modulus_interval_pa, 6e7)
     assert alone.effective_modulus_pa == pytest.approx(alone.modulus_pa, rel=1e-6)
 
 
-def test_the_centre_alone_tells_one_layer_and_two_sensors_two(library: SurrogateLibrary) -> None:
+def test_a_single_sensor_shows_layers_with_a_remark(library: SurrogateLibrary) -> None:
     centre = invert(recorded(sensors=1), AUTO, library)
-    assert len(centre.layers) == 1
-    # It cannot know that there are none: the interval holds the ground below a layer.
-    low, high = centre.layers[0].modulus_interval_pa
-    assert low <= TWO.layers[1].modulus <= high
-    assert centre.modulus_interval_pa == (low, high)
+    assert [layer.modulus_known for layer in centre.layers] == [True, True]
+    for layer, truth in zip(centre.layers, TWO.layers, strict=True):
+        assert holds(layer.modulus_interval_pa, truth.modulus)
     low, high = centre.effective_modulus_interval_pa
     assert low <= 95e6 <= high
-    assert any("one sensor cannot resolve layers" in said for said in centre.warnings)
-    both = invert(recorded(sensors=2), AUTO, library)
-    assert len(both.layers) == 2
+    assert "layers-from-one-sensor" in [notice.code for notice in centre.warnings]
+    alone = invert(recorded(ALONE, sensors=1), AUTO, library)
+    assert len(alone.layers) == 1
+    assert "layers-need-sensors" in [notice.code for notice in alone.warnings]
+    assert holds(alone.modulus_interval_pa, 6e7)
+    assert len(invert(recorded(sensors=2), AUTO, library).layers) == 2
 
 
 # --- what is not known ---------------------------------------------------------------------------
 
 
-def widened(factor: float) -> Callable[[Any], Uncertainty]:
-    """The lowest modulus is known within a factor."""
-
-    def uncertainty(fit: Any) -> Uncertainty:
-        found = estimate_uncertainty(fit)
-        intervals = list(found.intervals)
-        intervals[1] = (2e7, 2e7 * factor)
-        return replace(found, intervals=tuple(intervals))
-
-    return uncertainty
-
-
-@pytest.mark.parametrize(("factor", "known"), [(9.9, True), (10.1, False)])
+@pytest.mark.parametrize(("factor", "is_known"), [(9.9, True), (10.1, False)])
 def test_an_interval_wider_than_a_factor_of_ten_is_no_value(
-    factor: float, known: bool, library: SurrogateLibrary, monkeypatch: pytest.MonkeyPatch
+    factor: float, is_known: bool, library: SurrogateLibrary, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "estimate_uncertainty", widened(factor))
+    fitted = module.fitted_state
+
+    def state(*arguments: Any) -> FittedState:
+        found = replace(fitted(*arguments), modulus_interval_pa=(2e7, 2e7 * factor))
+        return replace(found, modulus_pa=found.modulus_pa if is_known else None)
+
+    monkeypatch.setattr(module, "fitted_state", state)
     result = invert(recorded(), TWO_LAYERS, library)
-    assert (result.modulus_pa is not None) == known
-    said = [text for text in result.warnings if text.startswith("modulus of the subgrade")]
-    assert bool(said) != known
-    if not known:
-        assert "20 to 200 MPa fit as well; the effective modulus, 95 MPa, stands" in said[0]
+    assert (result.modulus_pa is not None) == is_known
+    assert result.layers[-1].modulus_known == is_known
+    codes = [notice.code for notice in result.warnings]
+    assert ("subgrade-modulus-unknown" in codes) != is_known
 
 
-def test_a_layer_between_that_is_not_known_is_said(
+def test_an_unknown_layer_is_named(
     library: SurrogateLibrary, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def uncertainty(fit: Any) -> Uncertainty:
-        found = estimate_uncertainty(fit)
-        return replace(found, intervals=((1e7, 1.01e8), *found.intervals[1:]))
-
-    monkeypatch.setattr(module, "estimate_uncertainty", uncertainty)
+    monkeypatch.setattr(module, "wider", lambda *_: (1e7, 1.01e8))
     result = invert(recorded(), TWO_LAYERS, library)
     assert result.modulus_pa is not None
     assert result.warnings == ("modulus of layer 1 not known: 10 to 100 MPa fit as well",)

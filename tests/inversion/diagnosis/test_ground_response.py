@@ -29,7 +29,7 @@ GROWING = replace(BELOW, growth_exponent=1.0, inverse_growth_depth=2.5)
 @pytest.fixture
 def response(library: SurrogateLibrary) -> GroundResponse:
     problem = PlateProblem("rigid-rough", 0.35, tuple(r / RADIUS for r in OFFSETS))
-    return GroundResponse(library.get(problem, None), Instrument(RADIUS), OFFSETS)
+    return GroundResponse(library.get(problem, None), Instrument(RADIUS), OFFSETS, 0.35)
 
 
 def moved(ground: Ground, step: float) -> list[Ground]:
@@ -53,7 +53,7 @@ def moved(ground: Ground, step: float) -> list[Ground]:
 def under_plate(library: SurrogateLibrary) -> GroundResponse:
     """The plate alone, for which surrogates of growing ground ship."""
     surrogate = library.get(PlateProblem("rigid-rough", 0.35), None)
-    return GroundResponse(surrogate, Instrument(RADIUS), (0.0,), library)
+    return GroundResponse(surrogate, Instrument(RADIUS), (0.0,), 0.35, library)
 
 
 @pytest.mark.parametrize(
@@ -121,7 +121,7 @@ def test_a_small_step_by_derivatives_is_the_step(response: GroundResponse, groun
     here = response.compliance(ground, S)
     near = moved(ground, step)
     exact = [GroundResponse.compliance(response, other, S) for other in near]
-    fresh = GroundResponse(response.surrogate, Instrument(RADIUS), OFFSETS)
+    fresh = GroundResponse(response.surrogate, Instrument(RADIUS), OFFSETS, 0.35)
     first, *others = fresh.nearby(ground, near, S)
     np.testing.assert_array_equal(first, here)
     for other, expected in zip(others, exact, strict=True):
@@ -136,7 +136,7 @@ def test_a_depth_that_is_given_is_not_moved(library: SurrogateLibrary) -> None:
     every = library.get(problem, None)
     node = every.inverse_depths[5:6]
     one = replace(every, inverse_depths=node, echo_coefficients=every.echo_coefficients[5:6])
-    given = GroundResponse(one, Instrument(RADIUS), OFFSETS)
+    given = GroundResponse(one, Instrument(RADIUS), OFFSETS, 0.35)
     ground = replace(BELOW, inverse_depth=float(node[0]) / RADIUS)
     near = [replace(ground, modulus=ground.modulus * (1 + 1e-3))]
     given.solve_together([ground, *near], S, nearby=True)
@@ -148,7 +148,7 @@ def test_a_depth_that_is_given_is_not_moved(library: SurrogateLibrary) -> None:
 def test_grounds_that_are_looked_ahead_for_are_those_asked_for(response: GroundResponse) -> None:
     grounds = [replace(BELOW, modulus=m * 1e7) for m in (3.0, 4.0)]
     grounds += [replace(g, inverse_depth=1.0) for g in grounds] + [replace(BELOW, plate_mass=9.0)]
-    alone = GroundResponse(response.surrogate, Instrument(RADIUS), OFFSETS)
+    alone = GroundResponse(response.surrogate, Instrument(RADIUS), OFFSETS, 0.35)
     response.solve_together([*grounds, LAYERED], S, nearby=False)
     response.solve_together([*grounds, LAYERED], S, nearby=True)
     assert len(response._cache) == len(grounds)
@@ -186,7 +186,7 @@ def test_one_call_serves_all_steps(
 def test_another_mass_and_the_step_onto_rock_are_solved(response: GroundResponse) -> None:
     others = [replace(LAYERED, plate_mass=20.0), replace(LAYERED, inverse_depth=1e-3)]
     found = response.nearby(LAYERED, [*others, *moved(LAYERED, 1e-4)], S)
-    lone = GroundResponse(response.surrogate, Instrument(RADIUS), OFFSETS)
+    lone = GroundResponse(response.surrogate, Instrument(RADIUS), OFFSETS, 0.35)
     for row, other in zip(found[1:3], others, strict=True):
         np.testing.assert_array_equal(row, lone.compliance(other, S))
 
@@ -218,7 +218,9 @@ def under_part(
     found = []
     for radius, here in ((share * RADIUS, ground), (RADIUS, replace(ground, contact_share=share))):
         problem = PlateProblem("rigid-rough", 0.35, (0.0, 0.3 / radius))
-        response = GroundResponse(library.get(problem, None), Instrument(radius), OFFSETS)
+        response = GroundResponse(
+            library.get(problem, None), Instrument(radius), OFFSETS, problem.poisson_ratio
+        )
         found.append(response.compliance(here, S))
     return found[0], found[1]
 
@@ -249,7 +251,7 @@ def test_small_steps_of_a_plate_that_touches_part(response: GroundResponse) -> N
     near = [*moved(ground, step), replace(ground, contact_share=0.9 * (1 + step))]
     near.append(replace(ground, plate_mass=6.0 * (1 + step)))
     exact = [response.compliance(other, S) - response.compliance(ground, S) for other in near]
-    fresh = GroundResponse(response.surrogate, Instrument(RADIUS), OFFSETS)
+    fresh = GroundResponse(response.surrogate, Instrument(RADIUS), OFFSETS, 0.35)
     first, *others = fresh.nearby(ground, near, S)
     for other, change in zip(others, exact, strict=True):
         assert np.abs(other - first - change).max() < 0.012 * np.abs(change).max()

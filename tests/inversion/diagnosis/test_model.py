@@ -13,7 +13,7 @@ from inversion.diagnosis.model import (
     DropModel,
     PointRecords,
 )
-from inversion.diagnosis.problem import Point
+from inversion.diagnosis.problem import Point, response_of
 from inversion.effects import BY_NAME, Ground
 from inversion.effects.base import forced_motion
 from inversion.forward.contact import PlateProblem
@@ -28,7 +28,8 @@ GROUND = Ground(
 def made(library: SurrogateLibrary, scene: Scene, largest: float = 8000.0) -> DropModel:
     drop = record(library, scene)
     surrogate = library.get(PlateProblem("rigid-smooth", POISSON_RATIO), None)
-    return DropModel(drop, surrogate, largest, 0, PointRecords("a", (drop,), (1,)))
+    response = response_of(drop, surrogate, library)
+    return DropModel(drop, largest, 0, PointRecords("a", (drop,), (1,)), response)
 
 
 @pytest.fixture(scope="module")
@@ -154,6 +155,5 @@ def test_what_effects_may_know_of_a_drop(library: SurrogateLibrary, model: DropM
     assert not drop.has_bedrock
     for depth, known in ((np.inf, False), (2.0, True)):
         declared = replace(record(library, Scene()), bedrock_depth=depth)
-        surrogate = library.get(PlateProblem("rigid-smooth", POISSON_RATIO), None)
-        other = DropModel(declared, surrogate, 8000.0, 0, PointRecords("a", (declared,), (1,)))
+        other = Point(PointRecords("a", (declared,), (1,)), library).drops[0]
         assert other.context.has_bedrock == known

@@ -1,5 +1,6 @@
 """The effects of the catalogue against closed forms and integrations written out here."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from scipy.signal import butter, sosfilt
 
 from inversion.effects import BY_NAME, CATALOGUE, DropContext, Ground
 from inversion.effects.base import Effect, geophone, shift
+from inversion.effects.layer import Layer
 from inversion.forward.nonlinear_stiffness import (
     NonlinearStiffness,
 )
@@ -404,16 +406,21 @@ def test_a_layer_lies_on_the_ground() -> None:
     assert (top.poisson_ratio, top.thickness) == (0.35, 0.2)
 
 
-def test_a_middle_layer_lies_between() -> None:
-    values = {
-        "modulus_ratio": 3.0,
-        "thickness": 0.2,
-        "middle_modulus_ratio": 0.5,
-        "middle_thickness": 0.4,
+def test_a_second_layer_lies_below_the_first() -> None:
+    coordinates = {
+        "modulus_ratio": math.log(3.0),
+        "thickness": math.log(0.2),
+        "layer_2_modulus_ratio": math.log(0.5),
+        "layer_2_thickness": math.log(0.4),
     }
-    found = BY_NAME["layer"].ground(Ground(4e7, 6e4, 1900.0, 0.0, 10.0), values, context())
+    two = Layer(2)
+    values = two.values_at(coordinates)
+    found = two.ground(Ground(4e7, 6e4, 1900.0, 0.0, 10.0), values, context())
     assert [medium.modulus for medium in found.above] == pytest.approx([1.2e8, 2e7])
-    assert [medium.thickness for medium in found.above] == [0.2, 0.4]
+    assert [medium.thickness for medium in found.above] == pytest.approx([0.2, 0.4])
+    assert two.coordinates_of(found) == pytest.approx(
+        coordinates | dict.fromkeys(two.coordinates_of(found).keys() - coordinates.keys(), 0.0)
+    )
 
 
 def test_layers_end_above_the_rock() -> None:
@@ -425,7 +432,8 @@ def test_layers_end_above_the_rock() -> None:
 
 def test_a_layer_needs_sensors_at_two_distances() -> None:
     layer = BY_NAME["layer"]
-    assert not layer.offered((context(),))
+    assert not layer.offered((context(offsets=np.array([0.0])),))
+    assert layer.offered((context(offsets=np.array([0.0, 0.3])),))
 
 
 def test_a_top_of_given_density_or_without_dashpot_has_no_ratio_of_it() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from inversion import ForwardModel, Instrument, Record, Sensor, SurrogateLibrary
-from inversion.fitting.ground_parameters import homogeneous_space, layered_space
+from inversion.fitting.ground_parameters import homogeneous_space
 from inversion.fitting.misfit import Misfit, WeightedDrop, model_floor
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.measured.record import prepare
@@ -59,25 +59,6 @@ def test_derivatives_are_differences(
         for column in range(free.size):
             size = np.abs(right[..., column]).max()
             assert np.max(np.abs(slopes[..., column] - right[..., column])) < 1e-5 * size
-
-
-@pytest.mark.parametrize("prior_level", [0.0, 2.0])
-def test_priors_have_a_covariance_of_their_own(
-    drops: tuple[WeightedDrop, ...], prior_level: float
-) -> None:
-    space = layered_space(2, 60e6, 0.15, 0.35, density=1900.0, rock_depth=0.8)
-    misfit = Misfit(drops, space, "rigid-rough", 640.0, 64, prior_level=prior_level)
-    point = POINTS[:1, : space.size]
-    values, slopes = misfit.linearise(point, np.arange(point.shape[1]))
-    pseudo = np.linalg.pinv(slopes[0])
-    n_data = Misfit(drops, space, "rigid-rough", 640.0, 64).residual(point).shape[1]
-    away = space.prior_distances(point)[0][0]
-    of_priors = values[0, n_data:]
-    assert of_priors.size == (away.size if prior_level else 0)
-    # A prior is one error of unit size; its residual is that error times a scale.
-    scale = np.linalg.norm(of_priors) / np.linalg.norm(away) if prior_level else 0.0
-    part = pseudo[:, n_data:] * scale
-    assert misfit.prior_covariance(pseudo) == pytest.approx(part @ part.T, rel=1e-9, abs=1e-300)
 
 
 def test_residuals_are_predicted_less_observed_over_their_error(library: SurrogateLibrary) -> None:

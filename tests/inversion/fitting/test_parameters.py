@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from inversion.fitting.ground_parameters import homogeneous_space, layered_space
-from inversion.fitting.parameters import Parameter, ParameterSpace, on_bound
+from inversion.fitting.parameters import Parameter, ParameterSpace
+from tests.inversion.synthetic import names, point_at, values_at
 
 PLAIN = Parameter("viscosity", "Pa s", 0.0, 4e5, logarithmic=False)
 LOGARITHMIC = Parameter("modulus", "Pa", 5e6, 3e8, logarithmic=True)
@@ -31,12 +32,10 @@ def one_medium(**options: Any) -> ParameterSpace:
 # Every kind of unknown in at least one of them.
 SPACES: dict[str, ParameterSpace] = {
     "no rock, one relaxation": space(rock_depth=math.inf),
-    "rock anywhere, own relaxation": space(separate_relaxation=True),
-    "rock declared": space(rock_depth=1.4, separate_relaxation=True),
+    "rock anywhere": space(),
+    "rock declared": space(rock_depth=1.4),
     "thickness given": space(thickness=(0.2, 0.4), rock_depth=1.4),
     "elastic, density given": space(elastic=True, density=2000.0, rock_depth=math.inf),
-    "instrument": space(rock_depth=math.inf, geophone=True, lag=True),
-    "lags of sensors": space(rock_depth=math.inf, sensor_lags=(1, 2)),
     "one medium": one_medium(),
     "one medium, rock declared": one_medium(rock_depth=1.4, density=2000.0),
     "one medium, elastic": one_medium(rock_depth=math.inf, elastic=True),
@@ -45,10 +44,6 @@ SPACES: dict[str, ParameterSpace] = {
 
 def points(of: ParameterSpace, seed: int = 0) -> np.ndarray:
     return 0.2 + 0.6 * np.random.default_rng(seed).random((3, of.size))
-
-
-def unknown(of: ParameterSpace, name: str) -> Any:
-    return of.unknowns[of.names.index(name)]
 
 
 @pytest.mark.parametrize("parameter", [PLAIN, LOGARITHMIC, SHIFTED])
@@ -103,14 +98,6 @@ def test_values_outside_are_pulled_to_the_bounds() -> None:
     assert PLAIN.unit_value(-3.0) == 0.0
 
 
-@pytest.mark.parametrize(
-    ("unit_value", "hit"),
-    [(0.0, True), (0.0005, True), (0.005, False), (0.995, False), (0.9995, True), (1.0, True)],
-)
-def test_a_thousandth_of_the_range_is_on_the_bound(unit_value: float, hit: bool) -> None:
-    assert on_bound(np.array([unit_value, 0.5])).tolist() == [hit, False]
-
-
 def test_a_parameter_is_not_changed() -> None:
     with pytest.raises(FrozenInstanceError):
         PLAIN.lower = 1.0  # type: ignore[misc]
@@ -124,22 +111,22 @@ def test_a_parameter_is_not_changed() -> None:
 def test_values_and_points_are_inverse(name: str) -> None:
     of = SPACES[name]
     for point in points(of):
-        assert of.point(list(of.values(point[None])[0])) == pytest.approx(point, abs=1e-12)
-    low, high = of.values(np.zeros((1, of.size)))[0], of.values(np.ones((1, of.size)))[0]
+        assert point_at(
+            of, dict(zip(names(of), values_at(of, point[None])[0], strict=True))
+        ) == pytest.approx(point, abs=1e-12)
+    low, high = (values_at(of, np.full((1, of.size), end))[0] for end in (0.0, 1.0))
     assert low == pytest.approx([u.parameter.lower for u in of.unknowns])
     assert high == pytest.approx([u.parameter.upper for u in of.unknowns])
 
 
 def test_values_reach_the_ground_they_name() -> None:
-    of = space(separate_relaxation=True)
-    values = dict(
-        zip(of.names, of.values(points(of)[:1])[0], strict=True),
-    )
+    of = space()
+    values = dict(zip(names(of), values_at(of, points(of)[:1])[0], strict=True))
     ground = of.grounds(points(of)[:1])
     for j in range(3):
         modulus = values[f"modulus_{j + 1}"]
         assert ground.modulus[0, j] == pytest.approx(modulus)
-        assert ground.viscosity[0, j] == pytest.approx(modulus * values[f"relaxation_{j + 1}"])
+        assert ground.viscosity[0, j] == pytest.approx(modulus * values["relaxation"])
         assert ground.density[0, j] == pytest.approx(values[f"density_{j + 1}"])
         assert ground.thickness[0, j] == pytest.approx(values[f"thickness_{j + 1}"])
         assert ground.poisson_ratio[0, j] == POISSON_RATIO
@@ -152,8 +139,8 @@ def test_one_relaxation_time_serves_all_media() -> None:
     times = ground.viscosity / ground.modulus
     assert times == pytest.approx(np.tile(times[:, :1], 3))
     column = of.index("relaxation", 2)
-    assert column == of.index("relaxation", 0) == of.names.index("relaxation")
-    assert times[:, 0] == pytest.approx(of.values(points(of))[:, column])
+    assert column == of.index("relaxation", 0) == names(of).index("relaxation")
+    assert times[:, 0] == pytest.approx(values_at(of, points(of))[:, column])
 
 
 def test_given_values_reach_the_ground() -> None:
@@ -172,11 +159,11 @@ def test_one_medium_is_a_ground_of_one_layer() -> None:
     ground = of.grounds(points(of))
     assert ground.thickness == pytest.approx(np.full((3, 1), 1.25))
     assert ground.rock
-    values = of.values(points(of))
+    values = values_at(of, points(of))
     assert ground.modulus[:, 0] == pytest.approx(values[:, 0])
     assert ground.viscosity[:, 0] == pytest.approx(values[:, 1])
     fitted_depth = one_medium()
-    assert fitted_depth.depth_column == fitted_depth.names.index("bedrock_depth")
+    assert fitted_depth.depth_column == names(fitted_depth).index("bedrock_depth")
     assert of.depth_column is None
 
 
@@ -213,50 +200,6 @@ def test_nothing_that_moves_is_missing_from_the_chain(name: str) -> None:
             for medium in np.flatnonzero((a != b) & np.isfinite(a)):
                 assert (field, int(medium)) in known
     assert len(known) == len(varied)
-
-
-@pytest.mark.parametrize("name", ["instrument", "lags of sensors"])
-def test_slopes_of_the_response_are_logarithmic_derivatives(name: str) -> None:
-    of, s = SPACES[name], 30.0 + 2j * np.pi * np.array([5.0, 60.0, 300.0])
-    place, step = points(of), 1e-6
-    value, slopes = of.response(place, s, 4)
-    assert value.shape == (3, 4, 3)
-    assert set(slopes) == set(of.instrument_columns)
-    for column in range(of.size):
-        move = step * np.eye(of.size)[column]
-        high, low = of.response(place + move, s, 4)[0], of.response(place - move, s, 4)[0]
-        expected = (high - low) / (2 * step) / value
-        found = slopes.get(column, np.zeros_like(value))
-        assert np.broadcast_to(found, value.shape) == pytest.approx(expected, rel=1e-6, abs=1e-6)
-
-
-def test_the_response_is_that_of_a_geophone_and_a_delay() -> None:
-    of = space(1, rock_depth=math.inf, geophone=True, lag=True, sensor_lags=(1,))
-    wanted = {
-        "natural_frequency": 4.5,
-        "geophone_damping": 0.6,
-        "lag": 3e-4,
-        "lag_of_sensor_2": -2e-4,
-    }
-    values = dict(zip(of.names, of.values(np.full((1, of.size), 0.5))[0], strict=True)) | wanted
-    point = of.point([values[name] for name in of.names])
-    s = 20.0 + 2j * np.pi * np.array([3.0, 30.0])
-    omega = 2 * np.pi * 4.5
-    geophone = s**2 / (s**2 + 2 * 0.6 * omega * s + omega**2)
-    found, _ = of.response(point[None], s, 2)
-    assert found[0, 0] == pytest.approx(geophone * np.exp(-3e-4 * s), rel=1e-9)
-    assert found[0, 1] == pytest.approx(geophone * np.exp(-1e-4 * s), rel=1e-9)
-    plain = space(1, rock_depth=math.inf)
-    assert np.all(plain.response(points(plain), s, 2)[0] == 1.0)
-    assert plain.instrument_columns == ()
-
-
-def test_ends_of_nature_are_no_warning() -> None:
-    of = space(2, rock_depth=math.inf)
-    point = np.full(of.size, 0.5)
-    point[of.names.index("relaxation")] = 0.0
-    point[of.names.index("modulus_2")] = 1.0
-    assert of.at_bound(point) == ("modulus_2",)
 
 
 @pytest.mark.parametrize("name", SPACES)

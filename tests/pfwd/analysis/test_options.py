@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from inversion.fitting.layer_count import MAX_LAYERS
+from inversion.inference.base import MAX_LAYERS
 from pfwd.analysis.analyse import settings_of
 from pfwd.analysis.options import (
     DEFAULT,

@@ -1,11 +1,11 @@
-"""Minima that are one, and which of the others the data do not exclude."""
+"""Minima that are one."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from inversion.fitting.ground_fit import distinct, distinct_minima
+from inversion.fitting.minima import distinct, distinct_minima
 
 
 def test_minima_in_the_same_place_are_one() -> None:
