@@ -348,13 +348,6 @@ class PointDiagnosis:
     elapsed: float = math.nan
 
     @property
-    def explains_majority(self) -> bool:
-        """True if the effects remove at least half of the residual over the peak."""
-        return (
-            self.after.residual_over_peak <= MAX_UNEXPLAINED_SHARE * self.before.residual_over_peak
-        )
-
-    @property
     def corrected(self) -> bool:
         """True if the modulus after the diagnosis may replace the one before.
 

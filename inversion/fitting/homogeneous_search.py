@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inversion.arrays import FloatArray
-from inversion.fitting.minima import Minimum, distinct_minima
 from inversion.fitting.misfit import Misfit, WeightedDrop
 from inversion.fitting.parameters import ParameterSpace
 from inversion.fitting.published_fitness import published_fitness
 from inversion.fitting.transfer import Plate
 from inversion.forward.laplace import FULL_BAND_HZ, SEARCH_BAND_HZ
 from inversion.search.least_squares import BatchFit, fit_batch
-from inversion.search.multi_population import MultiPopulationSearch, SearchSettings, paper_settings
+from inversion.search.minima import Minimum, distinct_minima
+from inversion.search.multi_population import MultiPopulationSearch, paper_settings
 
 Method = Literal["mpga", "posterior", "least-squares", "published"]
 
@@ -100,7 +100,6 @@ class HomogeneousSearch:
             np.zeros(self.space.size),
             np.ones(self.space.size),
             rng,
-            settings=SearchSettings(polish_evaluations=0),
         )
         while search.has_next():
             search.next()

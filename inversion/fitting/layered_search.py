@@ -14,11 +14,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from inversion.arrays import FloatArray
-from inversion.fitting.minima import Minimum, distinct, distinct_minima
 from inversion.fitting.misfit import Misfit, WeightedDrop, independent_errors
 from inversion.fitting.parameters import ParameterSpace
 from inversion.fitting.transfer import Plate
 from inversion.search.least_squares import BatchFit, fit_batch
+from inversion.search.minima import Minimum, distinct, distinct_minima
 from inversion.search.multi_population import MultiPopulationSearch, SearchSettings
 
 # Highest frequency, as a multiple of one over the contact time: the spectrum of a half-sine has
@@ -30,9 +30,7 @@ _BAND_CONTACTS, _MAX_SAMPLES = 5.2, 64
 _N_STARTS, _N_FIRST_STEPS = 16, 6
 _N_FOLLOWED, _N_FOLLOWED_STEPS, _N_RETURNED = 5, 25, 2
 # Settings of the genetic search, which then costs about as much as the starting points do.
-_GENETIC_SETTINGS = SearchSettings(
-    individuals=48, generations=12, sample_factor=2, scout_evaluations=0, polish_evaluations=0
-)
+_GENETIC_SETTINGS = SearchSettings(individuals=48, generations=12, sample_factor=2)
 # Mean square residual that determines the weight of the priors before the first fit.
 _FIRST_LEVEL = 100.0
 # Ranges of the starting points: natural logarithm of the modulus over that from the deflection

@@ -89,12 +89,6 @@ class DampedTransform:
         result: ComplexArray = self._hat(time) * (self._turns(time) @ damped).conj()
         return result
 
-    def adjoint_of_samples(self, time: FloatArray, weights: ComplexArray) -> FloatArray:
-        """Return weights (k, m) of the samples from weights (k, n) of the spectrum's real part."""
-        turned = (weights * self._hat(time)) @ self._turns(time).conj()
-        result: FloatArray = turned.real * np.exp(-self.damping * time)
-        return result
-
     def _hat(self, time: FloatArray) -> ComplexArray:
         step = time[1] - time[0]
         half = 0.5 * step * self.s

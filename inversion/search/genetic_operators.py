@@ -95,22 +95,6 @@ def stratified_sample(count: int, size: int, rng: np.random.Generator) -> FloatA
     return np.asarray((slices + rng.random((count, size))) / count)
 
 
-def nearest_better_distance(points: FloatArray, misfit: FloatArray) -> FloatArray:
-    """Return the distance (n,) of each point to the nearest one of lower misfit, inf for the best.
-
-    A large distance marks an isolated point near a local minimum. This is the idea of
-    nearest-better clustering, Preuss (2010), GECCO companion.
-    """
-    order = np.argsort(misfit, kind="stable")
-    ranked = points[order]
-    norm = np.einsum("nd,nd->n", ranked, ranked)
-    square = norm[:, None] + norm - 2.0 * ranked @ ranked.T
-    better = np.tri(len(order), k=-1, dtype=bool)
-    distance = np.empty(len(order))
-    distance[order] = np.where(better, square, np.inf).min(axis=1)
-    return np.sqrt(np.maximum(distance, 0.0))
-
-
 def reciprocal_fitness(misfit: FloatArray, floor: float = 1e-12) -> FloatArray:
     r"""Return the fitness :math:`Q = 1/(f + \epsilon)` of misfits f >= 0, the form of Eq. 16.
 

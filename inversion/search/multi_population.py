@@ -9,12 +9,11 @@ crossover, mutation, elitism, immigration between two populations drawn at rando
     stochastic universal sampling, intermediate recombination and breeder mutation.
 ``SearchSettings()``
     The default. The first populations come from a stratified sample of four times as many points
-    as individuals. Isolated points of low misfit are refined by a few steps (scouts), which finds
-    narrow minima that no population would find. Populations with different roles then breed by
-    differences. After all of them have collapsed to points, another round starts with a new sample
-    if enough evaluations remain. A local refinement (polish) ends the search.
+    as individuals. Populations with different roles then breed by differences. After all of them
+    have collapsed to points, another round starts with a new sample if enough evaluations remain.
+    The caller refines the best minima with derivatives.
 
-All evaluations, including sample, scouts and polish, count against individuals x generations.
+All evaluations, including the sample, count against individuals x generations.
 
     search = MultiPopulationSearch(objective, lower, upper, rng)
     while search.has_next():
@@ -45,7 +44,6 @@ from inversion.search.genetic_operators import (
     keep_better,
     keep_elite,
     mutate,
-    nearest_better_distance,
     reciprocal_fitness,
     scale_fitness,
     select,
@@ -53,13 +51,9 @@ from inversion.search.genetic_operators import (
     stratified_sample,
     take,
 )
-from inversion.search.quadratic_polish import (
-    Minima,
-    Objective,
-    QuadraticPolish,
-    iteration_cost,
-)
+from inversion.search.minima import distinct
 
+Objective = Callable[[FloatArray], ArrayLike]
 Fitness = Callable[[FloatArray], FloatArray]
 # Yields points (n, d) of the unit box and is sent their misfits (n,).
 Batches = Generator[FloatArray, FloatArray, None]
@@ -67,19 +61,8 @@ Batches = Generator[FloatArray, FloatArray, None]
 # Another round starts only if at least this number of generations can follow its sample.
 _MIN_GENERATIONS_PER_ROUND = 20
 
-# Radii and separation are in widths of the unit cube. With two iterations of the scouts the narrow
-# minimum of the benchmark is found in 98 % of runs, with one iteration in 84 %, without scouts in
-# 38 %. Minima closer than the separation count as one.
-_SCOUTS = 16
-_SCOUT_RADIUS = 0.02
-_SCOUT_ITERATIONS = 2
-_CANDIDATE_ITERATIONS = 3
+# Minima closer than this, in widths of the unit cube, count as one.
 _SEPARATION = 0.05
-_MIN_SCOUT_RADIUS = 1e-6
-
-# Without a final refinement, the search has succeeded if the misfit fell by less than this fraction
-# over the last fifth of its steps.
-_SETTLED = 0.01
 
 # Crossover rates from nearly rotation-invariant to nearly along the coordinates. Of 200 searches in
 # four genes, 0.9 alone found the separable Rastrigin 170 times and the
@@ -109,12 +92,8 @@ class SearchSettings:
         Generations from one immigration to the next.
     sample_factor : int, >= 1
         Number of points of the first sample per individual.
-    scout_evaluations : int, >= 0
-        Evaluations for refining isolated points of the sample, 0 for none.
-    polish_evaluations : int, >= 0
-        Evaluations reserved for the final refinement, 0 for none (for callers with a better one).
-    polish_candidates : int, >= 1
-        Number of distinct minima at the start of the refinement and in the result.
+    candidates : int, >= 1
+        Number of distinct minima in the result.
     collapse_width : float, widths of the unit cube
         A population narrower than this in every gene has collapsed; 0 for never.
     rounds : int, >= 1
@@ -131,9 +110,7 @@ class SearchSettings:
     mutation_probability: tuple[float, float] = (0.02, 0.05)
     immigration_interval: int = 5
     sample_factor: int = 4
-    scout_evaluations: int = 512
-    polish_evaluations: int = 400
-    polish_candidates: int = 4
+    candidates: int = 4
     collapse_width: float = 0.02
     rounds: int = 10
 
@@ -143,9 +120,7 @@ class SearchSettings:
             "generations": 1,
             "immigration_interval": 1,
             "sample_factor": 1,
-            "scout_evaluations": 0,
-            "polish_evaluations": 0,
-            "polish_candidates": 1,
+            "candidates": 1,
             "rounds": 1,
         }
         for name, value in minimum.items():
@@ -177,14 +152,12 @@ def paper_settings() -> SearchSettings:
     """Return the settings of doi 10.11835/j.issn.2096-6717.2022.021, section 2.2, step 2.
 
     p_c = 0.95 + 0.05 rand and p_m = 0.02 + 0.03 rand for each population, immigration in every
-    generation, no sample beyond the first generation, no polish.
+    generation, no sample beyond the first generation.
     """
     return SearchSettings(
         breeding="generational",
         immigration_interval=1,
         sample_factor=1,
-        scout_evaluations=0,
-        polish_evaluations=0,
         collapse_width=0.0,
         rounds=1,
     )
@@ -200,9 +173,6 @@ class SearchResult:
     misfit : float, their misfit; infinite if none could be evaluated
     evaluations : int, total number
     generations : int, number of steps, i.e. calls of the objective
-    success : bool
-        True: the final refinement converged or, without one, the misfit no longer decreased.
-    message : str, reason why the search stopped
     history : (generations,) ndarray of float, best misfit after each step
     failed_evaluations : int, misfits that were infinite or not a number
     candidates : (k, d) ndarray of float
@@ -214,8 +184,6 @@ class SearchResult:
     misfit: float
     evaluations: int
     generations: int
-    success: bool
-    message: str
     history: FloatArray
     failed_evaluations: int
     candidates: FloatArray
@@ -282,8 +250,7 @@ class MultiPopulationSearch:
         shape = (count, settings.individuals // count)
         self._genes: FloatArray = np.zeros((*shape, self._lower.size))
         self._misfit: FloatArray = np.full(shape, np.inf)
-        self._minima = Minima.empty(self._lower.size)
-        self._last_polish: QuadraticPolish | None = None
+        self._collapsed: list[tuple[FloatArray, FloatArray]] = []
         self._best_point = np.full(self._lower.size, np.nan)
         self._history: list[float] = []
         self.best_misfit = np.inf
@@ -327,20 +294,17 @@ class MultiPopulationSearch:
             self._batch = None
 
     def result(self) -> SearchResult:
-        """Return the result so far; ``success`` is false while steps remain."""
-        success, message = self._verdict()
-        candidates = self._candidates(self.settings.polish_candidates)
+        """Return the result so far."""
+        candidates, misfits = self._candidates()
         return SearchResult(
             parameters=self.best_parameters,
             misfit=self.best_misfit,
             evaluations=self.evaluations,
             generations=self.generation,
-            success=success,
-            message=message,
             history=self.history,
             failed_evaluations=self.failed_evaluations,
-            candidates=self._parameters(candidates.points),
-            candidate_misfits=candidates.misfits,
+            candidates=self._parameters(candidates),
+            candidate_misfits=misfits,
         )
 
     # The plan.  These generators yield points to evaluate and are sent their misfits.
@@ -351,19 +315,16 @@ class MultiPopulationSearch:
         for _ in range(settings.rounds - 1):
             if self._remaining() < self._cost_of_a_round():
                 break
-            self._minima += self._population_minima()
+            self._collapsed.append(self._individuals())
             yield from self._round(self._start[:0])
-        if settings.polish_evaluations > 0:
-            yield from self._final_polish()
 
     def _round(self, start: FloatArray) -> Batches:
-        """Yield sample, scouts, and generations until the populations have collapsed."""
+        """Yield the sample, and generations until the populations have collapsed."""
         settings = self.settings
         sample = stratified_sample(self._sample_size(), self._lower.size, self._rng)
         sample[: len(start)] = start
         misfit = yield sample
         self._create_populations(sample, misfit, len(start))
-        yield from self._scout(sample, misfit)
         generation = 0
         while self._remaining() >= settings.individuals:
             generation += 1
@@ -397,53 +358,10 @@ class MultiPopulationSearch:
             self._genes, self._misfit, children, child_misfit.reshape(self._misfit.shape)
         )
 
-    def _scout(self, sample: FloatArray, misfit: FloatArray) -> Batches:
-        """Refine the most isolated points of a sample by a few steps."""
-        budget = min(self.settings.scout_evaluations, self._remaining() // 4)
-        count = min(_SCOUTS, self._affordable(_SCOUT_ITERATIONS, budget))
-        lonely = np.argsort(-nearest_better_distance(sample, misfit), kind="stable")[:count]
-        radii = np.full(len(lonely), _SCOUT_RADIUS)
-        scouts = QuadraticPolish(Minima.finite(sample[lonely], misfit[lonely], radii))
-        yield from self._polish(scouts, _SCOUT_ITERATIONS, budget)
-
-    def _final_polish(self) -> Batches:
-        """Refine all candidates a little, then the best with the remaining evaluations."""
-        budget = self._total_remaining() // 2
-        count = self._affordable(_CANDIDATE_ITERATIONS, budget)
-        work = QuadraticPolish(self._candidates(count))
-        if len(work.misfits):
-            yield from self._polish(work, _CANDIDATE_ITERATIONS, budget)
-            work.keep_best()
-            yield from self._polish(work, self._total_remaining(), self._total_remaining())
-            self._last_polish = work
-
-    def _affordable(self, iterations: int, budget: int) -> int:
-        return budget // (iterations * iteration_cost(self._lower.size))
-
-    def _polish(self, work: QuadraticPolish, iterations: int, budget: int) -> Batches:
-        """Refine minima with a limited number of evaluations, and store them."""
-        end = self.evaluations + budget
-        for _ in range(iterations):
-            if work.iteration_cost == 0 or self.evaluations + work.iteration_cost > end:
-                break
-            work.tell((yield work.ask()))
-            # The second batch is missing if no design could be evaluated.
-            if not work.between_iterations:
-                work.tell((yield work.ask()))
-        self._minima += work.minima
-
     # Numbers of evaluations on which the plan is based.
 
-    def _total_remaining(self) -> int:
-        return self.settings.evaluations - self.evaluations
-
     def _remaining(self) -> int:
-        """Return the number of evaluations before the final refinement.
-
-        The refinement has at most half of all evaluations.
-        """
-        budget = self.settings.evaluations
-        return self._total_remaining() - min(self.settings.polish_evaluations, budget // 2)
+        return self.settings.evaluations - self.evaluations
 
     def _sample_size(self) -> int:
         """Return the size of the first sample, at most a quarter of the remaining evaluations."""
@@ -455,7 +373,7 @@ class MultiPopulationSearch:
     def _cost_of_a_round(self) -> int:
         settings = self.settings
         batches = settings.sample_factor + _MIN_GENERATIONS_PER_ROUND
-        return batches * settings.individuals + settings.scout_evaluations
+        return batches * settings.individuals
 
     def _create_populations(self, sample: FloatArray, misfit: FloatArray, n_start: int) -> None:
         """Distribute starting and best sampled points to the populations at random."""
@@ -469,31 +387,19 @@ class MultiPopulationSearch:
         """Return the range of each population in its widest gene, (p,)."""
         return np.asarray((self._genes.max(axis=1) - self._genes.min(axis=1)).max(axis=1))
 
-    def _population_minima(self) -> Minima:
-        radii = np.clip(0.5 * self._widths(), _MIN_SCOUT_RADIUS, _SCOUT_RADIUS)
-        return Minima.finite(
-            self._genes.reshape(-1, self._lower.size),
-            self._misfit.ravel(),
-            np.repeat(radii, self._misfit.shape[1]),
+    def _individuals(self) -> tuple[FloatArray, FloatArray]:
+        """Return points (n, d) and misfits (n,) of all individuals whose misfit is finite."""
+        misfit = self._misfit.ravel()
+        finite = np.isfinite(misfit)
+        return self._genes.reshape(-1, self._lower.size)[finite], misfit[finite]
+
+    def _candidates(self) -> tuple[FloatArray, FloatArray]:
+        """Return points and misfits of the best separated minima, best first."""
+        points, misfits = (
+            np.concatenate(part) for part in zip(*self._collapsed, self._individuals(), strict=True)
         )
-
-    def _candidates(self, count: int) -> Minima:
-        """Return the best separated minima, best first."""
-        minima = self._minima + self._population_minima()
-        return minima.separated(min(count, self.settings.polish_candidates), _SEPARATION)
-
-    def _verdict(self) -> tuple[bool, str]:
-        spent = f"{self.evaluations} evaluations"
-        if self.has_next():
-            return False, f"stopped by the caller after {spent}"
-        if not np.isfinite(self.best_misfit):
-            return False, f"none of {spent} gave a finite misfit; check the bounds and the model"
-        if self._last_polish is not None and self._last_polish.converged.all():
-            return True, f"the polish converged after {spent}"
-        earlier = [np.inf, *self._history][-1 - max(1, len(self._history) // 5)]
-        if not earlier - self.best_misfit <= _SETTLED * abs(earlier) < np.inf:
-            return False, f"the misfit still decreased after {spent}; allow more generations"
-        return True, f"the misfit no longer decreased after {spent}"
+        best = distinct(points, misfits, _SEPARATION)[: self.settings.candidates]
+        return points[best], misfits[best]
 
     # Conversion between the unit box and the caller's parameters.
 

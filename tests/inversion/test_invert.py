@@ -283,7 +283,7 @@ def test_published_method_spends_what_the_paper_does(bench: Bench) -> None:
     assert result.method == "published"
     # Four populations of twenty over a hundred generations, and one solve for the report.
     assert 8000 <= result.forward_solves <= 8001
-    # No polish, a half-sine for the load: near, not true.
+    # No refinement, a half-sine for the load: near, not true.
     assert result.modulus_pa == pytest.approx(MODULUS, rel=0.2)
     assert bench.invert(bench.record(1), settings).layers == result.layers
 

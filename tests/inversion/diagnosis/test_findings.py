@@ -159,9 +159,3 @@ def test_drops_that_were_held_out_are_predicted_better(
 
 def test_an_effect_is_certain_unless_it_is_told_otherwise() -> None:
     assert ROCK.probability == 1.0
-
-
-@pytest.mark.parametrize(("left", "most"), [(0.5, True), (0.51, False)])
-def test_most_is_half_of_what_was_left_of_the_peak(left: float, most: bool) -> None:
-    state = after(residual_rms_over_peak=left * BEFORE.residual_rms_over_peak)
-    assert diagnosis(after=state).explains_majority == most

@@ -99,19 +99,6 @@ def test_time_shift_of_the_samples_is_a_phase() -> None:
     assert np.max(np.abs(shifted - right)) < 1e-14
 
 
-def test_adjoint() -> None:
-    # Re <G, F x> = <F* G, x> for any samples x and any weights G on the spectrum.
-    transform = DampedTransform(0.05)
-    rng = np.random.default_rng(1)
-    time = 2e-4 * np.arange(200)
-    samples = rng.standard_normal(time.size)
-    weights = rng.standard_normal((3, transform.s.size)) + 1j * rng.standard_normal(
-        (3, transform.s.size)
-    )
-    left = (weights @ transform.of_samples(time, samples)).real
-    assert transform.adjoint_of_samples(time, weights) @ samples == pytest.approx(left, rel=1e-10)
-
-
 # --- spectrum to history -------------------------------------------------------------------------
 
 

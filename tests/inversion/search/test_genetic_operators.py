@@ -28,13 +28,6 @@ def test_stratified_sample_puts_one_point_into_every_slice(
     np.testing.assert_array_equal(slices, np.tile(np.arange(count)[:, None], size))
 
 
-def test_nearest_better_distance_marks_the_bottoms_of_basins() -> None:
-    points = np.array([[0.0], [0.1], [0.2], [0.9], [1.0]])
-    misfit = np.array([1.0, 2.0, 3.0, 1.5, 2.5])
-    distance = operators.nearest_better_distance(points, misfit)
-    np.testing.assert_allclose(distance, [np.inf, 0.1, 0.1, 0.9, 0.1], atol=1e-7)
-
-
 def test_fitness_is_scaled_from_0_to_100_within_each_population() -> None:
     fitness = np.array([[1.0, 2.0, 5.0], [-3.0, -2.0, -3.0]])
     np.testing.assert_allclose(

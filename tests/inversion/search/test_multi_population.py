@@ -18,7 +18,6 @@ from inversion.search.multi_population import (
     SearchSettings,
     paper_settings,
 )
-from inversion.search.quadratic_polish import Minima
 from tests.inversion.search.objectives import Objective, ackley_at, rastrigin_at, seeds, sphere
 
 PRESETS = [SearchSettings(), paper_settings()]
@@ -124,40 +123,23 @@ def test_paper_preset_draws_the_probabilities_of_step_2() -> None:
 @pytest.mark.parametrize(
     ("make", "half_width"), [(rastrigin_at, 5.12), (ackley_at, 32.768)], ids=["Rastrigin", "Ackley"]
 )
-def test_finds_the_minimum_off_the_centre_whatever_the_seed(
+def test_the_basin_of_the_minimum_off_the_centre_is_found_whatever_the_seed(
     make: Callable[[FloatArray], Objective], half_width: float
 ) -> None:
     for seed in range(10):
         place = np.random.default_rng(900 + seed).uniform(-0.8, 0.8, 3) * half_width
         search = search_of(make(place), 3, half_width, seed, SearchSettings())
         result = run(search)
-        assert result.misfit < 1e-6, seed
         assert result.evaluations <= 8000
-        assert result.success, result.message
-        np.testing.assert_allclose(result.parameters, place, atol=1e-3)
+        # The next basins are one unit away; the caller goes down to the bottom.
+        np.testing.assert_allclose(result.parameters, place, atol=0.1)
 
 
-def test_scouts_find_a_narrow_basin_that_the_populations_leave() -> None:
-    def two_basins(points: FloatArray) -> FloatArray:
-        narrow = 4.0 * np.linalg.norm((points - [-3.5, -3.5, 0.0]) / [1.6, 1.6, 4.0], axis=1)
-        wide = 1.0 + 0.2 * np.linalg.norm(points - [2.0, 1.0, 1.0], axis=1)
-        return np.minimum(narrow, wide)
-
-    # The narrow basin is 1 % of the box.
-    one_round = SearchSettings(rounds=1)
-    without = replace(one_round, scout_evaluations=0)
-    found = [run(search_of(two_basins, seed=s, settings=one_round)).misfit < 0.1 for s in range(8)]
-    missed = [run(search_of(two_basins, seed=s, settings=without)).misfit > 0.9 for s in range(8)]
-    assert sum(found) >= 7
-    assert sum(missed) >= 2
-
-
-def test_search_without_polish_leaves_the_candidates_to_the_caller() -> None:
+def test_the_best_minima_are_left_to_the_caller() -> None:
     def two_minima(points: FloatArray) -> FloatArray:
         return np.minimum(sphere(points - 2.0), 0.1 + sphere(points + 2.0))
 
-    settings = SearchSettings(polish_evaluations=0)
-    result = run(search_of(two_minima, settings=settings))
+    result = run(search_of(two_minima, settings=SearchSettings()))
     assert result.evaluations <= 8000
     assert result.misfit < 1e-3
     np.testing.assert_allclose(result.candidates[:2], [[2.0] * 3, [-2.0] * 3], atol=0.2)
@@ -167,8 +149,7 @@ def test_search_without_polish_leaves_the_candidates_to_the_caller() -> None:
 
 def test_one_round_ends_early_once_the_populations_have_drawn_together() -> None:
     result = run(search_of(sphere, settings=SearchSettings(rounds=1)))
-    assert result.success
-    assert result.misfit < 1e-12
+    assert result.misfit < 1e-3
     assert result.evaluations < 5000
 
 
@@ -190,7 +171,7 @@ def test_start_individuals_belong_to_the_first_generation() -> None:
 
 def test_an_unpromising_start_individual_is_not_sorted_out_of_the_first_populations() -> None:
     corner = np.full((1, 3), 5.0)
-    search = search_of(sphere, start=corner, settings=replace(SHORT, scout_evaluations=0))
+    search = search_of(sphere, start=corner, settings=SHORT)
     search.next()
     assert (search.result().candidate_misfits <= 75.0).all()
     assert np.isclose(search._misfit, 75.0).sum() == 1
@@ -214,7 +195,7 @@ def test_failed_evaluations_are_counted_and_never_chosen() -> None:
 
     result = run(search_of(objective))
     assert result.failed_evaluations == counted > 100
-    assert result.misfit < 1e-6
+    assert result.misfit < 0.05
     assert np.isfinite(result.candidate_misfits).all()
 
 
@@ -224,8 +205,6 @@ def test_nothing_but_failures_is_an_outcome_not_an_error(preset: SearchSettings)
         lambda points: np.full(len(points), np.nan), settings=replace(preset, generations=10)
     )
     result = run(search)
-    assert not result.success
-    assert "none of" in result.message
     assert result.misfit == np.inf
     assert result.failed_evaluations == result.evaluations
     assert result.candidates.shape == (0, 3)
@@ -237,23 +216,14 @@ def test_a_search_stopped_by_its_caller_has_a_result() -> None:
     for _ in range(3):
         search.next()
     result = search.result()
-    assert not result.success
-    assert "stopped by the caller" in result.message
     assert result.generations == 3
     assert np.isfinite(result.misfit)
-
-
-def test_a_search_that_still_improves_at_its_end_says_so() -> None:
-    settings = replace(paper_settings(), generations=3)
-    result = run(search_of(sphere, settings=settings))
-    assert not result.success
-    assert "still decreased" in result.message
 
 
 @pytest.mark.parametrize("size", [1, 2, 6])
 def test_any_number_of_genes(size: int) -> None:
     result = run(search_of(lambda points: sphere(points - 0.7), size, settings=SearchSettings()))
-    assert result.misfit < 1e-9
+    assert result.misfit < 1e-3
     assert result.parameters.shape == (size,)
 
 
@@ -312,7 +282,7 @@ def test_start_that_does_not_fit_raises(start: FloatArray, message: str) -> None
         (SearchSettings, {"individuals": 12}, "at least 16"),
         (SearchSettings, {"populations": 1}, "populations >= 2"),
         (SearchSettings, {"generations": 0}, "generations >= 1"),
-        (SearchSettings, {"polish_evaluations": -1}, "polish_evaluations >= 0"),
+        (SearchSettings, {"candidates": 0}, "candidates >= 1"),
         (SearchSettings, {"breeding": "cloning"}, "cloning"),
         (SearchSettings, {"roles": ()}, "at least one role"),
         (PopulationRole, {"pull": 1.5}, "pull"),
@@ -323,11 +293,3 @@ def test_start_that_does_not_fit_raises(start: FloatArray, message: str) -> None
 def test_invalid_settings_raise(settings: type, wrong: dict[str, object], message: str) -> None:
     with pytest.raises(ModelError, match=message):
         settings(**wrong)
-
-
-def test_minima_apart_are_the_best_of_each_place() -> None:
-    points = np.array([[0.10, 0.1], [0.12, 0.1], [0.9, 0.1], [0.9, 0.9]])
-    minima = Minima(points, np.array([2.0, 1.0, 3.0, 4.0]), np.ones(4))
-    np.testing.assert_array_equal(minima.separated(2, 0.05).misfits, [1.0, 3.0])
-    np.testing.assert_array_equal(minima.separated(9, 0.05).misfits, [1.0, 3.0, 4.0])
-    assert len(Minima.empty(2).separated(3, 0.05)) == 0

@@ -27,12 +27,14 @@ class Minimum:
     cost: float
 
 
-def distinct(points: FloatArray, cost: FloatArray) -> NDArray[np.intp]:
+def distinct(
+    points: FloatArray, cost: FloatArray, separation: float = _SAME_MINIMUM_DISTANCE
+) -> NDArray[np.intp]:
     """Return the indices of the minima, best first, without those near a better one."""
     indices: list[int] = []
     for index in np.argsort(cost):
         distances = (np.max(np.abs(points[index] - points[better])) for better in indices)
-        if all(distance > _SAME_MINIMUM_DISTANCE for distance in distances):
+        if all(distance > separation for distance in distances):
             indices.append(int(index))
     return np.array(indices, dtype=np.intp)
 

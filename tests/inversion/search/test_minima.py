@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inversion.fitting.minima import distinct, distinct_minima
+from inversion.search.minima import distinct, distinct_minima
 
 
 def test_minima_in_the_same_place_are_one() -> None:
