@@ -119,7 +119,7 @@ def test_a_high_pass_that_changes_less_than_the_model_errs_is_none(
     assert found.after.modulus_pa == pytest.approx(MODULUS, rel=0.01)
 
 
-@pytest.mark.parametrize("frequency", [0.8, 4.5])
+@pytest.mark.parametrize("frequency", [0.8, pytest.param(4.5, marks=pytest.mark.slow)])
 def test_a_high_pass_is_found_however_slow_it_is(
     drop: SimulatedDrop, library: SurrogateLibrary, frequency: float
 ) -> None:

@@ -109,8 +109,16 @@ def assert_same_choice(
     ("depth", "exponent", "shown", "absent"),
     [
         pytest.param(0.6, 0.0, {"bedrock"}, {"rebound"}, id="rock"),
-        pytest.param(np.inf, 0.0, set(), {"rebound", "geophone_response"}, id="half-space"),
-        pytest.param(np.inf, 0.4, {"stress_dependence"}, {"rebound"}, id="stiffening"),
+        pytest.param(
+            *(np.inf, 0.0, set(), {"rebound", "geophone_response"}),
+            id="half-space",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            *(np.inf, 0.4, {"stress_dependence"}, {"rebound"}),
+            id="stiffening",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_what_is_not_fitted_is_not_the_best(
@@ -126,7 +134,14 @@ def test_what_is_not_fitted_is_not_the_best(
     assert not best & absent
 
 
-@pytest.mark.parametrize("name", ["maxidyn_a_05", "minidyn_a_19", "minidyn_b_01"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("maxidyn_a_05", marks=pytest.mark.slow),
+        "minidyn_a_19",
+        pytest.param("minidyn_b_01", marks=pytest.mark.slow),
+    ],
+)
 def test_measured_drops_have_the_same_structure(
     name: str, shared: Path, library: SurrogateLibrary, monkeypatch: pytest.MonkeyPatch
 ) -> None:

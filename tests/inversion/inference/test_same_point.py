@@ -54,7 +54,7 @@ def diagnosed(records: tuple[Record, ...], library: SurrogateLibrary) -> PointDi
     return diagnose_point(PointRecords("simulated", records, numbers), library)
 
 
-@pytest.mark.parametrize("sensors", [1, 3])
+@pytest.mark.parametrize("sensors", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_plate_that_was_lifted_and_set_again_has_seating_and_rock_only(
     sensors: int, library: SurrogateLibrary
 ) -> None:

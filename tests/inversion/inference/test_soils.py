@@ -89,6 +89,7 @@ def test_growth_under_one_sensor_is_no_rock(library: SurrogateLibrary) -> None:
     assert low < truth < high < 1.15 * low
 
 
+@pytest.mark.slow
 def test_growth_under_a_plate_with_undeclared_mass_is_no_rock(library: SurrogateLibrary) -> None:
     radius, declared, undeclared = 0.1, 7.8, 3.9
     ground = replace(Ground.uniform(13e6, 11e3, 2100.0, NU, math.inf), growth=Growth(0.1, 1.0, 5.0))
@@ -149,7 +150,7 @@ def test_rock_is_no_growth(
     [
         pytest.param(20.0, math.inf, marks=pytest.mark.slow),
         pytest.param(10.0, math.inf, marks=pytest.mark.slow),
-        (5.0, math.inf),
+        pytest.param(5.0, math.inf, marks=pytest.mark.slow),
         (5.0, 1.0),
     ],
 )

@@ -131,7 +131,7 @@ def drawn_curves(points: list[PointView]) -> list[Any]:
     return list(figure.axes)
 
 
-@pytest.mark.parametrize("geophone", [False, True])
+@pytest.mark.parametrize("geophone", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_the_curve_has_the_peak_of_the_table(tmp_path: Path, geophone: bool) -> None:
     setup = SETUP
     if geophone:
