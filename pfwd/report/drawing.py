@@ -331,11 +331,6 @@ def draw_point(figure: Any, point: PointView, drops: Sequence[DropView], texts: 
         top.tick_params(labelbottom=False)
 
 
-def draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts) -> None:
-    """Draw load, displacement and residual of drops, one above the other."""
-    _draw_traces(figure, drops, texts, 0.985)
-
-
 def _draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts, right: float) -> None:
     wide = right - 0.1
     residual = figure.add_axes((0.1, 0.16, wide, 0.235))
@@ -402,14 +397,6 @@ def _end(curves: TimeHistories) -> float:
     """Return the time at which the picture of a drop ends, s."""
     start = float(curves.time[0])
     return min(float(curves.time[-1]), start + DRAWN_PART_OF_WINDOW * (curves.window_end - start))
-
-
-def draw_compaction(figure: Any, point: PointView, texts: Texts) -> None:
-    """Draw deflection and modulus by drop, side by side."""
-    deflections, moduli = figure.subplots(
-        1, 2, gridspec_kw={**margins(0.09, 0.985, 0.24, 0.95), "wspace": 0.24}
-    )
-    _draw_compaction(deflections, moduli, point, texts)
 
 
 def _draw_compaction(deflections: Any, moduli: Any, point: PointView, texts: Texts) -> None:

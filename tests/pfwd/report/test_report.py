@@ -34,7 +34,7 @@ from pfwd.judging import DropView
 from pfwd.procedures import StressDependence, Verdict
 from pfwd.report import fonts
 from pfwd.report.content import Report
-from pfwd.report.drawing import draw_point, draw_traces
+from pfwd.report.drawing import draw_point
 from pfwd.report.fits import curves_of
 from pfwd.report.gathering import ReportOptions, gather
 from pfwd.report.point_blocks import _stress
@@ -176,7 +176,7 @@ def test_sensors_are_named_by_side_and_those_left_out_are_marked(
         assert one.curves.offsets.tolist() == [0.0, 0.3, -0.3, 0.6]
         assert any("bad sensor: displacement at -0.6 m" in text for text in one.warnings)
     figure = Figure()
-    draw_traces(figure, point.drops, load_texts(language))
+    draw_point(figure, point, point.drops, load_texts(language))
     names = [text.get_text() for text in figure.axes[1].get_legend().get_texts()]
     said = load_texts(language).say("left_out", offset="-0.6")
     assert [name for name in names if "0.3" in name] == ["0.3 m", "-0.3 m"]
