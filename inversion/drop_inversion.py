@@ -280,7 +280,7 @@ def _report(base: BaseFit, place: int, peak: PeakModulus, settings: Settings) ->
     if is_published:
         drifts = np.zeros_like(drifts)
     share = np.minimum(drop.time / model.drop.tail_end, 1.0)
-    history = _histories(item, partial(base.transfer, place), drifts @ np.stack([share, share**2]))
+    history = histories(item, partial(base.transfer, place), drifts @ np.stack([share, share**2]))
     effective, effective_interval = base.effective(settings.plate)
     result = replace(
         _described(item, history, peak, settings),
@@ -389,10 +389,8 @@ def _described(
     )
 
 
-def _histories(
-    item: WeightedDrop,
-    transfer: Callable[[ComplexArray], ComplexArray],
-    drift: FloatArray | float = 0.0,
+def histories(
+    item: WeightedDrop, transfer: Callable[[ComplexArray], ComplexArray], drift: FloatArray | float
 ) -> TimeHistories:
     """Return the traces of a drop for a transfer function, (n_sensors, n), m/N, and a drift, m."""
     drop = item.drop
@@ -400,16 +398,11 @@ def _histories(
     transform = transform_of(item, float(time[-1]), FULL_BAND_HZ)
     predicted = np.zeros_like(drop.displacement)
     predicted[:, 1:] = DropHistory(item, transform, time).of(transfer(transform.s))
-    return _time_histories(drop, item.model_load, predicted + drift)
-
-
-def _time_histories(
-    drop: PreparedDrop, model_load: FloatArray, predicted: FloatArray
-) -> TimeHistories:
+    predicted += drift
     return TimeHistories(
         time=np.asarray(drop.time + drop.start, np.float64),
         load=np.asarray(drop.load, np.float64),
-        model_load=np.asarray(model_load, np.float64),
+        model_load=np.asarray(item.model_load, np.float64),
         observed=np.asarray(drop.displacement, np.float64),
         predicted=np.asarray(predicted, np.float64),
         offsets=np.asarray(drop.positions, np.float64),

@@ -1,34 +1,21 @@
 """The fitted traces of a stored result, by one forward solve without a search."""
 
-import math
+from __future__ import annotations
+
 from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inversion import (
-    PLATE_MODELS,
-    ForwardModel,
-    Grounds,
-    Instrument,
-    InversionError,
-    Record,
-    Settings,
-    SurrogateLibrary,
-    fit_half_sine_equal_area,
-)
-from inversion.drop_inversion import tables_of
-from inversion.forward.laplace import FULL_BAND_HZ
-from inversion.forward.layered import (
-    LayeredForwardModel,
-    LayeredGround,
-    LayeredGrounds,
-    LayeredPlateModel,
-    Medium,
-)
+from inversion import PLATE_MODELS, InversionError, SurrogateLibrary, fit_half_sine_equal_area
+from inversion.diagnosis.problem import response_of, surrogate_of
+from inversion.drop_inversion import histories
+from inversion.effects.base import Ground
+from inversion.fitting.misfit import WeightedDrop
+from inversion.forward.layered import Medium
 from inversion.measured.record import PreparedDrop, prepare
-from inversion.result import TimeHistories
+from inversion.result import LayerResult, TimeHistories
 from pfwd.analysis.analyse import record_of
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult
@@ -64,117 +51,81 @@ def curves_of(
     TimeHistories or None
         None when the result names no ground, or its model cannot be evaluated.
     """
-    layered = is_layered(result)
-    # The modulus of a result is averaged over structures; its curve is that of the most probable.
-    structures = result.structures or ()
-    best_modulus = structures[0].modulus_pa if structures else result.modulus_pa
-    ground = (best_modulus, result.viscosity_pa_s, result.density_kg_m3)
-    if None in ground and not layered:
-        return None
-    depth = result.bedrock_depth_m
-    settings = _settings_of(result)
+    plate = cast(Any, result.plate)
+    options = AnalysisOptions(published=plate == "published")
     try:
-        published = result.plate == "published"
-        options = AnalysisOptions(published=published)
         record = record_of(unbroken_part(drop)[0], setup, options, screening.left_out)
-        record = _in_order(record, centre_only=published)
-        prepared = prepare(record)
-        load = _model_load(prepared, result)
-        instrument = _fitted_instrument(record.instrument, result)
-        if layered:
-            moved = _layered_motion(prepared, instrument, load, result, best_modulus)
+        record = record.nearest_first()
+        if options.published:
+            record = replace(record, sensors=record.sensors[:1])
+        if result.bedrock_depth_sd_m is None:
+            record = replace(record, bedrock_depth=result.bedrock_depth_m or np.inf)
         else:
-            model = ForwardModel(
-                library.get(*tables_of(record, settings)),
-                instrument,
-                prepared.time,
-                load,
-                prepared.time[1:],
-                FULL_BAND_HZ,
-            )
-            modulus, viscosity, density = (np.array([float(cast(float, n))]) for n in ground)
-            inverse = np.array([0.0 if depth is None else 1.0 / depth])
-            moved = model.displacement(Grounds(modulus, viscosity, density, inverse))[0]
+            record = replace(record, bedrock_depth=None)
+        ground = _ground_of(result, record.instrument.plate_mass)
+        if ground is None:
+            return None
+        prepared = prepare(record)
+        table = plate if is_layered(result) else surrogate_of(record, library, plate)
+        response = response_of(record, table, library)
+        item = WeightedDrop.of(
+            prepared, record.instrument, _model_load(prepared, result), record.model_floor
+        )
+        delay = result.delay_s or 0.0
+        history = histories(
+            item,
+            lambda s: response.compliance(ground, s) * np.exp(-s * delay),
+            _drift(prepared, result),
+        )
     except InversionError:
         return None
-    predicted = np.zeros_like(prepared.displacement)
-    predicted[:, 1:] = moved[-prepared.offsets.size :]
-    if result.drift_m is not None:
-        share = np.minimum(prepared.time / prepared.tail_end, 1.0)
-        predicted += np.array(result.drift_m) @ np.stack([share, share**2])
-    return _curves(prepared, load, predicted, result)
-
-
-def _fitted_instrument(declared: Instrument, result: DropResult) -> Instrument:
-    """Return the instrument with the mass and the delay of a fit."""
     return replace(
-        declared,
-        plate_mass=declared.plate_mass + (result.added_mass_kg or 0.0),
-        load_delay=declared.load_delay - (result.delay_s or 0.0),
+        history,
+        window_end=float(result.window_end_s or history.window_end),
+        contact_end=float(result.contact_end_s or history.contact_end),
     )
 
 
-def _layered_motion(
-    prepared: PreparedDrop,
-    instrument: Instrument,
-    load: NDArray[np.floating[Any]],
-    result: DropResult,
-    lowest_modulus: float | None,
-) -> NDArray[np.floating[Any]]:
-    """Return the displacement of layered ground after the first sample, (n_sensors, n - 1), m."""
-    layers = result.layers or ()
-    media = [
-        Medium(
-            cast(float, layer.modulus_pa),
-            cast(float, layer.viscosity_pa_s),
-            cast(float, layer.density_kg_m3),
-            cast(float, layer.poisson_ratio),
-            math.inf if layer.thickness_m is None else layer.thickness_m,
-        )
-        for layer in layers
-    ]
-    if lowest_modulus is not None:
-        media[-1] = replace(media[-1], modulus=lowest_modulus)
-    model = LayeredForwardModel(
-        cast(LayeredPlateModel, result.plate),
-        instrument,
-        [abs(float(offset)) for offset in prepared.offsets],
-        prepared.time,
-        load,
-        prepared.time[1:],
-        FULL_BAND_HZ,
-    )
-    ground = LayeredGround(tuple(media), rock=math.isfinite(media[-1].thickness))
-    moved: NDArray[np.floating[Any]] = model.displacement(LayeredGrounds.of([ground]))[0]
-    return moved
+def _ground_of(result: DropResult, plate_mass: float) -> Ground | None:
+    """Return the ground of the most probable structure of a result; None: it names none.
 
-
-def _curves(
-    prepared: PreparedDrop,
-    load: NDArray[np.floating[Any]],
-    predicted: NDArray[np.floating[Any]],
-    result: DropResult,
-) -> TimeHistories:
-    return TimeHistories(
-        time=_double(prepared.time + prepared.start),
-        load=_double(prepared.load),
-        model_load=_double(load),
-        observed=_double(prepared.displacement),
-        predicted=_double(predicted),
-        offsets=_double(prepared.positions),
-        peaks=_double(prepared.peak_displacement),
-        window_end=float(result.window_end_s or prepared.window_end + prepared.start),
-        contact_end=float(result.contact_end_s or prepared.contact_end + prepared.start),
-    )
-
-
-def _settings_of(result: DropResult) -> Settings:
+    The modulus of a result is averaged over structures.
+    """
+    media = [_medium(layer) for layer in result.layers or ()]
+    modulus = result.structures[0].modulus_pa if result.structures else result.modulus_pa
+    numbers = modulus, result.viscosity_pa_s, result.density_kg_m3
+    if media:
+        lowest = media[-1]
+        modulus = lowest.modulus if modulus is None else modulus
+        numbers = modulus, lowest.viscosity, lowest.density
+    if None in numbers:
+        return None
     depth = result.bedrock_depth_m
-    fitted = depth is not None and result.bedrock_depth_sd_m is not None
-    return Settings(
-        plate=cast(Any, result.plate),
-        bedrock_depth="unknown" if fitted else (math.inf if depth is None else depth),
+    inverse_depth = 0.0 if depth is None else 1.0 / depth
+    mass = plate_mass + (result.added_mass_kg or 0.0)
+    modulus, viscosity, density = cast(Any, numbers)
+    return Ground(modulus, viscosity, density, inverse_depth, mass, tuple(media[:-1]))
+
+
+def _medium(layer: LayerResult) -> Medium:
+    """Return a layer, or the ground below, as a medium."""
+    numbers = (
+        layer.modulus_pa,
+        layer.viscosity_pa_s,
+        layer.density_kg_m3,
+        layer.poisson_ratio,
+        np.inf if layer.thickness_m is None else layer.thickness_m,
     )
+    return Medium(*cast(Any, numbers))
+
+
+def _drift(prepared: PreparedDrop, result: DropResult) -> NDArray[np.float64] | float:
+    """Return the fitted drift of each sensor, (n_sensors, n), m; 0: there is none."""
+    if result.drift_m is None:
+        return 0.0
+    share = np.minimum(prepared.time / prepared.tail_end, 1.0)
+    drift: NDArray[np.float64] = np.array(result.drift_m) @ np.stack([share, share**2])
+    return drift
 
 
 def _model_load(prepared: PreparedDrop, result: DropResult) -> NDArray[np.floating[Any]]:
@@ -182,12 +133,3 @@ def _model_load(prepared: PreparedDrop, result: DropResult) -> NDArray[np.floati
         return prepared.load
     # By least squares only where the options asked for it one by one; the same to a line.
     return fit_half_sine_equal_area(prepared.time, prepared.load).load(prepared.time)
-
-
-def _double(values: Any) -> NDArray[np.float64]:
-    return np.asarray(values, np.float64)
-
-
-def _in_order(record: Record, *, centre_only: bool) -> Record:
-    sensors = record.nearest_first().sensors
-    return replace(record, sensors=sensors[:1] if centre_only else sensors)
