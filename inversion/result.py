@@ -84,7 +84,7 @@ class LayerResult(JsonRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StructureResult(JsonRecord):
-    """Half-space or ground on rock, as one of the grounds over which a modulus is averaged."""
+    """Ground with or without rock, as one of the grounds over which a modulus is averaged."""
 
     name: str | None = quantity("half-space or layer (on rock)", column=None)
     probability: float | None = quantity("Its probability, by the evidence", column=None)
