@@ -105,6 +105,7 @@ def test_a_layered_subgrade_that_is_not_known_is_shown_without_a_modulus(survey:
         "modulus_sd_pa": None,
         "modulus_interval_pa": [1e6, 8e8],
         "warnings": [said],
+        "warning_codes": None,
     }
     with SurveyWriter.open(survey) as writer:
         writer.save_result(1, record)
