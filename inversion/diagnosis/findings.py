@@ -298,6 +298,7 @@ class PointSummary:
         the drop
     stiffness : logarithm of the modulus over that of the last drop, by index of the drop
     peak_loads : N, by index of the drop
+    pulse_widths : s, of the load at a tenth of its peak, by index of the drop
     take_off_speeds : m/s, upward speed at which the plate leaves the ground, by index of the drop;
         empty: it does not
     """
@@ -306,6 +307,7 @@ class PointSummary:
     deviations: dict[tuple[str, str], dict[int, float]]
     stiffness: dict[int, float]
     peak_loads: dict[int, float]
+    pulse_widths: dict[int, float]
     take_off_speeds: dict[int, float]
 
 

@@ -19,7 +19,7 @@ from inversion.effects.base import Ground
 from inversion.effects.rebound import Rebound
 from inversion.forward.library import SurrogateLibrary
 from inversion.inference.point_model import ActiveEffects, take_off_speed
-from inversion.inference.population import NextDropLaw, summarise
+from inversion.inference.population import NextDropLaw, pulse_width, summarise
 from inversion.inference.posterior import Posterior
 from inversion.measured.record import Record, prepare
 
@@ -58,21 +58,23 @@ class DropPredictor:
         place : int, index of the fitted drop that it follows
         model : DropModel, of the predicted drop
         """
-        stiffness, load = self._fitted(place)
-        return stiffness + self._law(place).stiffening(model.drop.peak_load / load)
+        stiffness, load, width = self._fitted(place)
+        law, drop = self._law(place), model.drop
+        return stiffness + law.stiffening(drop.peak_load / load, pulse_width(drop) / width)
 
     def stiffening_before(self, place: int, model: DropModel) -> float:
         """Return the same logarithm for a drop that precedes the fitted drop ``place``."""
-        stiffness, load = self._fitted(place)
-        return stiffness - self.after_first.stiffening(load / model.drop.peak_load)
+        stiffness, load, width = self._fitted(place)
+        law, drop = self.after_first, model.drop
+        return stiffness - law.stiffening(load / drop.peak_load, width / pulse_width(drop))
 
     def _law(self, place: int) -> NextDropLaw:
         return self.after_first if place == 0 else self.after_later
 
-    def _fitted(self, place: int) -> tuple[float, float]:
-        """Return a fitted drop's log stiffness over that of the last one, and its load, N."""
+    def _fitted(self, place: int) -> tuple[float, float, float]:
+        """Return a fitted drop's log stiffness over that of the last one, peak load and width."""
         summary = summarise(self.posterior)
-        return summary.stiffness[place], summary.peak_loads[place]
+        return summary.stiffness[place], summary.peak_loads[place], summary.pulse_widths[place]
 
     def next_drop(self, record: Record, library: SurrogateLibrary, stiffening: float) -> FloatArray:
         """Return the displacements of a drop with a given stiffness, (n_sensors, n), m.

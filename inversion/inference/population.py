@@ -4,10 +4,11 @@ Points are taken as draws from a population: each unknown except the modulus has
 points and a spread, which are the prior of a further point. Two laws lead from one drop to the
 next. They are estimated from the other points:
 
-.. math:: \ln E_{d+1} - \ln E_d = a + b \ln (F_{d+1} / F_d) + \epsilon
+.. math:: \ln E_{d+1} - \ln E_d = a + b \ln (F_{d+1} / F_d) + c \ln (T_{d+1} / T_d) + \epsilon
 
-(ground that hardens changes the peak load F of a hammer that falls from one height), and the speed
-at which a plate takes off changes by a common factor.
+(ground that hardens changes the peak load F and the pulse width T of a hammer that falls from one
+height: it returns the hammer earlier), and the speed at which a plate takes off changes by a common
+factor.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from inversion.effects.catalogue import BY_NAME
 from inversion.inference.point_model import GROUND_EFFECT, STIFFNESS, Key, Name, PointModel, Prior
 from inversion.inference.posterior import Posterior
 from inversion.inference.structures import Structure
+from inversion.measured.record import PreparedDrop
 
 # Prior guess of the spread of a population, in prior standard deviations, and the number of points
 # that it counts as.
@@ -31,8 +33,8 @@ _GUESSED_SPREAD, _GUESS_WEIGHT = 0.15, 1.0
 # Median absolute deviation over standard deviation of a normal distribution.
 _MEDIAN_DEVIATION = 0.6745
 # Law of stiffness: prior standard deviations, about zero, of its constant a after the first and
-# after later drops, and of its slope b; prior guess of its scatter, and the number of steps that
-# the guess counts as.
+# after later drops, and of its slopes b and c; prior guess of its scatter, and the number of steps
+# that the guess counts as.
 _FIRST_STEP, _LATER_STEP = 0.4, 0.1
 _SLOPE_DEVIATION = 3.0
 _SCATTER, _SCATTER_WEIGHT = 0.05, 1.0
@@ -48,6 +50,8 @@ _SITE_EFFECTS = frozenset(
         "rough_contact",
     }
 )
+# Level at which the width of a load pulse is taken, over its peak.
+_WIDTH_LEVEL = 0.1
 # Smallest prior standard deviation of a coordinate that is declared with one.
 _MIN_DEVIATION = 1e-6
 # Prior standard deviation of the logarithm of the ratio of successive take-off speeds.
@@ -71,7 +75,20 @@ def summarise(posterior: Posterior) -> PointSummary:
         if (speed := model.take_off_speed(posterior.values, drop)) is not None
     }
     loads = {drop: model.point.drops[drop].drop.peak_load for drop in model.drops}
-    return PointSummary(values, deviations, stiffness, loads, speeds)
+    widths = {drop: pulse_width(model.point.drops[drop].drop) for drop in model.drops}
+    return PointSummary(values, deviations, stiffness, loads, widths, speeds)
+
+
+def pulse_width(drop: PreparedDrop) -> float:
+    """Return the width of the load pulse at a tenth of its peak, s."""
+    level = _WIDTH_LEVEL * drop.peak_load
+    top = int(np.argmax(drop.load))
+    above = drop.load >= level
+    first = top - int(np.argmin(above[top::-1])) if not above[: top + 1].all() else 0
+    last = top + int(np.argmin(above[top:])) if not above[top:].all() else drop.load.size - 1
+    begin = np.interp(level, drop.load[first : first + 2], drop.time[first : first + 2])
+    end = np.interp(level, drop.load[last : last - 2 : -1], drop.time[last : last - 2 : -1])
+    return float(end - begin)
 
 
 def population_priors(peer_points: Sequence[PointSummary], model: PointModel) -> dict[Key, Prior]:
@@ -198,72 +215,81 @@ class NextDropLaw:
 
     Parameters
     ----------
-    constant, slope : float, of the logarithm of the stiffness ratio as a function of that of the
-        peak loads
-    reach : (float, float), range of the logarithm of the peak-load ratio in the data of the law
+    constant : float, of the logarithm of the stiffness ratio
+    slopes : (2,) ndarray of float, by the logarithms of the ratios of peak load and pulse width
+    reach : (2, 2) ndarray of float, smallest and largest values of these two logarithms in the data
+        of the law
     scatter : float, standard deviation of the logarithm of the stiffness
     speed_step : float, logarithm of the ratio of take-off speeds
     """
 
     constant: float
-    slope: float
-    reach: tuple[float, float]
+    slopes: FloatArray
+    reach: FloatArray
     scatter: float
     speed_step: float
 
-    def stiffening(self, load_ratio: float) -> float:
-        """Return the log stiffness over that of the last drop, for a ratio of peak loads.
+    def stiffening(self, load_ratio: float, width_ratio: float) -> float:
+        """Return the log stiffness over that of the last drop, by the ratios of the two pulses.
 
-        A ratio outside of the reach is due to another drop height and says nothing about the
-        ground. It is clipped to the reach.
+        A ratio of the peaks outside of the reach is due to another drop height and says nothing
+        about the ground. Both ratios are clipped to the reach.
         """
-        return self.constant + self.slope * float(np.clip(math.log(load_ratio), *self.reach))
+        logarithms = np.clip(np.log([load_ratio, width_ratio]), *self.reach)
+        return self.constant + float(self.slopes @ logarithms)
 
 
 @dataclass(frozen=True)
 class _Steps:
-    """Changes from a drop to the next one: logarithms of load, stiffness and take-off speed."""
+    """Changes from a drop to the next one: logarithms of the pulse, stiffness, take-off speed.
 
-    loads: FloatArray
+    The columns of the pulse (n, 2) are peak load and width.
+    """
+
+    pulses: FloatArray
     stiffness: FloatArray
     speeds: FloatArray
 
 
 def _steps(points: Sequence[PointSummary], *, first: bool) -> _Steps:
     """Return the changes after the first drops of points, or after later ones."""
-    loads, stiffness, speeds = [], [], []
+    pulses, stiffness, speeds = [], [], []
     for point in points:
         for drop, value in point.stiffness.items():
             following = drop + 1
             if following not in point.stiffness or (drop == 0) is not first:
                 continue
-            loads.append(math.log(point.peak_loads[following] / point.peak_loads[drop]))
+            pulses.append(
+                [
+                    math.log(of_drops[following] / of_drops[drop])
+                    for of_drops in (point.peak_loads, point.pulse_widths)
+                ]
+            )
             stiffness.append(point.stiffness[following] - value)
             pair = [point.take_off_speeds.get(d, 0.0) for d in (following, drop)]
             if min(pair) > 0.0:
                 speeds.append(math.log(pair[0] / pair[1]))
-    return _Steps(np.array(loads), np.array(stiffness), np.array(speeds))
+    return _Steps(np.array(pulses).reshape(-1, 2), np.array(stiffness), np.array(speeds))
 
 
 def learn_next_drop(points: Sequence[PointSummary], *, first: bool) -> NextDropLaw:
     """Estimate the law for the drop after the first one of a point, or after later ones.
 
-    The prior of the slope after later drops is the ratio of stiffness to load after first ones.
+    The prior of the slopes after later drops is from those of stiffness after first ones.
     """
     steps = _steps(points, first=first)
-    prior: FloatArray = np.zeros(2)
-    reach = steps.loads
+    prior: FloatArray = np.zeros(3)
+    reach = steps.pulses
     if not first:
         after_first = _steps(points, first=True)
-        load_squares = (
-            float(after_first.loads @ after_first.loads) + (_FIRST_STEP / _SLOPE_DEVIATION) ** 2
-        )
-        prior[1] = float(after_first.loads @ after_first.stiffness) / load_squares
-        if not steps.loads.size:
-            reach = after_first.loads
+        pulses = after_first.pulses
+        squares = pulses.T @ pulses + (_FIRST_STEP / _SLOPE_DEVIATION) ** 2 * np.eye(2)
+        prior[1:] = np.linalg.solve(squares, pulses.T @ after_first.stiffness)
+        if not reach.size:
+            reach = pulses
     constant = _FIRST_STEP if first else _LATER_STEP
-    precision = np.diag([constant**-2, _SLOPE_DEVIATION**-2])
-    design = np.stack([np.ones_like(steps.loads), steps.loads], axis=1)
+    precision = np.diag([constant**-2, _SLOPE_DEVIATION**-2, _SLOPE_DEVIATION**-2])
+    design = np.column_stack([np.ones_like(steps.stiffness), steps.pulses])
     scatter = _SCATTER
     coefficients: FloatArray = prior
     for _ in range(3):
@@ -271,12 +297,12 @@ def learn_next_drop(points: Sequence[PointSummary], *, first: bool) -> NextDropL
         gradient = precision @ prior + design.T @ steps.stiffness / scatter**2
         coefficients = np.linalg.solve(normal, gradient)
         residual = steps.stiffness - design @ coefficients
-        squares = float(residual @ residual) + _SCATTER_WEIGHT * _SCATTER**2
-        scatter = math.sqrt(squares / (residual.size + _SCATTER_WEIGHT))
+        sum_of_squares = float(residual @ residual) + _SCATTER_WEIGHT * _SCATTER**2
+        scatter = math.sqrt(sum_of_squares / (residual.size + _SCATTER_WEIGHT))
     return NextDropLaw(
         float(coefficients[0]),
-        float(coefficients[1]),
-        (float(reach.min(initial=0.0)), float(reach.max(initial=0.0))),
+        coefficients[1:],
+        np.stack([reach.min(axis=0, initial=0.0), reach.max(axis=0, initial=0.0)]),
         scatter,
         _speed_step(steps.speeds),
     )

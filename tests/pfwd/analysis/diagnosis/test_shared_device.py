@@ -228,6 +228,7 @@ def test_a_held_out_point_has_the_device_of_the_others(monkeypatch: pytest.Monke
         deviations={("layer", "exponent"): {0: 0.2}},
         stiffness={0: -0.1, 1: 0.0},
         peak_loads={},
+        pulse_widths={},
         take_off_speeds={},
     )
     held = [replace(diagnosis(0.03, SEATING), summary=summary)] * 3
