@@ -187,13 +187,14 @@ def model_replicate(seed: int, number: int, scale: float = STATED_ERROR) -> Repl
         load=load[part],
         sensors=(Sensor(0.0, "displacement", motion + error + noise),),
     )
-    return _ranks(MODEL, noisy, library, on_rock, _by_key(model, truth), modulus)
+    return _ranks(MODEL, noisy, library, on_rock, _by_key(model, truth), modulus, peak)
 
 
 def finite_element_replicate(seed: int, number: int) -> Replicate:
     """Return the ranks of a drop of the campaign of ``pfwd bench coverage``."""
     case = draw_case(number, seed)
-    record = recorded(case, simulate(case))
+    simulated = simulate(case)
+    record = recorded(case, simulated)
     values: dict[Key, float] = {
         ("", "relaxation", None): math.log(max(case.viscosity, 1.0) / case.modulus),
         ("", "density", None): math.log(case.density),
@@ -202,7 +203,9 @@ def finite_element_replicate(seed: int, number: int) -> Replicate:
         _DEPTH: 1.0 / case.depth,
     }
     on_rock = math.isfinite(case.depth)
-    return _ranks(FINITE_ELEMENTS, record, SurrogateLibrary(), on_rock, values, case.modulus)
+    peak = float(np.max(simulated.ground_displacement[0]))
+    library = SurrogateLibrary()
+    return _ranks(FINITE_ELEMENTS, record, library, on_rock, values, case.modulus, peak)
 
 
 def _by_key(model: PointModel, values: NDArray[np.float64]) -> dict[Key, float]:
@@ -221,8 +224,12 @@ def _ranks(
     on_rock: bool,
     truth: dict[Key, float],
     modulus: float,
+    peak: float,
 ) -> Replicate:
-    """Fit a record and return the posterior probabilities below the true values."""
+    """Fit a record and return the posterior probabilities below the true values.
+
+    ``peak`` is the deflection under the same load without errors and noise, m.
+    """
     try:
         point = Point(PointRecords("", (record,), (1,)), library)
         base = fit_base(point)
@@ -235,6 +242,7 @@ def _ranks(
     ranks = {
         "log modulus": _rank(base, math.log(modulus), _log_modulus),
         "equivalent modulus": _rank(base, equivalent_modulus(at_truth)[0], equivalent_modulus),
+        "next peak": _rank(base, math.log(peak), _log_peak),
     }
     if _DEPTH in model.keys:  # a half-space has no depth, and its fit is at the bound
         ranks["1/depth"] = _rank(base, truth[_DEPTH], _inverse_depth)
@@ -253,6 +261,14 @@ def _rank(base: BaseFit, truth: float, of: Callable[[Posterior], tuple[float, fl
 def _log_modulus(fit: Posterior) -> tuple[float, float]:
     stress = mean_stress(fit.model)
     return math.log(secant_modulus(fit, stress)), log_deviation(fit, stress)
+
+
+def _log_peak(fit: Posterior) -> tuple[float, float]:
+    """Return the log peak of the next drop under the same load, m, and its standard deviation."""
+    prediction, slopes = fit.predictions[-1][0], fit.slopes[-1][:, 0]
+    top = int(np.argmax(prediction))
+    gradient = slopes[:, top] / prediction[top]
+    return math.log(prediction[top]), math.sqrt(float(gradient @ fit.covariance @ gradient))
 
 
 def _inverse_depth(fit: Posterior) -> tuple[float, float]:

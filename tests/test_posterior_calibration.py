@@ -15,7 +15,7 @@ from inversion.threads import single_threaded_blas
 def test_true_values_have_uniform_ranks() -> None:
     with single_threaded_blas():
         replicates = [calibration.model_replicate(11, number) for number in range(50)]
-    for name in ("log modulus", "equivalent modulus", "1/depth"):
+    for name in ("log modulus", "equivalent modulus", "next peak", "1/depth"):
         ranks = np.sort([r.ranks[name] for r in replicates if name in r.ranks])
         assert ranks.size >= 15
         distance, band = calibration.distance_and_band(ranks)
