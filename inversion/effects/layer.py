@@ -28,8 +28,8 @@ _DENSITY = Parameter(
 _THICKNESS = Parameter("thickness", "m", 0.03, 3.0, (0.2,), logarithmic=True)
 # Range of thicknesses that plate and sensors can resolve, in plate radii.
 _THICKNESS_RADII = (0.2, 20.0)
-# Largest depth of the layers over the depth of the rock.
-_ABOVE_ROCK = 0.98
+ABOVE_ROCK = 0.98
+"""Largest depth of the layers over the depth of the rock."""
 # Smallest thickness of the ground above rock, over that of the layers. Smallest relative change of
 # the plate's deflection by a layer; it is required up to this number of sensor distances.
 _MIN_GROUND_SHARE, _MIN_CHANGE, _MAX_DISTANCES = 0.25, 0.03, 3
@@ -132,7 +132,7 @@ class Layer(Effect):
         prefixes = [layer_prefix(number) for number in range(self.count)]
         thicknesses = self.thickness or [values[prefix + "thickness"] for prefix in prefixes]
         if ground.inverse_depth > 0.0:
-            available = _ABOVE_ROCK / ground.inverse_depth
+            available = ABOVE_ROCK / ground.inverse_depth
             share = min(1.0, available / sum(thicknesses))
             thicknesses = [share * h for h in thicknesses]
         relaxation = ground.viscosity / ground.modulus

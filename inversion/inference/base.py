@@ -20,7 +20,7 @@ from inversion.arrays import ComplexArray, FloatArray
 from inversion.diagnosis.findings import CALIBRATION, FittedState
 from inversion.diagnosis.problem import Point
 from inversion.effects.base import Ground
-from inversion.effects.layer import Layer, layer_prefix
+from inversion.effects.layer import ABOVE_ROCK, Layer, layer_prefix
 from inversion.fitting.ground_parameters import homogeneous_space, layered_space
 from inversion.fitting.homogeneous_search import HomogeneousSearch, search_as_published
 from inversion.fitting.layered_search import layered_minima
@@ -69,7 +69,7 @@ _SAME_OPTIMUM = 1.0
 # evidence after a short fit is this much below the largest.
 _MAX_COST_RATIO, _HOPELESS_EVIDENCE_LOSS = 10.0, 40.0
 # Smallest probability of a fit that a 95 % interval covers; deviation of an exact value.
-IN_INTERVAL, _EXACT = 0.025, 1e-6
+_IN_INTERVAL, _EXACT = 0.025, 1e-6
 MAX_LAYERS = 4
 # Smallest number of media up to which all are tried: with fewer media than there are, the interval
 # of one sensor is too narrow.
@@ -154,7 +154,7 @@ class BaseFit:
             modulus_interval_pa=state.modulus_interval_pa,
             thickness_m=None if depth is None else depth - top,
             thickness_sd_m=self.depth_deviation,
-            thickness_interval_m=interval and (interval[0] - top, interval[1] - top),
+            thickness_interval_m=interval and (max(0.0, interval[0] - top), interval[1] - top),
             viscosity_pa_s=state.viscosity_pa_s,
             density_kg_m3=state.density_kg_m3,
             poisson_ratio=self.best.model.point.records.records[0].poisson_ratio,
@@ -295,20 +295,19 @@ class BaseFit:
             components.append(Component(probability, inverse, deviation))
         low, high = (quantile(components, part) for part in (0.025, 0.975))
         nearest, farthest = bounds
-        return max(1.0 / high, nearest) if high > 0.0 else farthest, (
-            min(1.0 / low, farthest) if low > 0.0 else farthest
+        from_depth, to_depth = (
+            min(max(1.0 / end, nearest), farthest) if end > 0.0 else farthest for end in (high, low)
         )
+        return from_depth, to_depth
 
     @property
     def open_depths(self) -> Interval | None:
         """Interval of the depth of rock if the data leave it open; None: they do not."""
         depths = self.depth_interval
-        has_others = any(p >= IN_INTERVAL for p in self.probabilities[1:])
-        is_open_below = (
-            _DEPTH in self._places
-            and depths is not None
-            and (depths[1] >= _depth_bounds(self.best)[1])
-        )
+        if depths is None or depths[0] == depths[1]:
+            return None
+        has_others = any(p >= _IN_INTERVAL for p in self.probabilities[1:])
+        is_open_below = _DEPTH in self._places and depths[1] >= _depth_bounds(self.best)[1]
         return depths if has_others or is_open_below else None
 
     @property
@@ -569,6 +568,9 @@ def _model(point: Point, *, on_rock: bool, priors: bool, layer: Layer | None = N
         structure = structure | {_BEDROCK}
     effects = effects_of(structure) if layer is None else (*effects_of(structure), layer)
     model = PointModel(point, effects, range(len(point.drops)), is_same_ground=True)
+    if layer is not None and layer.thickness is not None and _DEPTH in model.keys:
+        place = model.keys.index(_DEPTH)
+        model.upper[place] = min(model.upper[place], ABOVE_ROCK / sum(layer.thickness))
     if not priors:
         of_ground = [unknown.effect in (GROUND_EFFECT, _BEDROCK) for unknown in model.unknowns]
         model.deviation[of_ground] *= _NO_PRIORS

@@ -146,6 +146,17 @@ def test_given_thickness_and_density_are_kept(library: SurrogateLibrary) -> None
     assert upper.modulus_pa == pytest.approx(1.8e8, rel=0.02)
 
 
+def test_a_given_thickness_is_kept_above_unknown_rock(library: SurrogateLibrary) -> None:
+    settings = replace(TWO_LAYERS, thickness=(0.2,))
+    result = invert(recorded(rock_depth=None, noise=0.001), settings, library)
+    upper, lower = result.layers
+    assert upper.thickness_m == 0.2
+    assert result.bedrock_depth_m == pytest.approx(DEPTH, rel=0.02)
+    low, high = known(result.bedrock_depth_interval_m)
+    assert 0.2 < low < DEPTH < high
+    assert lower.thickness_interval_m == pytest.approx((low - 0.2, high - 0.2))
+
+
 def test_elastic_ground_has_no_viscosity(library: SurrogateLibrary) -> None:
     settings = replace(TWO_LAYERS, elastic=True, thickness=(0.2,))
     result = invert(recorded(), settings, library)
