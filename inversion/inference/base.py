@@ -306,7 +306,12 @@ class BaseFit:
         depths = self.depth_interval
         if depths is None or depths[0] == depths[1]:
             return None
-        has_others = any(p >= _IN_INTERVAL for p in self.probabilities[1:])
+        # A fit with other layers, and with rock as well, is no other depth.
+        kinds = [(_n_media(fit), _DEPTH in fit.by_key) for fit in self.fits]
+        has_others = any(
+            probability >= _IN_INTERVAL and (media == kinds[0][0] or on_rock != kinds[0][1])
+            for probability, (media, on_rock) in zip(self.probabilities[1:], kinds[1:], strict=True)
+        )
         is_open_below = _DEPTH in self._places and depths[1] >= _depth_bounds(self.best)[1]
         return depths if has_others or is_open_below else None
 
