@@ -17,7 +17,6 @@ from inversion.forward.layered import CONVERGED
 from tests.inversion.differences import by_differences
 from tests.inversion.layered_drops import (
     DEPTH,
-    OFFSETS,
     POISSON_RATIO,
     RADIUS,
     TWO,
@@ -67,17 +66,6 @@ def truth(of: ParameterSpace) -> Array:
         "density_2": lower.density,
     }
     return point_at(of, values)
-
-
-def test_a_residual_is_predicted_less_observed_over_the_scale(drop: WeightedDrop) -> None:
-    of = space()
-    misfit = Misfit([drop], of, "rigid-rough", BAND, 50)
-    point = truth(of)[None]
-    (predicted,) = misfit.predicted(point)
-    (rows,) = misfit.rows
-    expected = (predicted[0] - drop.drop.displacement[:, rows]) / drop.scale[:, None]
-    assert misfit.residual(point)[0, : misfit.count] == pytest.approx(expected.ravel())
-    assert misfit.count == rows.size * len(OFFSETS)
 
 
 KINDS: dict[str, dict[str, Any]] = {
@@ -179,17 +167,6 @@ def test_drops_share_the_ground(drop: WeightedDrop) -> None:
     assert both.solves == 1
 
 
-def test_samples_are_an_even_stride_that_ends_with_the_window(drop: WeightedDrop) -> None:
-    for most in (10, 33, 1000):
-        (rows,) = Misfit([drop], space(), "rigid-rough", BAND, most).rows
-        assert rows.size <= most
-        assert np.unique(np.diff(rows)).size == 1
-        window = drop.drop.window
-        assert rows[-1] == window.stop - 1
-        assert rows[0] >= window.start
-        assert rows[0] - window.start < rows[1] - rows[0]
-
-
 def test_no_more_of_the_band_than_samples_and_filter_hold(drop: WeightedDrop) -> None:
     step = drop.drop.step
     wide = Misfit([drop], space(), "rigid-rough", 1e5, 40)
@@ -197,13 +174,3 @@ def test_no_more_of_the_band_than_samples_and_filter_hold(drop: WeightedDrop) ->
     narrow = replace(drop, instrument=Instrument(RADIUS, 10.0, load_filter=150.0))
     assert Misfit([narrow], space(), "rigid-rough", BAND, 40).transform.band == 300.0
     assert Misfit([drop], space(), "rigid-rough", BAND, 40).transform.band == BAND
-
-
-def test_solves_are_counted(drop: WeightedDrop) -> None:
-    of = space()
-    misfit = Misfit([drop], of, "rigid-rough", 400.0, 20)
-    places = np.tile(truth(of), (3, 1))
-    misfit.predicted(places)
-    misfit.linearise(places, np.arange(of.size))
-    misfit.objective(places[:1])
-    assert misfit.solves == 7
