@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inversion.search.minima import distinct, distinct_minima
+from inversion.search.minima import distinct_minima
 
 
 def test_minima_in_the_same_place_are_one() -> None:
@@ -18,10 +18,3 @@ def test_minima_in_the_same_place_are_one() -> None:
     assert [m.cost for m in apart] == [1.0, 2.0]
     points[:] = 0.0
     assert found[0].point == pytest.approx([0.5, 0.515])  # a copy
-
-
-def test_minima_close_to_each_other_are_one() -> None:
-    points = np.array([[0.5, 0.5], [0.51, 0.5], [0.55, 0.5], [0.5, 0.2]])
-    cost = np.array([2.0, 1.9, 3.0, 1.0])
-    assert distinct(points, cost).tolist() == [3, 1, 2]
-    assert distinct(points, np.array([2.0, 2.1, 3.0, 1.0])).tolist() == [3, 0, 2]
