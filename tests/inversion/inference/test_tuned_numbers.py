@@ -16,11 +16,13 @@ MODULES = (
         "diagnosis/shared_device", "diagnosis/points", "results",
     )),
 )  # fmt: skip
-# Steps of derivatives, the end of a bisection, halves, the stress that moduli are compared at, and
-# percent: none of them decides anything. Priors and bounds are those of the effects.
+# Steps of derivatives, the end of a bisection, halves, quantiles, the most layers of a request, the
+# stress that moduli are compared at, and percent: none of them decides anything. Priors and bounds
+# are those of the effects.
 NO_DECISION = {
     "inversion/inference/effect_results.py": (1e-3, 1e-6, 2e5, 3),
     "inversion/inference/modulus.py": (
+        1.96,
         0.05,
         1e-9,
         1e-9,
@@ -33,7 +35,7 @@ NO_DECISION = {
         0.5,
         0.5,
     ),
-    "inversion/inference/base.py": (10.0, 30.0, 40.0, 1e-6, 0.025, 0.975),
+    "inversion/inference/base.py": (4, 10.0, 30.0, 40.0, 1e-6, 0.025, 0.025, 0.975),
     "inversion/inference/state.py": (100e3,),
     "pfwd/analysis/results.py": (100, 10),
 }
