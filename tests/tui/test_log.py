@@ -50,7 +50,9 @@ def test_another_calibration_is_wrong_usage_until_it_is_accepted(tmp_path: Path)
     setup.write_text('[[channels]]\nname = "centre"\nsensitivity = -57.6\n', "utf-8")
     statuses = []
     for options in ((), ("--setup", setup), ("--setup", setup, "--accept-calibration")):
-        with serve(PLAIN, drops=1, rate=RATE, seed=len(options)) as instrument:
+        # Not on a pseudo-terminal, see below.
+        listen = "tcp://127.0.0.1:0"
+        with serve(PLAIN, drops=1, listen=listen, rate=RATE, seed=len(options)) as instrument:
             done = pfwd("log", instrument.url, "-o", survey, "--json", "--no-invert", *options)
         statuses.append((done.returncode, len(records(done.stdout))))
         if options:
