@@ -50,7 +50,7 @@ def test_layers_are_kept_for_the_report(tmp_path: Path) -> None:
         done = pfwd("log", instrument.url, "-o", survey, "--drops", 1, *layers)
     assert done.returncode == 0, done.stderr
     assert given_thickness(survey)[0] == 0.3
-    done = pfwd("report", survey, "-o", tmp_path / "r.html")
+    done = pfwd("report", survey, "-o", tmp_path / "r.html", "--no-diagnose")
     assert done.returncode == 0, done.stderr
     assert "is inverted" not in done.stderr, "what was kept is shown"
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
@@ -59,7 +59,7 @@ def test_layers_are_kept_for_the_report(tmp_path: Path) -> None:
     done = pfwd("replay", survey, "-o", again, "--layers", 2, "--thickness", 0.2)
     assert done.returncode == 0, done.stderr
     assert given_thickness(again)[0] == 0.2
-    done = pfwd("report", again, "-o", tmp_path / "l.html", *layers)
+    done = pfwd("report", again, "-o", tmp_path / "l.html", "--no-diagnose", *layers)
     assert done.returncode == 0, done.stderr
     assert "drop 1 is inverted" in done.stderr
     assert "--layers 2 --thickness 0.3" in (tmp_path / "l.html").read_text(encoding="utf-8")
