@@ -147,7 +147,8 @@ class BaseFit:
         state, ground = self.state, ground_of(self.best)
         above = tuple(self._layer(number, medium) for number, medium in enumerate(ground.above))
         top = sum(medium.thickness for medium in ground.above)
-        depth, interval = state.bedrock_depth_m, self.depth_interval
+        depth = state.bedrock_depth_m
+        interval = self.depth_interval if depth is not None else None
         lowest = LayerResult(
             modulus_pa=state.fitted_modulus,
             modulus_sd_pa=state.modulus_sd_pa,
