@@ -524,12 +524,27 @@ def _held_out(held: HeldOut | None) -> list[str]:
         f"({_percent(held.contact_before)}), {scaled}"
     ]
     parts = held.by or ()
-    if len(parts) > 1:
+    if len(parts) == 1:
+        lines += _peak_error(parts[0].peak_error, held)
+    elif parts:
         each = ", ".join(f"{clean(part.name)} {_percent(part.after)}" for part in parts)
         lines.append(f"    {each}")
     names = ", ".join(_words(name) for name in held.fitted or ())
     lines.append(f"    fitted to the held-out data: {names or 'nothing'}")
     return lines
+
+
+def _peak_error(error: float | None, held: HeldOut) -> list[str]:
+    """Return the error of a predicted peak beside those at other points as a line; empty: none."""
+    others = f"{held.peak_error_points} other points"
+    if _is_finite(held.largest_peak_error):
+        expected = f"largest error at {others} {100 * held.largest_peak_error:.1f} %"
+    elif held.peak_error_interval is not None:
+        low, high = (f"{100 * end:+.1f}" for end in held.peak_error_interval)
+        expected = f"95 % interval by {others} {low} to {high} %"
+    else:
+        return []
+    return [f"    recorded peak {100 * (error or 0.0):+.1f} % from the predicted one; {expected}"]
 
 
 def _modulus(state: FittedState) -> str:

@@ -200,6 +200,8 @@ class FittedState(JsonRecord):
 class HeldOutPart(JsonRecord):
     """Prediction errors of one held-out drop, sensor or point: root mean square over its peak."""
 
+    OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset({"peak_error"})
+
     name: str | None = quantity("Name of the drop, sensor or point")
     fitted: tuple[str, ...] | None = quantity("Every number that was fitted to the held-out data")
     before: float | None = quantity("Error of the base model")
@@ -210,11 +212,21 @@ class HeldOutPart(JsonRecord):
         "Error of the preceding record scaled by the peak loads; none: there is none"
     )
     contact_scaled_record: float | None = quantity("The same in the contact")
+    peak_error: float | None = quantity(
+        "Recorded over predicted peak deflection at the sensor nearest to the centre, less 1"
+    )
+    changes_without_peers: tuple[float, ...] = not_stored(())
+    """Changes of the logarithm of the predicted peak if one of the peer points is not used in the
+    law of the next drop."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOut(JsonRecord):
     """Prediction errors of held-out drops, sensors or points: root mean square over the peak."""
+
+    OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset(
+        {"peak_error_interval", "largest_peak_error", "peak_error_points"}
+    )
 
     mode: str | None = quantity("next, drop, sensor or point")
     fitted: tuple[str, ...] | None = quantity(
@@ -226,6 +238,13 @@ class HeldOut(JsonRecord):
     contact_after: float | None = quantity("Error with the effects in the contact")
     scaled_record: float | None = quantity("Error of the preceding record scaled by the peak loads")
     contact_scaled_record: float | None = quantity("The same in the contact")
+    peak_error_interval: Interval | None = quantity(
+        "95 % interval of the peak error, by jackknife+ from the errors at 20 or more other points"
+    )
+    largest_peak_error: float | None = quantity(
+        "Largest size of the peak error at fewer than 20 other points"
+    )
+    peak_error_points: int | None = quantity("Number of these other points")
     by: tuple[HeldOutPart, ...] | None = quantity("Each part")
 
     @classmethod

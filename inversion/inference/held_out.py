@@ -11,7 +11,13 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from inversion.arrays import FloatArray
-from inversion.diagnosis.findings import CHOICE_OF_EFFECTS, HeldOutPart, LeaveOut, PointSummary
+from inversion.diagnosis.findings import (
+    CHOICE_OF_EFFECTS,
+    HeldOut,
+    HeldOutPart,
+    LeaveOut,
+    PointSummary,
+)
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.effects.base import Values
@@ -19,14 +25,11 @@ from inversion.forward.library import SurrogateLibrary
 from inversion.inference.instrument import drop_predictor, rank_at_point
 from inversion.inference.next_drop import DropPredictor
 from inversion.inference.point_model import PointModel
-from inversion.inference.population import (
-    InstrumentKnowledge,
-    learn_next_drop,
-    summarise,
-)
+from inversion.inference.population import InstrumentKnowledge
 from inversion.inference.posterior import PointFit, Posterior
 from inversion.inference.structures import Structure
 from inversion.measured.record import PreparedDrop, Record, prepare
+from inversion.records import known
 from inversion.threads import single_threaded_blas
 
 Allow = Literal["stiffness"]
@@ -34,6 +37,8 @@ Allow = Literal["stiffness"]
 _MAX_LOG_STIFFNESS_CHANGE = math.log(4.0)
 _BASE: Structure = frozenset()
 _MAX_REFIT_ITERATIONS = 12
+# Coverage of the interval of a predicted peak, and smallest number of peer points for it.
+_COVERAGE, _MIN_PEERS = 0.95, 20
 _Errors = tuple[float, float]
 """Root mean square residual over the peak: of the whole record, and during the contact."""
 
@@ -154,9 +159,7 @@ def last_drop_error(
         is_base = of_all is fits[0]
         fitted = PointFit(model, model.start_from(start), is_contact_first=is_base)
         fit = fitted.run_nearby(_MAX_REFIT_ITERATIONS, of_all.discrepancy if is_base else None)
-        points = [*knowledge.peer_points, summarise(fit)]
-        laws = [learn_next_drop(points, first=first) for first in (True, False)]
-        predictors.append(DropPredictor(fit, *laws))
+        predictors.append(DropPredictor(fit, knowledge.peer_points))
     part = _drop_error(records, predictors, len(records.records) - 1, None, library)
     return replace(part, fitted=(CHOICE_OF_EFFECTS,))
 
@@ -170,7 +173,7 @@ def _drop_error(
 ) -> HeldOutPart:
     record, number = records.records[held_out], records.numbers[held_out]
     drop = prepare(record).with_tail()
-    errors = []
+    errors, changes = [], []
     for predictor in predictors:
         model = predictor.model_of(record, library)
         # The first drop has no earlier one: its stiffness is extrapolated from the drop that
@@ -183,11 +186,20 @@ def _drop_error(
 
         def at(
             change: float, predictor: DropPredictor = predictor, expected: float = expected
-        ) -> _Errors:
-            return _errors(record, drop, predictor.next_drop(record, library, expected + change))
+        ) -> FloatArray:
+            return predictor.next_drop(record, library, expected + change)
 
-        change = 0.0 if allow is None else _best_change(lambda change: at(change)[0])
-        errors.append(at(change))
+        def misfit(change: float, at: Callable[[float], FloatArray] = at) -> float:
+            return _errors(record, drop, at(change))[0]
+
+        predicted = at(0.0 if allow is None else _best_change(misfit))
+        errors.append(_errors(record, drop, predicted))
+        if held_out and allow is None:
+            changes = [
+                expected - predictor.stiffening_after(held_out - 1, model, without_peer=peer)
+                for peer in range(len(predictor.peer_points))
+            ]
+    centre = int(np.argmin(np.abs(drop.positions)))
     (before, contact_before), (after, contact_after) = errors
     scaled: tuple[float | None, float | None] = (None, None)
     if held_out:
@@ -201,7 +213,41 @@ def _drop_error(
         scaled_record=scaled[0],
         contact_scaled_record=scaled[1],
         fitted=() if allow is None else (f"stiffness (drop {number})",),
+        peak_error=float(drop.peak_displacement[centre] / predicted[centre].max()) - 1.0,
+        changes_without_peers=tuple(changes),
     )
+
+
+def with_peak_interval(held_out: HeldOut, peer_parts: Sequence[HeldOutPart | None]) -> HeldOut:
+    """Return the errors of a predicted drop with the interval of its peak error.
+
+    It is the 95 % interval by the jackknife+ over points: R. F. Barber, E. J. Candes, A. Ramdas and
+    R. J. Tibshirani, Annals of Statistics 49 (2021), 486-507. With fewer than 20 peers it is the
+    largest peak error at any of them. A law without a peer changes the prediction by the change of
+    the stiffness, to which the peak is inversely proportional.
+
+    Parameters
+    ----------
+    held_out : HeldOut, of one predicted drop
+    peer_parts : parts of the peer points of its prediction; None: nothing was predicted there
+    """
+    (part,) = known(held_out.by)
+    pairs = [
+        (change, abs(math.log1p(known(peer.peak_error))))
+        for change, peer in zip(part.changes_without_peers, peer_parts, strict=True)
+        if peer is not None
+    ]
+    count = len(pairs)
+    if count == 0:
+        return held_out
+    if count < _MIN_PEERS:
+        largest = math.expm1(max(error for _, error in pairs))
+        return replace(held_out, largest_peak_error=largest, peak_error_points=count)
+    rank = math.ceil(_COVERAGE * (count + 1))
+    low = sorted(change - error for change, error in pairs)[count - rank]
+    high = sorted(change + error for change, error in pairs)[rank - 1]
+    interval = math.expm1(low), math.expm1(high)
+    return replace(held_out, peak_error_interval=interval, peak_error_points=count)
 
 
 def _sensor_error(

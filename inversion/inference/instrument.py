@@ -17,11 +17,7 @@ from inversion.forward.library import SurrogateLibrary
 from inversion.inference.next_drop import DropPredictor
 from inversion.inference.point_model import PointModel
 from inversion.inference.population import InstrumentKnowledge as InstrumentKnowledge
-from inversion.inference.population import (
-    learn_next_drop,
-    population_priors,
-    summarise,
-)
+from inversion.inference.population import population_priors, summarise
 from inversion.inference.posterior import PointFit
 from inversion.inference.structures import (
     Ranking,
@@ -126,10 +122,7 @@ def drop_predictor(
         model.apply_priors(population_priors(peer_points, model))
         fits = [PointFit(model, values).run() for values in (model.start, single_point_fit.values)]
         posterior = max(fits, key=lambda fit: fit.log_evidence)
-    points = [*peer_points, summarise(posterior)]
-    return DropPredictor(
-        posterior, learn_next_drop(points, first=True), learn_next_drop(points, first=False)
-    )
+    return DropPredictor(posterior, peer_points)
 
 
 def shared_effects(gains: Sequence[Mapping[str, float]]) -> tuple[Structure, Structure]:

@@ -6,12 +6,15 @@ The laws say how stiffness and take-off speed change from one drop to the next, 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from inversion.arrays import FloatArray
+from inversion.diagnosis.findings import PointSummary
 from inversion.diagnosis.model import DropModel
 from inversion.diagnosis.problem import response_of, surrogate_of
 from inversion.diagnosis.rest import PreTriggerNoise
@@ -19,7 +22,7 @@ from inversion.effects.base import Ground
 from inversion.effects.rebound import Rebound
 from inversion.forward.library import SurrogateLibrary
 from inversion.inference.point_model import ActiveEffects, take_off_speed
-from inversion.inference.population import NextDropLaw, pulse_width, summarise
+from inversion.inference.population import NextDropLaw, learn_next_drop, pulse_width, summarise
 from inversion.inference.posterior import Posterior
 from inversion.measured.record import Record, prepare
 
@@ -31,12 +34,11 @@ class DropPredictor:
     Parameters
     ----------
     posterior : Posterior, fit of the point
-    after_first, after_later : NextDropLaw, for the drop after the first one and after later ones
+    peer_points : summaries of the other points of the instrument
     """
 
     posterior: Posterior = field(repr=False)
-    after_first: NextDropLaw
-    after_later: NextDropLaw
+    peer_points: Sequence[PointSummary] = field(repr=False)
 
     def predict(self, record: Record, library: SurrogateLibrary) -> FloatArray:
         """Return the displacements of the drop that follows the last one, (n_sensors, n), m.
@@ -50,30 +52,39 @@ class DropPredictor:
         stiffening = self.stiffening_after(last, self.model_of(record, library))
         return self.next_drop(record, library, stiffening)
 
-    def stiffening_after(self, place: int, model: DropModel) -> float:
+    def stiffening_after(
+        self, place: int, model: DropModel, without_peer: int | None = None
+    ) -> float:
         """Return the logarithm of a drop's stiffness over that of the last fitted drop.
 
         Parameters
         ----------
         place : int, index of the fitted drop that it follows
         model : DropModel, of the predicted drop
+        without_peer : int or None, index of a peer point that is not used in the law
         """
         stiffness, load, width = self._fitted(place)
-        law, drop = self._law(place), model.drop
+        law, drop = self._law(place, without_peer), model.drop
         return stiffness + law.stiffening(drop.peak_load / load, pulse_width(drop) / width)
 
     def stiffening_before(self, place: int, model: DropModel) -> float:
         """Return the same logarithm for a drop that precedes the fitted drop ``place``."""
         stiffness, load, width = self._fitted(place)
-        law, drop = self.after_first, model.drop
+        law, drop = self._law(0), model.drop
         return stiffness - law.stiffening(load / drop.peak_load, width / pulse_width(drop))
 
-    def _law(self, place: int) -> NextDropLaw:
-        return self.after_first if place == 0 else self.after_later
+    @cached_property
+    def _summary(self) -> PointSummary:
+        return summarise(self.posterior)
+
+    def _law(self, place: int, without_peer: int | None = None) -> NextDropLaw:
+        """Return the law for the drop after the fitted drop ``place``."""
+        peers = [p for index, p in enumerate(self.peer_points) if index != without_peer]
+        return learn_next_drop([*peers, self._summary], first=place == 0)
 
     def _fitted(self, place: int) -> tuple[float, float, float]:
         """Return a fitted drop's log stiffness over that of the last one, peak load and width."""
-        summary = summarise(self.posterior)
+        summary = self._summary
         return summary.stiffness[place], summary.peak_loads[place], summary.pulse_widths[place]
 
     def next_drop(self, record: Record, library: SurrogateLibrary, stiffening: float) -> FloatArray:

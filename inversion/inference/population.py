@@ -219,14 +219,12 @@ class NextDropLaw:
     slopes : (2,) ndarray of float, by the logarithms of the ratios of peak load and pulse width
     reach : (2, 2) ndarray of float, smallest and largest values of these two logarithms in the data
         of the law
-    scatter : float, standard deviation of the logarithm of the stiffness
     speed_step : float, logarithm of the ratio of take-off speeds
     """
 
     constant: float
     slopes: FloatArray
     reach: FloatArray
-    scatter: float
     speed_step: float
 
     def stiffening(self, load_ratio: float, width_ratio: float) -> float:
@@ -303,7 +301,6 @@ def learn_next_drop(points: Sequence[PointSummary], *, first: bool) -> NextDropL
         float(coefficients[0]),
         coefficients[1:],
         np.stack([reach.min(axis=0, initial=0.0), reach.max(axis=0, initial=0.0)]),
-        scatter,
         _speed_step(steps.speeds),
     )
 

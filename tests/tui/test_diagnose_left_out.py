@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from pfwd.analysis.diagnosis.diagnose import Diagnosed
-from pfwd.analysis.results import DiagnosisResult, HeldOut
+from pfwd.analysis.results import DiagnosisResult, HeldOut, HeldOutPart
 from tui.cli import main
 from tui.commands.diagnose import _report_not_held_out
 from tui.diagnosis_lines import diagnosis_lines
@@ -84,3 +84,18 @@ def test_a_next_drop_that_had_a_part_in_the_choice_of_effects_says_so() -> None:
     first, last = lines(mode="next", fitted=("choice of effects",))
     assert first.startswith("  next drop predicted: off by 9 % of the peak")
     assert last == "    fitted to the held-out data: choice of effects"
+
+
+def test_the_error_of_a_peak_stands_beside_those_at_other_points() -> None:
+    part = (HeldOutPart(name="drop 3", after=0.09, peak_error=-0.013),)
+    few = lines(mode="next", fitted=(), by=part, largest_peak_error=0.031, peak_error_points=9)
+    assert few[1] == (
+        "    recorded peak -1.3 % from the predicted one; largest error at 9 other points 3.1 %"
+    )
+    ends = (-0.0312, 0.04)
+    many = lines(mode="next", fitted=(), by=part, peak_error_interval=ends, peak_error_points=24)
+    assert many[1] == (
+        "    recorded peak -1.3 % from the predicted one; "
+        "95 % interval by 24 other points -3.1 to +4.0 %"
+    )
+    assert len(lines(mode="next", fitted=(), by=part)) == 2

@@ -13,7 +13,7 @@ from inversion import InversionError
 from inversion.diagnosis import HeldOutPart, LeaveOut, PointDiagnosis, PointRecords
 from inversion.diagnosis.findings import HeldOut, PointSummary
 from inversion.effects.base import Values
-from inversion.inference.held_out import Allow, count_held_out, held_out_error
+from inversion.inference.held_out import Allow, count_held_out, held_out_error, with_peak_interval
 from inversion.inference.instrument import (
     MAX_RANKED_POINTS,
     choose_structure,
@@ -23,6 +23,7 @@ from inversion.inference.instrument import (
 )
 from inversion.inference.structures import Ranking, Structure
 from inversion.notices import Notice
+from inversion.records import known
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint, instrument_of
 from pfwd.analysis.diagnosis.points import (
     DiagnosisByPoint,
@@ -83,10 +84,11 @@ def with_predictions(
             continue
         survey = _Survey(group, declared_effects or {}, workers, counter)
         tasks = [(place, part) for place, count in enumerate(counts) for part in range(count)]
+        peers = {place: survey.neighbour_summaries(place) for place, _ in tasks}
         columns: list[Sequence[Any]] = [
             [records[place] for place, _ in tasks],
             [survey.structure_without(place) for place, _ in tasks],
-            [survey.neighbour_summaries(place) for place, _ in tasks],
+            [[*peers[place].values()] for place, _ in tasks],
             [part for _, part in tasks],
         ]
         predict = partial(
@@ -96,13 +98,23 @@ def with_predictions(
         counted = counter("held-out parts", len(tasks)).counted(
             names, workers.map(predict, *columns)
         )
-        parts: dict[str, list[_PartOutcome]] = {}
+        parts: dict[int, list[_PartOutcome]] = {}
         for (place, _), answer in zip(tasks, counted, strict=True):
-            parts.setdefault(group[place].name, []).append(answer)
-        for name, answers in parts.items():
-            diagnosis = predicted[name]
+            parts.setdefault(place, []).append(answer)
+        next_drops = {
+            place: answer
+            for place, (answer, *_) in parts.items()
+            if mode == "next" and allow is None and isinstance(answer, HeldOutPart)
+        }
+        for place, answers in parts.items():
+            diagnosis = predicted[group[place].name]
             assert isinstance(diagnosis, PointDiagnosis)
-            predicted[name] = _with_parts(diagnosis, mode, answers)
+            diagnosis = _with_parts(diagnosis, mode, answers)
+            if place in next_drops:
+                peer_parts = [next_drops.get(peer) for peer in peers[place]]
+                held_out = with_peak_interval(known(diagnosis.held_out), peer_parts)
+                diagnosis = replace(diagnosis, held_out=held_out)
+            predicted[group[place].name] = diagnosis
     return predicted
 
 
@@ -147,11 +159,11 @@ class _Survey:
         rankings = [of for i in others[:MAX_RANKED_POINTS] if (of := self._rankings[i])]
         return choose_structure(rankings, evidence_at) if rankings else None
 
-    def neighbour_summaries(self, place: int) -> list[PointSummary]:
-        """Return the summaries of up to 50 points before and after a point in the survey."""
+    def neighbour_summaries(self, place: int) -> dict[int, PointSummary]:
+        """Return the summaries, by index, of up to 50 points before and after a point."""
         structure = self.structure_without(place)
         if structure is None:
-            return []
+            return {}
         if structure not in self._summaries:
             summarise = partial(
                 _summary, structure=structure, declared_effects=self._declared_effects
@@ -163,7 +175,7 @@ class _Survey:
         neighbours = range(
             max(0, place - _MAX_NEIGHBOURS), min(len(summaries), place + _MAX_NEIGHBOURS + 1)
         )
-        return [s for i in neighbours if i != place and (s := summaries[i]) is not None]
+        return {i: s for i in neighbours if i != place and (s := summaries[i]) is not None}
 
 
 def _ranking(records: PointRecords, declared_effects: Mapping[str, Values]) -> Ranking | None:

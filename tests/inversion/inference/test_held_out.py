@@ -12,14 +12,16 @@ import pytest
 from inversion import Record, Sensor, SurrogateLibrary
 from inversion.arrays import FloatArray
 from inversion.diagnosis import HeldOutPart, PointRecords
+from inversion.diagnosis.findings import HeldOut
 from inversion.forward import model
 from inversion.inference.held_out import (
     count_held_out,
     held_out_error,
     scaled_record,
+    with_peak_interval,
     without_held_out,
 )
-from inversion.inference.instrument import Instrument
+from inversion.inference.instrument import Instrument, summarise_point
 from inversion.inference.next_drop import DropPredictor
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Ground, Plate
@@ -205,6 +207,71 @@ def test_each_drop_is_held_out_in_turn(point: PointRecords, library: SurrogateLi
     assert middle.after is not None
     assert middle.after > 0.1
     assert (first.name, first.scaled_record) == ("drop 1", None)
+
+
+def test_the_peak_of_a_predicted_drop_stands_beside_the_recorded_one(
+    point: PointRecords, library: SurrogateLibrary
+) -> None:
+    peers = [summarise_point(drops(point, 0, 1, 2), LAG, {}, library)] * 2
+    alike, stiffer = (
+        held_out_error(drops(point, 0, 1, last), LAG, peers, "next", 0, library=library)
+        for last in (2, 3)
+    )
+    assert alike.peak_error == pytest.approx(0.0, abs=0.01)
+    # A modulus 1.3 times as large; the ground answers a pulse less than in proportion.
+    assert stiffer.peak_error == pytest.approx(1.0 / 1.3 - 1.0, abs=0.05)
+    # Of two peers that are the same each may go, and the law changes a little towards its prior.
+    first, second = alike.changes_without_peers
+    assert first == second
+    assert abs(first) < 0.01
+    fitted = error_of_next(drops(point, 0, 1, 3), library, allow="stiffness")
+    assert fitted.changes_without_peers == ()
+
+
+def expected_error(errors: Sequence[float], changes: Sequence[float]) -> HeldOut:
+    """Return what the errors at other points say of a drop, and the changes of its prediction."""
+    part = HeldOutPart(peak_error=0.0, changes_without_peers=tuple(changes))
+    held_out = HeldOut.of("next", [part])
+    assert held_out is not None
+    return with_peak_interval(held_out, [HeldOutPart(peak_error=error) for error in errors])
+
+
+def test_few_points_say_the_largest_error_seen() -> None:
+    errors = [*[0.01] * 17, -0.05, 0.04]
+    few = expected_error(errors, [0.0] * 19)
+    assert (few.peak_error_interval, few.peak_error_points) == (None, 19)
+    assert few.largest_peak_error == pytest.approx(1.0 / 0.95 - 1.0)
+    many = expected_error([*errors, 0.03], [0.0] * 20)
+    assert (many.largest_peak_error, many.peak_error_points) == (None, 20)
+    assert many.peak_error_interval == pytest.approx((-0.05, 1.0 / 0.95 - 1.0))
+    nothing = expected_error([], [])
+    assert (nothing.peak_error_interval, nothing.peak_error_points) == (None, None)
+
+
+def test_a_peer_without_a_prediction_does_not_count() -> None:
+    part = HeldOutPart(peak_error=0.0, changes_without_peers=(0.5, 0.0))
+    held_out = HeldOut(mode="next", by=(part,))
+    found = with_peak_interval(held_out, [None, HeldOutPart(peak_error=0.02)])
+    assert (found.largest_peak_error, found.peak_error_points) == (pytest.approx(0.02), 1)
+
+
+def test_the_interval_is_that_of_the_jackknife_plus_and_holds() -> None:
+    """Predict by the mean of the other points, as in the first example of Barber et al. (2021)."""
+    rng = np.random.default_rng(20)
+    count, trials, held = 40, 400, 0
+    for _ in range(trials):
+        *known, recorded = 0.02 * rng.standard_normal(count + 1)
+        means = np.array([np.mean(np.delete(known, i)) for i in range(count)])
+        predicted = float(np.mean(known))
+        errors = np.expm1(np.array(known) - means)
+        interval = expected_error(errors.tolist(), (means - predicted).tolist()).peak_error_interval
+        assert interval is not None
+        # Ranks 2 and 39 of 40.
+        low, high = np.log1p(interval) + predicted
+        assert low == pytest.approx(np.sort(means - np.abs(known - means))[1])
+        assert high == pytest.approx(np.sort(means + np.abs(known - means))[38])
+        held += low <= recorded <= high
+    assert held / trials == pytest.approx(0.95, abs=0.03)
 
 
 def test_a_held_out_sensor_is_predicted_from_the_others(library: SurrogateLibrary) -> None:

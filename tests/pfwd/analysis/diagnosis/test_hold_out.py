@@ -16,6 +16,7 @@ from inversion.forward.model import Instrument
 from inversion.inference import structures
 from inversion.inference.next_drop import DropPredictor
 from inversion.inference.structures import Structure
+from inversion.records import known
 from pfwd.analysis.diagnosis import hold_out
 from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_entries
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint, instrument_of
@@ -98,6 +99,24 @@ def test_the_prediction_of_the_next_drop_does_not_change_by_a_bit_with_its_defle
     assert np.array_equal(after, other_after)
     assert errors[0] == pytest.approx(NOISE, rel=0.3)
     assert errors[1] > 0.3
+
+
+def test_the_error_of_a_predicted_peak_is_that_to_expect_at_another_point(
+    point: DiagnosisPoint,
+) -> None:
+    assert point.records is not None
+    first, last = point.records.records
+    moved = last.sensors[0].values
+    lower = replace(last, sensors=(replace(last.sensors[0], values=0.95 * moved),))
+    other = replace(point, point="B", records=replace(point.records, records=(first, lower)))
+    found = held_out([point, other], leave_out="next")
+    errors = [known(known(held).by)[0].peak_error for held in found if held is not None]
+    # Each point is predicted to harden as much as the other one does.
+    assert errors == [pytest.approx(1 / 0.95 - 1, abs=0.01), pytest.approx(-0.05, abs=0.01)]
+    for held, error in zip(found, reversed(errors), strict=True):
+        assert held is not None
+        assert held.peak_error_points == 1
+        assert np.log1p(held.largest_peak_error) == pytest.approx(abs(np.log1p(error)))
 
 
 @pytest.mark.parametrize(("mode", "names"), [("next", ["drop 2"]), ("drop", ["drop 1", "drop 2"])])
