@@ -18,6 +18,7 @@ from pfwd.analysis.results import (
     EffectResult,
     FittedState,
     HeldOut,
+    HeldOutPart,
 )
 from pfwd.digits import modulus_text, read_in, rounded
 from pfwd.export.json_text import json_text
@@ -307,7 +308,6 @@ def point_cells(name: str, result: DiagnosisResult, modulus: "PointModulus | Non
     effects = [_short_effect(e) for e in result.effects or () if not _is_shared(e)]
     more = ["..."] if len(effects) > MAX_EFFECTS_IN_TABLE else []
     listed = ", ".join([*effects[:MAX_EFFECTS_IN_TABLE], *more]) or "no effect"
-    held = result.held_out
     return PointCells(
         name,
         "none" if modulus is None else _in_force(modulus),
@@ -315,7 +315,7 @@ def point_cells(name: str, result: DiagnosisResult, modulus: "PointModulus | Non
         _equivalent(after).replace(" MPa", "") if is_diagnosed else "",
         use,
         misfit_text(result),
-        "" if held is None else f"{_percent(held.after)} off",
+        _prediction_cell(result.held_out),
         listed,
         action,
     )
@@ -497,6 +497,14 @@ def misfit_text(result: DiagnosisResult) -> str:
     return _percent(result.explained_to)
 
 
+def _prediction_cell(held: HeldOut | None) -> str:
+    if held is None:
+        return ""
+    if held.after is None and held.side_difference is not None:
+        return f"sides differ {_percent(held.side_difference)}"
+    return f"{_percent(held.after)} off"
+
+
 _PREDICTED = {"next": "next drop", "drop": "each drop", "sensor": "each sensor"}
 
 
@@ -512,26 +520,38 @@ def _held_out(held: HeldOut | None) -> list[str]:
             "device of the other points" if held.mode == "point" else "ground of the other drops"
         )
         subject += ", everything else fitted"
-    scaled = "no preceding record to scale"
+    reference = "no preceding record to scale"
     if held.scaled_record is not None:
-        scaled = (
+        reference = (
             f"preceding record scaled by the peak loads {_percent(held.scaled_record)} "
             f"({_percent(held.contact_scaled_record)})"
         )
+    elif held.mode == "sensor":
+        reference = "no two sensors at one distance to compare the sides of the plate"
+        if held.side_difference is not None:
+            reference = f"sides of the plate differ by {_percent(held.side_difference)}"
+        if held.after is None:
+            return [f"  {subject}, but not judged: {reference} of the peak"]
     lines = [
         f"  {subject}: off by {_percent(held.after)} of the peak (contact "
         f"{_percent(held.contact_after)}), base model {_percent(held.before)} "
-        f"({_percent(held.contact_before)}), {scaled}"
+        f"({_percent(held.contact_before)}), {reference}"
     ]
     parts = held.by or ()
     if len(parts) == 1:
         lines += _peak_error(parts[0].peak_error, held)
     elif parts:
-        each = ", ".join(f"{clean(part.name)} {_percent(part.after)}" for part in parts)
-        lines.append(f"    {each}")
+        lines.append(f"    {', '.join(map(_part_error, parts))}")
     names = ", ".join(_words(name) for name in held.fitted or ())
     lines.append(f"    fitted to the held-out data: {names or 'nothing'}")
     return lines
+
+
+def _part_error(part: HeldOutPart) -> str:
+    text = f"{clean(part.name)} {_percent(part.after)}"
+    if part.interpolated is None:
+        return text
+    return f"{text} (between its neighbours {_percent(part.interpolated)})"
 
 
 def _peak_error(error: float | None, held: HeldOut) -> list[str]:

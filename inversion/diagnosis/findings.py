@@ -200,7 +200,9 @@ class FittedState(JsonRecord):
 class HeldOutPart(JsonRecord):
     """Prediction errors of one held-out drop, sensor or point: root mean square over its peak."""
 
-    OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset({"peak_error"})
+    OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset(
+        {"interpolated", "contact_interpolated", "peak_error"}
+    )
 
     name: str | None = quantity("Name of the drop, sensor or point")
     fitted: tuple[str, ...] | None = quantity("Every number that was fitted to the held-out data")
@@ -212,6 +214,10 @@ class HeldOutPart(JsonRecord):
         "Error of the preceding record scaled by the peak loads; none: there is none"
     )
     contact_scaled_record: float | None = quantity("The same in the contact")
+    interpolated: float | None = quantity(
+        "Error of the interpolation between the neighbouring sensors; none: there is none"
+    )
+    contact_interpolated: float | None = quantity("The same in the contact")
     peak_error: float | None = quantity(
         "Recorded over predicted peak deflection at the sensor nearest to the centre, less 1"
     )
@@ -225,7 +231,7 @@ class HeldOut(JsonRecord):
     """Prediction errors of held-out drops, sensors or points: root mean square over the peak."""
 
     OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset(
-        {"peak_error_interval", "largest_peak_error", "peak_error_points"}
+        {"side_difference", "peak_error_interval", "largest_peak_error", "peak_error_points"}
     )
 
     mode: str | None = quantity("next, drop, sensor or point")
@@ -238,6 +244,10 @@ class HeldOut(JsonRecord):
     contact_after: float | None = quantity("Error with the effects in the contact")
     scaled_record: float | None = quantity("Error of the preceding record scaled by the peak loads")
     contact_scaled_record: float | None = quantity("The same in the contact")
+    side_difference: float | None = quantity(
+        "Largest difference of the peaks at one distance on both sides of the plate; none: no two "
+        "sensors there"
+    )
     peak_error_interval: Interval | None = quantity(
         "95 % interval of the peak error, by jackknife+ from the errors at 20 or more other points"
     )
@@ -253,8 +263,7 @@ class HeldOut(JsonRecord):
         if not parts:
             return None
         errors: dict[str, Any] = {
-            key: _root_mean_square([getattr(part, key) for part in parts])
-            for key in HELD_OUT_ERRORS
+            key: root_mean_square([getattr(part, key) for part in parts]) for key in HELD_OUT_ERRORS
         }
         fitted = tuple(dict.fromkeys(name for part in parts for name in part.fitted or ()))
         return cls(mode=mode, fitted=fitted, by=tuple(parts), **errors)
@@ -276,7 +285,7 @@ HELD_OUT_ERRORS = (
 """Names of the errors of a held-out part."""
 
 
-def _root_mean_square(errors: Sequence[float | None]) -> float | None:
+def root_mean_square(errors: Sequence[float | None]) -> float | None:
     """Return the root mean square of the errors that are not None; None: there are none."""
     present = [error for error in errors if error is not None]
     return math.sqrt(sum(error**2 for error in present) / len(present)) if present else None

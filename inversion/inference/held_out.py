@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from statistics import fmean
 from typing import Literal
 
 import numpy as np
@@ -17,6 +18,7 @@ from inversion.diagnosis.findings import (
     HeldOutPart,
     LeaveOut,
     PointSummary,
+    root_mean_square,
 )
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point
@@ -39,6 +41,8 @@ _BASE: Structure = frozenset()
 _MAX_REFIT_ITERATIONS = 12
 # Coverage of the interval of a predicted peak, and smallest number of peer points for it.
 _COVERAGE, _MIN_PEERS = 0.95, 20
+# Largest difference of the peaks on both sides of the plate at which left-out sensors are judged.
+_MAX_SIDE_DIFFERENCE = 0.05
 _Errors = tuple[float, float]
 """Root mean square residual over the peak: of the whole record, and during the contact."""
 
@@ -190,10 +194,10 @@ def _drop_error(
             return predictor.next_drop(record, library, expected + change)
 
         def misfit(change: float, at: Callable[[float], FloatArray] = at) -> float:
-            return _errors(record, drop, at(change))[0]
+            return _errors(drop, at(change))[0]
 
         predicted = at(0.0 if allow is None else _best_change(misfit))
-        errors.append(_errors(record, drop, predicted))
+        errors.append(_errors(drop, predicted))
         if held_out and allow is None:
             changes = [
                 expected - predictor.stiffening_after(held_out - 1, model, without_peer=peer)
@@ -203,7 +207,7 @@ def _drop_error(
     (before, contact_before), (after, contact_after) = errors
     scaled: tuple[float | None, float | None] = (None, None)
     if held_out:
-        scaled = _errors(record, drop, scaled_record(records.records[held_out - 1], record))
+        scaled = _errors(drop, scaled_record(records.records[held_out - 1], record))
     return HeldOutPart(
         name=f"drop {number}",
         before=before,
@@ -256,19 +260,22 @@ def _sensor_error(
     position: float,
     library: SurrogateLibrary,
 ) -> HeldOutPart:
-    errors: list[list[_Errors]] = []
+    errors: list[list[tuple[float | None, float | None]]] = []
     for place, record in enumerate(records.records):
-        row = [sensor.offset for sensor in record.sensors].index(position)
         drop = prepare(record).with_tail()
+        row = drop.positions.tolist().index(position)
+        traces = [predictor.fitted_drop(record, place, library) for predictor in predictors]
+        between = interpolated_sensor(drop, row)
         errors.append(
             [
-                _errors(record, drop, predictor.fitted_drop(record, place, library), [row])
-                for predictor in predictors
+                *(_errors(drop, trace, row) for trace in traces),
+                (None, None) if between is None else _errors(drop, between[None], row),
             ]
         )
-    (before, contact_before), (after, contact_after) = np.sqrt(
-        np.mean(np.square(errors), axis=0)
-    ).tolist()
+    (before, contact_before), (after, contact_after), (interpolated, contact_interpolated) = (
+        [root_mean_square(numbers) for numbers in zip(*of_drops, strict=True)]
+        for of_drops in zip(*errors, strict=True)
+    )
     return HeldOutPart(
         name=f"sensor at {position:g} m",
         fitted=(),
@@ -276,7 +283,59 @@ def _sensor_error(
         after=after,
         contact_before=contact_before,
         contact_after=contact_after,
+        interpolated=interpolated,
+        contact_interpolated=contact_interpolated,
     )
+
+
+def interpolated_sensor(drop: PreparedDrop, row: int) -> FloatArray | None:
+    """Return the displacement of a sensor from its neighbours on the same side of the plate, m.
+
+    The logarithm of the peak is interpolated over the distance from the plate centre, and the
+    traces over their peaks in the same ratio. This is a simple prediction with which that of the
+    model is compared. The result is None for an innermost or outermost sensor.
+    """
+    peaks, distance = drop.peak_displacement, drop.offsets
+    on_side = drop.positions * drop.positions[row] >= 0.0
+    inner = np.flatnonzero(on_side & (distance < distance[row]))
+    outer = np.flatnonzero(on_side & (distance > distance[row]))
+    if distance[row] == 0.0 or not inner.size or not outer.size:
+        return None
+    near, far = inner[np.argmax(distance[inner])], outer[np.argmin(distance[outer])]
+    share = (distance[row] - distance[near]) / (distance[far] - distance[near])
+    peak = peaks[near] ** (1.0 - share) * peaks[far] ** share
+    shapes = drop.displacement / peaks[:, None]
+    trace: FloatArray = peak * ((1.0 - share) * shapes[near] + share * shapes[far])
+    return trace
+
+
+def with_side_difference(held_out: HeldOut, records: PointRecords) -> HeldOut:
+    """Return the errors of left-out sensors with the difference of the two sides of the plate.
+
+    It is the difference of the peaks of two sensors at one distance over their mean, root mean
+    square over the drops. Where it is too large, no axisymmetric model can predict a sensor, and
+    the errors over all sensors are None.
+
+    Parameters
+    ----------
+    held_out : HeldOut, of sensors
+    records : PointRecords, of the point
+    """
+    squares: dict[tuple[int, int], list[float]] = {}
+    for record in records.records:
+        drop = prepare(record)
+        for pair in drop.opposite_sensors:
+            one, other = drop.peak_displacement[[*pair]]
+            squares.setdefault(pair, []).append(float(2.0 * (one - other) / (one + other)) ** 2)
+    if not squares:
+        return held_out
+    difference = math.sqrt(max(map(fmean, squares.values())))
+    held_out = replace(held_out, side_difference=difference)
+    if difference > _MAX_SIDE_DIFFERENCE:
+        held_out = replace(
+            held_out, before=None, after=None, contact_before=None, contact_after=None
+        )
+    return held_out
 
 
 def scaled_record(preceding: Record, record: Record) -> FloatArray:
@@ -302,26 +361,24 @@ def _best_change(misfit: Callable[[float], float]) -> float:
     return float(optimum.x)
 
 
-def _errors(
-    record: Record, drop: PreparedDrop, trace: FloatArray, rows: Sequence[int] | None = None
-) -> _Errors:
+def _errors(drop: PreparedDrop, traces: FloatArray, row: int | None = None) -> _Errors:
     """Return the root mean square error over the peak: of the whole record, and during the contact.
 
     The whole record ends before a second contact.
 
     Parameters
     ----------
-    record, drop : the drop as recorded, and prepared
-    trace : (n_sensors, n) ndarray of float, m, prediction at the times of the record
-    rows : indices of the sensors; None: all
+    drop : PreparedDrop
+    traces : (n_sensors, n) ndarray of float, m, prediction up to the end of the record
+    row : int or None, index of the only sensor that counts; None: all count
     """
-    first = record.time.size - drop.time.size
-    residual = (trace[:, first:] - drop.displacement) / drop.peak_displacement[:, None]
-    chosen = residual if rows is None else residual[list(rows)]
+    residual = traces[:, -drop.time.size :] - drop.displacement
+    residual /= drop.peak_displacement[:, None]
+    chosen = residual if row is None else residual[row]
     ends = drop.tail_end, drop.contact_end
     since_trigger = drop.time >= drop.trigger * (1 - 1e-9)
     parts = [since_trigger & (drop.time <= end * (1 + 1e-9)) for end in ends]
-    full_record, contact = (float(np.sqrt(np.mean(chosen[:, part] ** 2))) for part in parts)
+    full_record, contact = (float(np.sqrt(np.mean(chosen[..., part] ** 2))) for part in parts)
     return full_record, contact
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -184,12 +185,19 @@ class PreparedDrop:
         """
         result = np.zeros(self.positions.size)
         moved = self.displacement[:, self.window]
-        for index, place in enumerate(self.positions):
-            opposite = np.flatnonzero(np.abs(self.positions + place) < MAX_SIDE_DIFFERENCE_M)
-            if abs(place) >= MAX_SIDE_DIFFERENCE_M and opposite.size:
-                difference = moved[index] - moved[opposite[0]]
-                result[index] = np.sqrt(np.mean(difference**2) / 2.0)
+        for pair in self.opposite_sensors:
+            result[list(pair)] = np.sqrt(np.mean(np.subtract(*moved[list(pair)]) ** 2) / 2.0)
         return result
+
+    @property
+    def opposite_sensors(self) -> list[tuple[int, int]]:
+        """Pairs of indices of sensors at one distance on both sides of the plate."""
+        return [
+            (one, other)
+            for one, other in combinations(range(self.positions.size), 2)
+            if abs(self.positions[one] + self.positions[other]) < MAX_SIDE_DIFFERENCE_M
+            and self.offsets[one] >= MAX_SIDE_DIFFERENCE_M
+        ]
 
     @property
     def window(self) -> slice:

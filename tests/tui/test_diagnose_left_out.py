@@ -8,7 +8,7 @@ from pfwd.analysis.diagnosis.diagnose import Diagnosed
 from pfwd.analysis.results import DiagnosisResult, HeldOut, HeldOutPart
 from tui.cli import main
 from tui.commands.diagnose import _report_not_held_out
-from tui.diagnosis_lines import diagnosis_lines
+from tui.diagnosis_lines import diagnosis_lines, point_cells
 
 
 def point(name: str, mode: str | None) -> Diagnosed:
@@ -99,3 +99,25 @@ def test_the_error_of_a_peak_stands_beside_those_at_other_points() -> None:
         "95 % interval by 24 other points -3.1 to +4.0 %"
     )
     assert len(lines(mode="next", fitted=(), by=part)) == 2
+
+
+def test_a_left_out_sensor_stands_beside_what_its_neighbours_say() -> None:
+    near, far = (
+        HeldOutPart(name="sensor at 0.3 m", after=0.04, interpolated=0.06),
+        HeldOutPart(name="sensor at 0.6 m", after=0.12),
+    )
+    first, each, _ = lines(mode="sensor", fitted=(), by=(near, far), side_difference=0.03)
+    assert first.startswith("  each sensor predicted: off by 9 % of the peak")
+    assert first.endswith(", sides of the plate differ by 3 %")
+    assert each == ("    sensor at 0.3 m 4 % (between its neighbours 6 %), sensor at 0.6 m 12 %")
+    alone = lines(mode="sensor", fitted=(), by=(near, far))[0]
+    assert alone.endswith("no two sensors at one distance to compare the sides of the plate")
+
+
+def test_left_out_sensors_are_not_judged_where_the_sides_of_the_plate_differ() -> None:
+    held = HeldOut(mode="sensor", fitted=(), side_difference=0.13)
+    result = DiagnosisResult(file="s", point="A", drops=(1, 2), held_out=held)
+    assert diagnosis_lines(result)[2:] == [
+        "  each sensor predicted, but not judged: sides of the plate differ by 13 % of the peak"
+    ]
+    assert point_cells("A", result, None).prediction_error == "sides differ 13 %"

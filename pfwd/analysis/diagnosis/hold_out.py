@@ -13,7 +13,13 @@ from inversion import InversionError
 from inversion.diagnosis import HeldOutPart, LeaveOut, PointDiagnosis, PointRecords
 from inversion.diagnosis.findings import HeldOut, PointSummary
 from inversion.effects.base import Values
-from inversion.inference.held_out import Allow, count_held_out, held_out_error, with_peak_interval
+from inversion.inference.held_out import (
+    Allow,
+    count_held_out,
+    held_out_error,
+    with_peak_interval,
+    with_side_difference,
+)
 from inversion.inference.instrument import (
     MAX_RANKED_POINTS,
     choose_structure,
@@ -23,7 +29,6 @@ from inversion.inference.instrument import (
 )
 from inversion.inference.structures import Ranking, Structure
 from inversion.notices import Notice
-from inversion.records import known
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint, instrument_of
 from pfwd.analysis.diagnosis.points import (
     DiagnosisByPoint,
@@ -110,10 +115,13 @@ def with_predictions(
             diagnosis = predicted[group[place].name]
             assert isinstance(diagnosis, PointDiagnosis)
             diagnosis = _with_parts(diagnosis, mode, answers)
-            if place in next_drops:
+            held_out = diagnosis.held_out
+            if held_out is not None and mode == "sensor":
+                held_out = with_side_difference(held_out, records[place])
+            elif held_out is not None and place in next_drops:
                 peer_parts = [next_drops.get(peer) for peer in peers[place]]
-                held_out = with_peak_interval(known(diagnosis.held_out), peer_parts)
-                diagnosis = replace(diagnosis, held_out=held_out)
+                held_out = with_peak_interval(held_out, peer_parts)
+            diagnosis = replace(diagnosis, held_out=held_out)
             predicted[group[place].name] = diagnosis
     return predicted
 

@@ -17,12 +17,15 @@ from inversion.forward import model
 from inversion.inference.held_out import (
     count_held_out,
     held_out_error,
+    interpolated_sensor,
     scaled_record,
     with_peak_interval,
+    with_side_difference,
     without_held_out,
 )
 from inversion.inference.instrument import Instrument, summarise_point
 from inversion.inference.next_drop import DropPredictor
+from inversion.measured.record import prepare
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Ground, Plate
 
@@ -286,3 +289,45 @@ def test_a_held_out_sensor_is_predicted_from_the_others(library: SurrogateLibrar
     assert part.after < 2.0 * NOISE
     assert part.before is not None
     assert part.before > 10.0 * NOISE
+    # Between 0 and 0.6 m the deflection is no exponential, and the wave arrives later.
+    assert part.interpolated is not None
+    assert part.interpolated > 10.0 * NOISE
+    outermost = held_out_error(three, LAG, (), "sensor", 2, library=library)
+    assert outermost.interpolated is None
+
+
+def test_a_sensor_between_others_is_interpolated_by_the_logarithm_of_the_peak() -> None:
+    offsets = (0.0, 0.3, -0.3, 0.5, 0.9)
+    pulse = np.sin(np.pi * np.arange(200) / 100) * (np.arange(200) < 100)
+    peaks = [1e-3 * np.exp(-2.0 * abs(offset)) for offset in offsets]
+    rows = np.stack([peak * np.roll(pulse, 40) for peak in peaks])
+    record = Record(
+        1e-4 * np.arange(200),
+        5e4 * np.roll(pulse, 40),
+        tuple(Sensor(o, "displacement", row) for o, row in zip(offsets, rows, strict=True)),
+        model.Instrument(plate_radius=RADIUS),
+    )
+    drop = prepare(record)
+    for row in (1, 3):
+        between = interpolated_sensor(drop, row)
+        assert between == pytest.approx(drop.displacement[row], abs=1e-9)
+    assert [interpolated_sensor(drop, row) for row in (0, 2, 4)] == [None] * 3
+
+
+@pytest.mark.parametrize(("right", "is_judged"), [(0.96, True), (0.94, False)])
+def test_left_out_sensors_are_judged_where_the_sides_of_the_plate_agree(
+    right: float, is_judged: bool
+) -> None:
+    record = simulated(60e6, 4.0, 1, (0.3, 0.6))
+    centre, side, far = record.sensors
+    other = replace(side, offset=-0.3, values=right * side.values)
+    with_sides = replace(record, sensors=(centre, side, other, far))
+    part = HeldOutPart(before=0.2, after=0.1, contact_before=0.2, contact_after=0.1)
+    errors = HeldOut.of("sensor", [part])
+    assert errors is not None
+    found = with_side_difference(errors, PointRecords("simulated", (with_sides,), (1,)))
+    assert found.side_difference == pytest.approx((1 - right) / (0.5 * (1 + right)), rel=1e-6)
+    assert (found.before, found.after) == ((0.2, 0.1) if is_judged else (None, None))
+    assert found.by == errors.by
+    # Nothing shows how much the sides differ.
+    assert with_side_difference(errors, PointRecords("simulated", (record,), (1,))) == errors
