@@ -13,22 +13,28 @@ O'Hagan (2001), JRSS B 63, 425.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.linalg.lapack import dtrtrs
+from scipy.linalg.lapack import dpotrf, dtrtrs
 
 from inversion.arrays import FloatArray
 from inversion.diagnosis.model import FROM_SAMPLE, DropModel
+from inversion.diagnosis.problem import Point
 from inversion.inference.point_model import PointModel
 
+_K = TypeVar("_K")
+_V = TypeVar("_V")
 # Error of the forward model as a fraction of the peak, independent from sample to sample.
 FLOOR = 1e-3
 # Correlation time of the difference of the two sides of a plate.
 _SIDE_MEMORY_S = 4e-3
+# Largest numbers of cached decays, one for each correlation time, and of cached Cholesky factors.
+_MAX_DECAYS, _MAX_FACTORS = 6, 3
 
 
 @dataclass(frozen=True)
@@ -79,7 +85,7 @@ class RecordedDrops:
         self._is_seating = np.array([model.is_seating(drop) for drop in self.drops])[drop]
         # Computed once: it does not depend on the discrepancy, of which a fit tries hundreds.
         self._time_differences = np.abs(time[:, None] - time)
-        self._decay: tuple[float, FloatArray] = (math.nan, self._time_differences)
+        self._decays: dict[float, FloatArray] = {}
         self._same_drop = drop[:, None] == drop
         bases = [np.stack([time / time[-1], (time / time[-1]) ** 2]) for time in times]
         self._drifts: FloatArray = block_diag(*(basis.T @ basis for basis in bases))
@@ -90,7 +96,7 @@ class RecordedDrops:
             block_diag(*(self._noise_of(m, row, thinning) for m in models))
             for row in range(self.sensors)
         ]
-        self._latest: tuple[Discrepancy, list[FloatArray]] | None = None
+        self._whiteners: dict[Discrepancy, list[FloatArray]] = {}
 
     @staticmethod
     def _noise_of(model: DropModel, sensor: int, thinning: int) -> FloatArray:
@@ -128,22 +134,29 @@ class RecordedDrops:
 
     def _shared_covariance(self, discrepancy: Discrepancy) -> FloatArray:
         """Return the covariance of discrepancy and drift, the same for every sensor, (n, n)."""
-        if self._decay[0] != discrepancy.memory:
-            self._decay = discrepancy.memory, np.exp(-self._time_differences / discrepancy.memory)
+        decay = self._decays.get(discrepancy.memory)
+        if decay is None:
+            decay = np.exp(-self._time_differences / discrepancy.memory)
+            _remember(self._decays, discrepancy.memory, decay, _MAX_DECAYS)
         size = discrepancy.scale * np.where(self._is_seating, discrepancy.first, 1.0)
         size *= np.where(self._is_after_contact, discrepancy.after_contact, 1.0)
-        result: FloatArray = size[:, None] * size * self._decay[1]
+        result: FloatArray = size[:, None] * size
+        result *= decay
         if len(self.drops) > 1:
             result *= np.where(self._same_drop, 1.0, discrepancy.between_drops)
         result += discrepancy.drift**2 * self._drifts
         return result
 
     def whiteners(self, discrepancy: Discrepancy) -> list[FloatArray]:
-        """Return the lower Cholesky factor of each sensor's covariance, (n, n)."""
-        if self._latest is None or self._latest[0] != discrepancy:
-            factors = [np.linalg.cholesky(matrix) for matrix in self.covariances(discrepancy)]
-            self._latest = discrepancy, factors
-        return self._latest[1]
+        """Return the lower Cholesky factor of each sensor's covariance, (n, n).
+
+        The elements above its diagonal are not zero.
+        """
+        factors = self._whiteners.get(discrepancy)
+        if factors is None:
+            factors = [cholesky(matrix) for matrix in self.covariances(discrepancy)]
+            _remember(self._whiteners, discrepancy, factors, _MAX_FACTORS)
+        return factors
 
     def drifts(
         self, discrepancy: Discrepancy, predictions: Sequence[FloatArray]
@@ -168,6 +181,49 @@ class RecordedDrops:
                 of_drop = slopes[2 * place : 2 * place + 2] @ basis
                 drift[sensor] = of_drop * self._peaks[place][sensor]
         return tuple(drifts)
+
+
+_RECORDED: WeakKeyDictionary[Point, dict[tuple[tuple[int, ...], int], RecordedDrops]]
+_RECORDED = WeakKeyDictionary()
+
+
+def recorded_drops(model: PointModel, thinning: int = 1) -> RecordedDrops:
+    """Return the fitted drops of a model, which all models of the same drops share.
+
+    Parameters
+    ----------
+    model : PointModel
+    thinning : int, only every n-th sample is used
+    """
+    of_point = _RECORDED.setdefault(model.point, {})
+    key = model.drops, thinning
+    if key not in of_point:
+        of_point[key] = RecordedDrops(model, thinning)
+    return of_point[key]
+
+
+def _remember(memory: dict[_K, _V], key: _K, value: _V, most: int) -> None:
+    """Store a value, and remove the oldest one if there are too many."""
+    if len(memory) >= most:
+        memory.pop(next(iter(memory)))
+    memory[key] = value
+
+
+def cholesky(matrix: FloatArray) -> FloatArray:
+    """Return the lower Cholesky factor of a symmetric matrix (n, n), which is overwritten.
+
+    The elements above its diagonal are not zero.
+
+    Raises
+    ------
+    LinAlgError
+        If the matrix is not positive definite.
+    """
+    # Numpy's function takes twice as long for matrices of this size.
+    upper, info = dpotrf(matrix.T, lower=0, clean=0, overwrite_a=1)
+    if info != 0:
+        raise np.linalg.LinAlgError("expected a positive definite matrix")
+    return np.asarray(upper.T)
 
 
 def whitened(lower: FloatArray, rows: FloatArray) -> FloatArray:

@@ -28,7 +28,9 @@ from inversion.fitting.misfit import MODEL_FLOOR_FRACTION
 from inversion.inference.discrepancy import (
     Discrepancy,
     RecordedDrops,
+    cholesky,
     log_determinant,
+    recorded_drops,
     whitened,
 )
 from inversion.inference.point_model import PointModel
@@ -120,7 +122,7 @@ class Posterior:
 
     def drifts(self) -> tuple[FloatArray, ...]:
         """Return the posterior mean of the drift of each fitted drop, (n_sensors, n), m."""
-        return RecordedDrops(self.model).drifts(self.discrepancy, self.predictions)
+        return recorded_drops(self.model).drifts(self.discrepancy, self.predictions)
 
     @cached_property
     def recorded(self) -> tuple[FloatArray, ...]:
@@ -164,8 +166,8 @@ class PointFit:
         start = model.start if values is None else values
         self.values: FloatArray = np.clip(start, model.lower, model.upper)
         self.discrepancy = _ALMOST_WHITE
-        self._recorded = RecordedDrops(model)
-        self._thinned = RecordedDrops(model, _THINNING)
+        self._recorded = recorded_drops(model)
+        self._thinned = recorded_drops(model, _THINNING)
         self._linearised: tuple[FloatArray, frozenset[str], _Linearised] | None = None
 
     def approach(self, iterations: int) -> None:
@@ -456,8 +458,9 @@ def _curvature(
     slope = gradient - precision * (values - model.mean)
     on_lower = (values <= model.lower + _BOUND_TOLERANCE) & (slope < 0.0)
     on_upper = (values >= model.upper - _BOUND_TOLERANCE) & (slope > 0.0)
-    held = np.where(on_lower | on_upper, slope**2, 0.0)
-    return normal + np.diag(precision + held), slope
+    hessian = normal.copy()
+    hessian.flat[:: values.size + 1] += precision + np.where(on_lower | on_upper, slope**2, 0.0)
+    return hessian, slope
 
 
 def _min_scale(model: PointModel, *, is_base: bool) -> float:
@@ -485,24 +488,33 @@ class _Marginal:
             residual = recorded.observed[sensor] - recorded.over_peak(posterior.predictions, sensor)
             slopes = recorded.over_peak(posterior.slopes, sensor)
             self._rows.append(np.vstack([residual[None], slopes]))
+        self._known: dict[Discrepancy, float] = {}
 
     def __call__(self, discrepancy: Discrepancy) -> float:
-        size = self._posterior.values.size
-        normal, gradient = np.zeros((size, size)), np.zeros(size)
-        total = 0.0
+        value = self._known.get(discrepancy)
+        if value is None:
+            value = self._known[discrepancy] = self._evaluate(discrepancy)
+        return value
+
+    def _evaluate(self, discrepancy: Discrepancy) -> float:
+        size = 1 + self._posterior.values.size
+        # Products of residual and slopes: misfit, gradient and normal matrix.
+        products = np.zeros((size, size))
+        total = _log_prior(discrepancy)
         try:
             whiteners = self._recorded.whiteners(discrepancy)
         except np.linalg.LinAlgError:
             return -math.inf
         for rows, lower in zip(self._rows, whiteners, strict=True):
             weighted = whitened(lower, rows)
-            total -= 0.5 * float(weighted[0] @ weighted[0]) + log_determinant(lower)
-            normal = normal + weighted[1:] @ weighted[1:].T
-            gradient = gradient + weighted[1:] @ weighted[0]
-        hessian, slope = _curvature(self._posterior.model, self._posterior.values, normal, gradient)
-        total += 0.5 * float(slope @ np.linalg.solve(hessian, slope))
-        total -= 0.5 * float(np.linalg.slogdet(hessian)[1])
-        return total + _log_prior(discrepancy)
+            products += weighted @ weighted.T
+            total -= log_determinant(lower)
+        hessian, slope = _curvature(
+            self._posterior.model, self._posterior.values, products[1:, 1:], products[1:, 0]
+        )
+        factor = cholesky(hessian)
+        gain = whitened(factor, slope[None])[0]
+        return total + 0.5 * float(gain @ gain - products[0, 0]) - log_determinant(factor)
 
 
 def _log_prior(discrepancy: Discrepancy) -> float:
