@@ -107,6 +107,7 @@ class PointModel:
         self._declared_effects = declared
         self._has_ground = not any(effect.replaces_ground for effect in effects)
         self.unknowns = (*self._point_unknowns(), *self._drop_unknowns())
+        self._owners = [(*unknown.name, unknown.drop) for unknown in self.unknowns]
         self.keys = [unknown.key for unknown in self.unknowns]
         coordinates = [unknown.coordinate for unknown in self.unknowns]
         self.lower = np.array([c.lower for c in coordinates])
@@ -232,27 +233,39 @@ class PointModel:
         drop : int or None, index of a fitted drop; None: a drop without deviations
         stiffening : float, logarithm of its stiffness over that of the last fitted drop
         """
+        by_effect, change = self._by_effect(values, drop)
+        change += stiffening
+        active = [
+            (effect, self._values_of(effect, by_effect.get(effect.name, {}), change))
+            for effect in self.effects
+        ]
+        return self._ground(by_effect.get(GROUND_EFFECT, {}), change), active
+
+    def _by_effect(
+        self, values: FloatArray, drop: int | None
+    ) -> tuple[dict[str, dict[str, float]], float]:
+        """Return the coordinates of each effect for a drop, and the change of its log stiffness."""
         by_effect: dict[str, dict[str, float]] = {}
-        change = stiffening
-        for unknown, value in zip(self.unknowns, values.tolist(), strict=True):
-            owner, coordinate = unknown.name
-            if unknown.drop is None:
+        change = 0.0
+        for (owner, coordinate, of_drop), value in zip(self._owners, values.tolist(), strict=True):
+            if of_drop is None:
                 by_effect.setdefault(owner, {})[coordinate] = value
-            elif unknown.drop == drop:
-                if unknown.name == STIFFNESS:
+            elif of_drop == drop:
+                if (owner, coordinate) == STIFFNESS:
                     change += value
                 else:
                     by_effect[owner][coordinate] += value
-        active: ActiveEffects = []
-        for effect in self.effects:
-            declared = self._declared_effects.get(effect.name)
-            parameters = (
-                effect.values_at(by_effect[effect.name]) if declared is None else dict(declared)
-            )
-            if effect.replaces_ground:
-                parameters["stiffness"] *= math.exp(change)
-            active.append((effect, parameters))
-        return self._ground(by_effect.get(GROUND_EFFECT, {}), change), active
+        return by_effect, change
+
+    def _values_of(
+        self, effect: Effect, coordinates: Mapping[str, float], change: float
+    ) -> dict[str, float]:
+        """Return the values of an effect's parameters, at coordinates if they are not declared."""
+        declared = self._declared_effects.get(effect.name)
+        parameters = effect.values_at(coordinates) if declared is None else dict(declared)
+        if effect.replaces_ground:
+            parameters["stiffness"] *= math.exp(change)
+        return parameters
 
     def _ground(self, soil: Mapping[str, float], change: float) -> Ground:
         record = self.point.records.records[0]
@@ -300,6 +313,7 @@ class PointModel:
         """
         model = self.point.drops[drop]
         start = self.ground_and_effects(values, drop)
+        by_effect, change = self._by_effect(values, drop)
         columns = [
             place
             for place, unknown in enumerate(self.unknowns)
@@ -307,18 +321,43 @@ class PointModel:
         ]
         steps, moved = [], [start]
         for column in columns:
-            step = self.step[column]
+            step = float(self.step[column])
             if values[column] + step > self.upper[column]:
                 step = -step
-            shifted = values.copy()
-            shifted[column] += step
             steps.append(step)
-            moved.append(_share_unchanged(start, self.ground_and_effects(shifted, drop)))
+            owner, coordinate, of_drop = self._owners[column]
+            if of_drop is not None and (owner, coordinate) == STIFFNESS:
+                moved.append(self.ground_and_effects(values, drop, step))
+                continue
+            coordinates = by_effect[owner] | {coordinate: by_effect[owner][coordinate] + step}
+            moved.append(self._with_coordinates(start, owner, coordinates, change))
         prediction, *nearby = model.predict_nearby(*start, moved)[:, :, model.before :]
         slopes = np.zeros((values.size, *prediction.shape))
         if columns:
             slopes[columns] = (np.stack(nearby) - prediction) / np.array(steps)[:, None, None]
         return prediction, np.nan_to_num(slopes, nan=0.0, posinf=0.0, neginf=0.0)
+
+    def _with_coordinates(
+        self,
+        start: tuple[Ground, ActiveEffects],
+        owner: str,
+        coordinates: Mapping[str, float],
+        change: float,
+    ) -> tuple[Ground, ActiveEffects]:
+        """Return ground and effects with other coordinates of the ground or of one effect.
+
+        The other objects are those of the start, which tells `DropModel.predict_nearby` what has
+        not changed.
+        """
+        ground, active = start
+        if owner == GROUND_EFFECT:
+            return self._ground(coordinates, change), active
+        return ground, [
+            (effect, self._values_of(effect, coordinates, change))
+            if effect.name == owner
+            else (effect, values)
+            for effect, values in active
+        ]
 
     def modulus(self, values: FloatArray) -> float:
         """Return the modulus under the last fitted drop, Pa."""
@@ -342,17 +381,3 @@ def take_off_speed(
             motion = model.ground_motion(ground, active)
             return effect.take_off_speed(motion, values, model.context)
     return None
-
-
-def _share_unchanged(
-    start: tuple[Ground, ActiveEffects], moved: tuple[Ground, ActiveEffects]
-) -> tuple[Ground, ActiveEffects]:
-    """Return a ground and effects, with the objects of the start where they are equal to them.
-
-    Equal objects tell `DropModel.predict_nearby` what has not changed.
-    """
-    ground = start[0] if moved[0] == start[0] else moved[0]
-    pairs = zip(start[1], moved[1], strict=True)
-    return ground, [
-        at_start if at_start[1] == at_step[1] else at_step for at_start, at_step in pairs
-    ]
