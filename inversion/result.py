@@ -111,6 +111,8 @@ class TimeHistories:
         contact
     window_end : float, s: last sample of the fit
     contact_end : float, s: the load has fallen to 3 % of its peak
+    before : (n_sensors, n) ndarray of float, m, or None: displacement by the fit without effects,
+        if ``predicted`` is that of a diagnosis
     """
 
     time: FloatArray
@@ -122,6 +124,7 @@ class TimeHistories:
     peaks: FloatArray
     window_end: float
     contact_end: float
+    before: FloatArray | None = None
 
     @property
     def residual(self) -> FloatArray:

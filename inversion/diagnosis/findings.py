@@ -303,6 +303,7 @@ class DropCurves:
     observed, before, after : (n_sensors, n) ndarray of float, m, displacement
     offsets : (n_sensors,) ndarray of float, m, negative on the other side of the plate
     contact_end : float, s
+    residual_rms_over_peak, contact_residual_rms_over_peak : float, of the fit after
     """
 
     number: int
@@ -313,6 +314,8 @@ class DropCurves:
     after: FloatArray
     offsets: FloatArray
     contact_end: float
+    residual_rms_over_peak: float
+    contact_residual_rms_over_peak: float
 
 
 @dataclass(frozen=True)

@@ -348,6 +348,8 @@ def _curves(point: Point, base: Posterior, best: Posterior) -> tuple[DropCurves,
             after=after,
             offsets=model.drop.positions,
             contact_end=model.context.contact_end + model.drop.start,
+            residual_rms_over_peak=model.residual_over_peak(after, contact_only=False),
+            contact_residual_rms_over_peak=model.residual_over_peak(after, contact_only=True),
         )
         for number, model, before, after in zip(
             point.records.numbers, point.drops, base.recorded, best.recorded, strict=True

@@ -382,6 +382,5 @@ def store_diagnoses(folder: str, diagnoses: Sequence[tuple[int, DiagnosisResult]
     new: list[ResultToStore] = []
     for number, result in diagnoses:
         if not result.stored:
-            plain: dict[str, Any] = result.to_json()
-            new.append(ResultToStore(number, "diagnosis", plain))
+            new.append(ResultToStore(number, "diagnosis", result.to_stored()))
     return store_results(folder, new)

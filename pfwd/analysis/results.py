@@ -22,6 +22,7 @@ from inversion.result import InversionResult
 from inversion.result import LayerResult as LayerResult
 from inversion.result import StructureResult as StructureResult
 from inversion.result import TimeHistories as TimeHistories
+from pfwd.analysis.diagnosed_drop import DiagnosedDrop
 from pfwd.analysis.screening.drops import DropStatus, Screening
 from pfwd.errors import SurveyError
 from pfwd_device import Drop
@@ -84,6 +85,7 @@ class DiagnosisResult(StoredRecord):
             "basis",
             "left_out",
             "stored",
+            "fits",
         }
     )
 
@@ -125,6 +127,9 @@ class DiagnosisResult(StoredRecord):
     """Numbers of drops that were present but not fitted."""
     stored: bool | None = None
     """True: the result comes from the survey; None: it was computed now."""
+    fits: tuple[DiagnosedDrop, ...] | None = field(default=None, repr=False, compare=False)
+    """Curves and residuals of each drop, which a survey stores beside the keys of the command;
+    None: nothing was fitted."""
 
     DERIVED: ClassVar[tuple[str, ...]] = ("use", "use_reason", "equivalent_use", "explained_to")
     """Keys of the JSON that follow from the others; they are written, and ignored when a file is
@@ -132,7 +137,17 @@ class DiagnosisResult(StoredRecord):
 
     def to_json(self) -> dict[str, Any]:
         """Return the diagnosis as values that JSON can hold, in the order of the keys."""
-        return StoredRecord.to_json(self) | {key: getattr(self, key) for key in self.DERIVED}
+        written = self.to_stored()
+        written.pop("fits", None)
+        return written | {key: getattr(self, key) for key in self.DERIVED}
+
+    def fit_of(self, drop: int) -> DiagnosedDrop:
+        """Return the fits of a drop by its number; an empty record if it was not fitted."""
+        return next((fit for fit in self.fits or () if fit.drop == drop), DiagnosedDrop())
+
+    def to_stored(self) -> dict[str, Any]:
+        """Return the diagnosis with the fits of its drops, as a survey stores it."""
+        return StoredRecord.to_json(self)
 
     @classmethod
     def from_json(cls, written: object, where: str = "a stored record") -> Self:
@@ -395,11 +410,21 @@ class DropResult(InversionResult, StoredRecord):
         limit = OUR_TOLERANCES["most_residual"]
         return fit_fault(self) or residual_fault(self.contact_residual_rms_over_peak, limit)
 
+    def in_diagnosis(self, drop: DiagnosedDrop) -> DropResult:
+        """Return the result with the residuals of a diagnosis, and without the fit of the drop."""
+        no_fit: dict[str, Any] = dict.fromkeys(_FIT_FIELDS)
+        return replace(
+            self.without_ground(),
+            **no_fit,
+            residual_rms_over_peak=drop.residual_rms_over_peak,
+            contact_residual_rms_over_peak=drop.contact_residual_rms_over_peak,
+        )
+
     def without_ground(self) -> DropResult:
         """Return the result without the fitted parameters of the ground."""
         names = (item.name for item in fields(self) if item.name.startswith(_GROUND_FIELDS))
-        none: dict[str, Any] = dict.fromkeys(names)
-        return replace(self, **none)
+        no_ground: dict[str, Any] = dict.fromkeys(names)
+        return replace(self, **no_ground)
 
     @property
     def half_sine_load_n(self) -> float | None:
@@ -415,6 +440,13 @@ _GROUND_FIELDS = (
     "equivalent_",
 )
 """Beginnings of the names of the fields of `DropResult` that a fit determines."""
+
+_FIT_FIELDS = (
+    *("method", "model", "structures", "added_mass_kg", "delay_s", "drift_m", "r_squared"),
+    *("priors", "explained", "converged", "at_bound", "forward_solves", "seed", "warnings"),
+    *("window_end_s", "elapsed_s"),
+)
+"""Further fields that belong to the fit of a drop alone."""
 
 
 def fit_fault(result: DropResult) -> str | None:

@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import Any
 
 from inversion.notices import Notice
+from pfwd.analysis.diagnosed_drop import DiagnosedDrop
 from pfwd.analysis.drop_facts import JudgedDeflection, uncompared_facts, with_modulus
 from pfwd.analysis.results import DropResult, TimeHistories
 from pfwd.analysis.screening.drops import Screening, rebound_reason, screen
@@ -143,6 +144,19 @@ class DropView:
     def with_result(self, result: DropResult | None) -> "DropView":
         """Return the drop with this result in place of the stored ones."""
         return dataclasses.replace(self, result=result, sound_result=result, last_result=result)
+
+    def in_diagnosis(self, fit: DiagnosedDrop) -> "DropView":
+        """Return the drop with curves and residuals of a diagnosis in place of its own fit."""
+        return dataclasses.replace(
+            self,
+            result=self.result and self.result.in_diagnosis(fit),
+            curves=self.curves and fit.drawn_on(self.curves),
+        )
+
+    @property
+    def has_layers(self) -> bool:
+        """True if its result has a profile of moduli."""
+        return self.result is not None and len(self.result.layers or ()) > 1
 
     def without_modulus(self) -> "DropView":
         """Return the drop without the ground that was fitted to it; residuals remain."""

@@ -119,12 +119,34 @@ class PointView:
         return _judge(self) if self.whole is None else self.whole.progress
 
     @cached_property
+    def counting_diagnosis(self) -> DiagnosisResult | None:
+        """Diagnosis whose modulus is that of the point; None: the modulus is fitted, or none."""
+        modulus = self.progress.modulus
+        is_diagnosed = modulus is not None and modulus.source == "diagnosed"
+        return self.diagnosis_in_force if is_diagnosed else None
+
+    @cached_property
     def shown(self) -> "PointView":
         """Point for readers: if its modulus is withheld, its drops have none either."""
         if self.progress.withheld is None:
             return self
         drops = tuple(drop.without_modulus() for drop in self.drops)
         return dataclasses.replace(self, drops=drops, whole=self.whole and self.whole.shown)
+
+    @cached_property
+    def as_diagnosed(self) -> "PointView":
+        """Point whose drops have curves and residuals of its diagnosis, if that counts.
+
+        They replace the fit of each drop alone, except fits with layers.
+        """
+        diagnosis = self.counting_diagnosis
+        if diagnosis is None:
+            return self
+        drops = tuple(
+            drop if drop.has_layers else drop.in_diagnosis(diagnosis.fit_of(drop.number))
+            for drop in self.drops
+        )
+        return dataclasses.replace(self, drops=drops, whole=self.whole or self)
 
     def drop(self, number: int) -> DropView | None:
         """Return the drop with this number; None: there is none."""

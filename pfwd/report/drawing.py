@@ -316,14 +316,14 @@ def _verdict(point: PointView) -> str:
 def draw_point(figure: Any, point: PointView, drops: Sequence[DropView], texts: Texts) -> None:
     """Draw traces of drops on the left, deflection and modulus drop by drop on the right."""
     several = len(point.progress.compaction) > 1
-    if several and not drops and not any(facts.modulus for facts in point.facts):
-        # Of peaks alone.
-        _draw_deflections(figure.add_axes((0.09, 0.24, 0.895, 0.64)), point, texts)
-        return
     if drops:
         _draw_traces(figure, drops, texts, 0.62 if several else 0.985)
     if several:
         start = 0.71 if drops else 0.09
+        if not any(drop.facts.modulus for drop in point.drops):
+            axes = figure.add_axes((start, 0.24, 0.985 - start, 0.64))
+            _draw_deflections(axes, point, texts)
+            return
         bottom = figure.add_axes((start, 0.16, 0.985 - start, 0.33))
         top = figure.add_axes((start, 0.585, 0.985 - start, 0.33), sharex=bottom)
         _draw_compaction(top, bottom, point, texts)
@@ -351,6 +351,12 @@ def _draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts, right: fl
         time = curves.time * 1e3
         name = f"{texts['drop']} {drop.number}"
         load.plot(time[part], curves.load[part] / 1e3, color=colour, linewidth=1.1, label=name)
+        for values in () if curves.before is None else curves.before:
+            grey: Mapping[str, Any] = {"color": "0.65", "linewidth": 0.9, "zorder": 1.5}
+            moved.plot(time[part], values[part] * 1e6, **grey)
+        # A single sensor needs no name, and many names would hide the curves.
+        sensors = curves.offsets.size
+        is_named = sensors <= MAX_LEGEND_SENSORS and sensors + len(drop.left_out) > 1
         for row, offset in enumerate(curves.offsets):
             label = texts["centre"] if offset == 0 else f"{offset:g} m"
             if len(drops) == 1:
@@ -364,7 +370,7 @@ def _draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts, right: fl
                 color=colour,
                 linewidth=1.0,
                 linestyle=("-", "--", "-.", ":")[row % 4],
-                label=label if index == 0 else None,
+                label=label if index == 0 and is_named else None,
             )
             difference = curves.predicted[row] - curves.observed[row]
             residual.plot(time[dots], difference[dots] * 1e6, color=colour, linewidth=0.9)
@@ -386,9 +392,10 @@ def _draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts, right: fl
         moved.plot([], [], color="0.6", label=texts.say("left_out", offset=f"{offset:g}"))
     if ends:
         load.legend(fontsize=7, loc="upper right")
-        several = any(d.curves is not None and d.curves.offsets.size > 1 for d in drops)
-        sensors = max((d.curves.offsets.size for d in drops if d.curves is not None), default=0)
-        if (several or excluded) and sensors <= MAX_LEGEND_SENSORS:
+        drawn = [drop.curves for drop in drops if drop.curves is not None]
+        if has_before := any(curves.before is not None for curves in drawn):
+            moved.plot([], [], color="0.65", linewidth=0.9, label=texts["before"])
+        if has_before or excluded or max(curves.offsets.size for curves in drawn) > 1:
             moved.legend(fontsize=6, loc="upper right")
         load.set_xlim(right=max(ends) * 1e3)
 

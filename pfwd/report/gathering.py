@@ -251,7 +251,7 @@ def gather_stored(folder: str | Path, point: str | None = None) -> Report:
 def _report(
     survey: Survey, job: Job, points: Iterable[PointView], options: ReportOptions
 ) -> Report:
-    points = tuple(point.shown for point in points)
+    points = tuple(point.shown.as_diagnosed for point in points)
     folder = str(survey.folder)
     now = datetime.datetime.now().astimezone()
     return Report(

@@ -40,7 +40,7 @@ def ground_blocks(drops: Sequence[DropView], name: str, texts: Texts) -> list[Bl
         Of the point.
     texts : Texts
     """
-    layered = [drop for drop in drops if has_layers(drop)]
+    layered = [drop for drop in drops if drop.has_layers]
     several = [drop for drop in drops if drop.curves is not None and drop.curves.offsets.size > 1]
     captions = [texts["layers_note"]] if layered else []
     captions += [texts["bowl_note"]] if several else []
@@ -166,14 +166,9 @@ _BAND_OPACITY = 0.14
 """Opacity of bands; those of several drops lie on each other."""
 
 
-def has_layers(drop: DropView) -> bool:
-    """Return whether the drop's result has a profile of moduli."""
-    return drop.result is not None and len(drop.result.layers or ()) > 1
-
-
 def draw_ground(figure: Any, drops: Sequence[DropView], texts: Texts) -> None:
     """Draw the profile of moduli if there are layers, the deflection bowl if there are sensors."""
-    layered, bowls = [has_layers(drop) for drop in drops], [_bowl(drop) for drop in drops]
+    layered, bowls = [drop.has_layers for drop in drops], [_bowl(drop) for drop in drops]
     has_profile, has_bowl = any(layered), any(bowls)
     if has_profile and has_bowl:
         profile, bowl = figure.subplots(

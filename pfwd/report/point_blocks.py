@@ -33,7 +33,6 @@ from pfwd.report.point_facts import (
     diagnosis_counts,
     diagnosis_of,
     drops_text,
-    fit_warnings,
     remarks_of,
     time_with_zone,
     used_drops,
@@ -263,6 +262,7 @@ def position_text(position: Mapping[str, Any] | None, texts: Texts) -> str:
 
 def _results(point: PointView, texts: Texts) -> list[Block]:
     kinds = dict(point.progress.kinds)
+    is_diagnosed = diagnosis_counts(point)
     rows = []
     for drop, facts in zip(point.drops, point.facts, strict=True):
         result = drop.result or _NO_RESULT
@@ -275,7 +275,9 @@ def _results(point: PointView, texts: Texts) -> list[Block]:
                 formatting.scaled(facts.peak_load, 1e-3, ""),
                 formatting.scaled(facts.peak_deflection, 1e6, ""),
                 formatting.scaled(facts.pulse_duration, 1e3, ""),
-                formatting.modulus_of(drop.result, texts, unit=""),
+                formatting.NO_VALUE
+                if is_diagnosed and not drop.has_layers
+                else formatting.modulus_of(drop.result, texts, unit=""),
                 formatting.in_megapascals(
                     result.equivalent_modulus_pa,
                     result.equivalent_modulus_interval_pa,
@@ -315,18 +317,6 @@ def _results(point: PointView, texts: Texts) -> list[Block]:
             basis.setdefault(text, []).append(str(drop.number))
     order = [str(drop.number) for drop in point.drops]
     lines = [f"{drops_text(numbers, order, texts)}: {text}" for text, numbers in basis.items()]
-    return [
-        table,
-        *(Paragraph(line, "note") for line in lines),
-        *_replaced_fits(point, texts),
-    ]
-
-
-def _replaced_fits(point: PointView, texts: Texts) -> list[Block]:
-    """Return the note that the diagnosis counts in place of the fits, with their warnings."""
-    if not diagnosis_counts(point):
-        return []
-    groups = group_messages((point.shown_name, text) for text in fit_warnings(point))
-    warnings = "; ".join(map(texts.grouped, groups))
-    note = texts["fits_replaced"]
-    return [Paragraph(f"{note} {texts['fit_warnings']}: {warnings}" if warnings else note, "note")]
+    if is_diagnosed and any(drop.has_layers for drop in point.drops):
+        lines.append(texts["layers_replaced"])
+    return [table, *(Paragraph(line, "note") for line in lines)]

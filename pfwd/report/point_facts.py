@@ -172,8 +172,7 @@ def _fitted_text(point: PointView, quantity: Quantity, texts: Texts) -> str:
 
 def diagnosis_counts(point: PointView) -> bool:
     """Return whether the modulus of the point is that of its diagnosis."""
-    modulus = point.progress.modulus
-    return modulus is not None and modulus.source == "diagnosed"
+    return point.counting_diagnosis is not None
 
 
 def all_warnings(point: PointView) -> list[str]:
@@ -187,16 +186,6 @@ def all_warnings(point: PointView) -> list[str]:
         screened = () if drop.screening is None else drop.screening.warnings
         messages += [*drop.marks, *(screened if diagnosis_counts(point) else drop.warnings)]
     return list(dict.fromkeys(messages))
-
-
-def fit_warnings(point: PointView) -> list[str]:
-    """Return the warnings of the fits of the drops that `all_warnings` leaves out, each once."""
-    if not diagnosis_counts(point):
-        return []
-    results = [drop.result for drop in point.drops if drop.result is not None]
-    warnings = dict.fromkeys(warning for result in results for warning in result.warnings or ())
-    reported = set(all_warnings(point))
-    return [warning for warning in warnings if warning not in reported]
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,9 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from inversion.records import is_number, stored_fields
+from inversion.records import JsonRecord, is_number, stored_fields
 from inversion.result import InversionResult
-from pfwd.analysis.results import DropResult
 from pfwd.files.header import IMPORTED, REMARK_CODES, declared_values
 from pfwd.judging import PointView
 from pfwd.procedures import Number, Procedure, Quantity
@@ -231,20 +230,26 @@ def _imported_files(report: Report, texts: Texts) -> list[Block]:
 
 
 def _values_of_averaged_drops(report: Report) -> list[str]:
-    """Return a line for each averaged drop with the values of its result."""
-    return [
-        f"{point.shown_name}, {drop.number}: {result_values(drop.result)}"
-        for point in report.points
-        for drop in point.drops
-        if drop.number in point.progress.used and drop.result is not None
-    ]
+    """Return a line with the values of each diagnosis that counts, and of each averaged drop."""
+    lines = []
+    for point in report.points:
+        diagnosis = point.counting_diagnosis
+        if diagnosis is not None and diagnosis.after is not None:
+            lines.append(f"{point.shown_name}: {result_values(diagnosis.after)}")
+        lines += [
+            f"{point.shown_name}, {drop.number}: {result_values(drop.result)}"
+            for drop in point.drops
+            if drop.number in point.progress.used and drop.result is not None
+        ]
+    return lines
 
 
-def result_values(result: DropResult) -> str:
+def result_values(result: JsonRecord) -> str:
     """Return the numbers of a result under their JSON keys, SI units, in one line."""
     written = result.to_json()
     texts = []
-    for field in stored_fields(InversionResult):
+    kind = InversionResult if isinstance(result, InversionResult) else type(result)
+    for field in stored_fields(kind):
         value = written.get(field.name)
         if is_number(value):
             texts.append(f"{field.name} {value:.6g}")

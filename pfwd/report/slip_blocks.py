@@ -23,6 +23,7 @@ from pfwd.report.gathering import ReportOptions
 from pfwd.report.localising import localised, names_of
 from pfwd.report.point_blocks import position_text
 from pfwd.report.point_facts import (
+    diagnosis_counts,
     equivalent_text,
     modulus_text,
     target_notes,
@@ -134,7 +135,7 @@ def _value_of_drop(point: PointView, drop: DropView) -> str:
 
 
 def _drops(report: Report, texts: Texts) -> Table:
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for point in report.points:
         kinds = dict(point.progress.kinds)
         for drop, facts in zip(point.drops, point.facts, strict=True):
@@ -153,7 +154,9 @@ def _drops(report: Report, texts: Texts) -> Table:
             )
     quantity = report.procedure.quantity
     unit = "mm" if quantity is Quantity.DEFLECTION else "MPa"
-    columns = (
+    if quantity.is_fitted and any(map(diagnosis_counts, report.points)):
+        rows = [row[:-1] for row in rows]  # the diagnosis has one modulus for all drops
+    columns: tuple[str, ...] = (
         texts["drop"],
         texts["kind"],
         texts["used"],
@@ -163,7 +166,7 @@ def _drops(report: Report, texts: Texts) -> Table:
         f"{texts['pulse']}, ms",
         f"{formatting.name_of(quantity, texts)}, {unit}",
     )
-    return Table(columns, tuple(rows), (0, 3, 4, 5, 6, 7))
+    return Table(columns[: len(rows[0])], tuple(rows), (0, 3, 4, 5, 6, 7))
 
 
 def checksum_of(report: Report) -> str:

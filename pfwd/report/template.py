@@ -334,7 +334,7 @@ def drop_values(point: PointView, drop: DropView) -> Values:
         "peak_load_n": facts.peak_load,
         "deflection_corrected_m": facts.peak_deflection,
         "pulse_duration_s": facts.pulse_duration,
-        "modulus_pa": facts.modulus,
+        "modulus_pa": None if result is None or result.modulus_pa is None else facts.modulus,
         "modulus_interval_low_pa": low,
         "modulus_interval_high_pa": high,
         "reason": facts.reason,

@@ -340,7 +340,7 @@ class SurveyRecorder:
     def keep_diagnosis(self, number: int, result: DiagnosisResult) -> None:
         """Save the diagnosis of a point with its last drop, a number within the survey."""
         self._attempt(
-            lambda: self.writer.save_result(number, result.to_json(), "diagnosis"), "a diagnosis"
+            lambda: self.writer.save_result(number, result.to_stored(), "diagnosis"), "a diagnosis"
         )
 
     def publish(self, number: int) -> None:

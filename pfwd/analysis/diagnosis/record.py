@@ -11,6 +11,7 @@ from inversion.diagnosis import PointDiagnosis
 from inversion.effects import BY_NAME
 from inversion.notices import Notice, Value, text_notice
 from inversion.records import known
+from pfwd.analysis.diagnosed_drop import DiagnosedDrop
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint
 from pfwd.analysis.results import (
     DiagnosisResult,
@@ -73,6 +74,7 @@ def diagnosis_result(entry: DiagnosisPoint, diagnosis: PointDiagnosis | None) ->
         held_out=diagnosis.held_out,
         elapsed_s=diagnosis.elapsed if math.isfinite(diagnosis.elapsed) else None,
         warnings=(*entry.warnings, *diagnosis.warnings, *_open_modulus_warning(diagnosis.after)),
+        fits=tuple(map(DiagnosedDrop.of, diagnosis.curves)),
     )
 
 

@@ -9,11 +9,11 @@ import pytest
 from pfwd.analysis.result_store import basis_of
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.judging import PointView
-from pfwd.report.blocks import Listing, Pairs, Paragraph
+from pfwd.report.blocks import Listing, Pairs, Paragraph, Table
 from pfwd.report.content import Report
 from pfwd.report.gathering import gather
 from pfwd.report.point_blocks import point_blocks
-from pfwd.report.point_facts import all_warnings, fit_warnings
+from pfwd.report.point_facts import all_warnings
 from pfwd.report.point_result import result_rows
 from pfwd.report.summary_blocks import common_warnings, warning_blocks
 from pfwd.report.texts import load_texts
@@ -70,7 +70,7 @@ def diagnosed_report(survey: Path, verdict: str, **after: Any) -> Report:
         "warnings": ["modulus open after the diagnosis"],
     }
     diagnosed = replace(first, whole=None, diagnosis=DiagnosisResult.from_json(record))
-    return replace(report, points=(diagnosed, *report.points[1:]))
+    return replace(report, points=(diagnosed.as_diagnosed, *report.points[1:]))
 
 
 def rows_of(point: PointView, language: str = "en") -> dict[str, str]:
@@ -78,7 +78,7 @@ def rows_of(point: PointView, language: str = "en") -> dict[str, str]:
 
 
 def text_of(report: Report) -> str:
-    """Everything that the part on the first point says outside its table of drops."""
+    """Everything that the part on the first point says outside its table of fits."""
     texts = []
     for block in point_blocks(report.points[0], report, load_texts("en"), common_warnings(report)):
         match block:
@@ -88,6 +88,8 @@ def text_of(report: Report) -> str:
                 texts.append(text)
             case Listing(items):
                 texts += items
+            case Table(columns, cells) if columns[0] == "Drop":
+                texts += [" ".join(cell) for cell in (columns, *cells)]
     return "\n".join(texts)
 
 
@@ -104,7 +106,7 @@ def test_numbers_of_a_diagnosed_point_are_those_of_its_diagnosis(survey: Path) -
         "219 kPa under the plate, 40 MPa at 100 kPa"
     )
     text = text_of(report)
-    assert not any(number in text for number in ("7.77", "6.66", "8.88", "33"))
+    assert not any(number in text for number in ("7.77", "6.66", "8.88", "33", "Modulus E, MPa"))
 
 
 def test_a_diagnosed_depth_has_the_deviation_of_its_effect(survey: Path) -> None:
@@ -113,7 +115,7 @@ def test_a_diagnosed_depth_has_the_deviation_of_its_effect(survey: Path) -> None
     assert point.diagnosis is not None
     record = point.diagnosis.to_json()
     record["effects"] = [{"name": "bedrock", "value": 0.887, "sd": 0.031, "unit": "m"}]
-    again = replace(point, diagnosis=DiagnosisResult.from_json(record))
+    again = replace(point, whole=None, diagnosis=DiagnosisResult.from_json(record))
     assert "layer on rock at 0.887 ± 0.031 m," in rows_of(again)["Basis"]
 
 
@@ -131,13 +133,8 @@ def test_nothing_contradicts_a_modulus_to_use_with_care(survey: Path) -> None:
     rows = rows_of(point)
     assert rows["Use"].startswith("use with care: 1.4 % of the peak is not explained")
     assert "do not use it" not in " ".join(all_warnings(point))
-    assert fit_warnings(point) == ["the fit leaves a residual: do not use it"]
     text = text_of(report)
-    assert text.count("do not use") == 1
-    assert (
-        "for comparison only: the diagnosis counts. Warnings of these fits: the fit leaves a "
-        "residual: do not use it"
-    ) in text
+    assert "do not use" not in text
     # The other point has no diagnosis: there the warning of the fits is one of the report.
     (_, warnings) = warning_blocks(report, load_texts("en"))
     assert isinstance(warnings, Listing)

@@ -6,6 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from inversion.diagnosis.findings import DropCurves
+from pfwd.analysis.diagnosed_drop import DiagnosedDrop
+from pfwd.analysis.results import DiagnosisResult
 from pfwd_device import Drop
 from pfwd_device.drop import Peaks
 from tests.tui.screen.scripted import curves, result, saved_drop
@@ -32,6 +35,37 @@ def test_a_sensor_stays_when_the_fit_comes(
         DropState("7", 1, saved=stored, curves=of_all, results=[result()]), SI, sensor=sensor
     )
     assert fitted[1].title == title
+
+
+def test_a_drop_shows_the_fit_of_a_diagnosis_that_counts() -> None:
+    figure = curves()
+    coarse = slice(None, None, 2)
+    observed = figure.observed[:, coarse]
+    fit = DropCurves(
+        1,
+        figure.time[coarse],
+        figure.load[coarse],
+        observed,
+        0.7 * observed,
+        0.9 * observed,
+        figure.offsets,
+        figure.contact_end,
+        0.05,
+        0.04,
+    )
+    diagnosis = DiagnosisResult(fits=(DiagnosedDrop.of(fit),))
+    drop = DropState("7", 1, curves=figure, results=[result()])
+    assert [curve.name for curve in drop_figures(drop, SI)[1].curves] == ["measured", "fitted"]
+    drop.diagnosed = diagnosis
+    _, deflection, residual = drop_figures(drop, SI)
+    assert [curve.name for curve in deflection.curves] == ["without effects", "measured", "fitted"]
+    before, measured, fitted = (curve.values[coarse] for curve in deflection.curves)
+    for drawn, share in ((before, 0.7), (fitted, 0.9)):
+        np.testing.assert_allclose(drawn, share * measured, atol=1e-6 * np.max(measured))
+    assert residual.note == "5.0 % of the peak"
+    # A drop that the diagnosis did not fit has no curve.
+    drop.number = 2
+    assert drop_figures(drop, SI) == []
 
 
 def test_a_drop_of_peaks_has_no_trace_to_draw() -> None:

@@ -66,7 +66,9 @@ def curves_of(
     drop: DropState, refit: Refit | None
 ) -> tuple[TimeHistories | None, DropResult | None]:
     """Return the curves of a drop, or of one of its refits, and the result they belong to."""
-    return (drop.curves, drop.result) if refit is None else (refit.curves, refit.result)
+    if refit is None:
+        return drop.shown_curves, drop.shown_result
+    return refit.curves, refit.result
 
 
 def default_span(curves: TimeHistories) -> tuple[float, float]:
@@ -106,10 +108,14 @@ def _fitted(
     )
     observed, predicted = curves.observed[sensor] / scale, curves.predicted[sensor] / scale
     fitted = np.where(curves.time <= curves.window_end, predicted, np.nan)
+    before: tuple[Curve, ...] = ()
+    if curves.before is not None:
+        before = (Curve(time, curves.before[sensor] / scale, "dim", "without effects", True),)
     deflection = Figure(
         _place("deflection", curves.offsets, sensor, units),
         units.unit("deflection"),
         (
+            *before,
             Curve(time, observed, "measured", "measured"),
             Curve(time, fitted, "fitted", "fitted", True),
         ),

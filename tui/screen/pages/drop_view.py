@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pfwd.analysis.results import DropResult
+from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
 from pfwd.analysis.screening.drops import channels_outward
 from tui.diagnosis_lines import diagnosis_lines
 from tui.format import word
@@ -42,10 +42,11 @@ from tui.screen.pages.drop_texts import (
 )
 from tui.screen.pages.layer_texts import effective_text, has_layers, layer_lines, sensor_lines
 from tui.screen.pages.measure_view import key_line
+from tui.screen.session.diagnosis import verdict_text
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.screen_events import Refit
 from tui.screen.session.state import SessionState
-from tui.screen.units import Units, format_number, percent
+from tui.screen.units import QuantityName, Units, format_number, percent
 
 FIGURE_NAMES = ("load", "deflection", "residual", "spectrum", "bowl")
 MIN_TWO_COLUMNS = 100
@@ -74,8 +75,9 @@ class DropPageState:
     @property
     def result(self) -> DropResult:
         """Result on the page; without one an empty result."""
-        result = self.refit.result if self.refit is not None else self.drop and self.drop.result
-        return result or DropResult()
+        if self.refit is not None:
+            return self.refit.result or DropResult()
+        return (self.drop and self.drop.shown_result) or DropResult()
 
 
 def drop_lines(view: DropPageState, width: int, height: int) -> list[Line]:
@@ -130,7 +132,8 @@ def _title(view: DropPageState, drop: DropState, width: int) -> Line:
 
 
 def _verdict(view: DropPageState, drop: DropState, width: int) -> list[Line]:
-    text, role = verdict_of(drop)
+    diagnosed = "" if drop.diagnosed is None else verdict_text(drop.diagnosed, view.units)
+    text, role = verdict_of(drop, diagnosed)
     if view.refit is not None and view.refit.result is not None:
         trial = replace_result(drop, view.refit.result)
         text, role = verdict_of(trial)
@@ -197,6 +200,8 @@ def text_lines(view: DropPageState, drop: DropState, width: int) -> list[Line]:
         lines += _paragraph(f"rejected: {drop.reason or 'no result'}", width, "bad")
     if result.modulus_pa is not None:
         lines += _parameters(view, result, width)
+    elif view.refit is None and drop.diagnosed is not None:
+        lines += _diagnosed_ground(drop.diagnosed, view.units, width)
     lines += layer_lines(result, view.units, width)
     if result.modulus_pa is not None:
         lines += _fit_lines(view, result, width)
@@ -252,6 +257,29 @@ def _parameters(view: DropPageState, result: DropResult, width: int) -> list[Lin
     return lines
 
 
+def _diagnosed_ground(diagnosis: DiagnosisResult, units: Units, width: int) -> list[Line]:
+    """Return the ground by a diagnosis that counts, and its residual over all drops."""
+    after = diagnosis.after or FittedState()
+    modulus = units.with_interval("modulus", after.modulus_pa, after.modulus_interval_pa)
+    equivalent = after.equivalent_modulus_pa, after.equivalent_modulus_interval_pa
+    lines = _heading("ground, by the diagnosis of all drops")
+    lines += _paragraph(f"{'modulus':10} {modulus}", width, "strong")
+    lines += _paragraph(f"equivalent {units.with_interval('modulus', *equivalent)}", width)
+    quantities: tuple[tuple[str, QuantityName, float | None], ...] = (
+        ("viscosity", "viscosity", after.viscosity_pa_s),
+        ("bedrock", "depth", after.bedrock_depth_m),
+        ("density", "density", after.density_kg_m3),
+    )
+    for name, quantity, value in quantities:
+        if value is not None:
+            lines += _paragraph(f"{name:10} {units.with_unit(quantity, value, 2)}", width)
+    return lines + _paragraph(
+        f"residual {percent(after.residual_rms_over_peak)} of the peak, "
+        f"{percent(after.contact_residual_rms_over_peak)} in contact",
+        width,
+    )
+
+
 def _fit_lines(view: DropPageState, result: DropResult, width: int) -> list[Line]:
     units = view.units
     ratio = format_number(result.poisson_ratio, 2)
@@ -290,7 +318,8 @@ def _warnings(result: DropResult, width: int) -> list[Line]:
 
 def _alternatives(view: DropPageState, drop: DropState, width: int) -> list[Line]:
     lines = _heading("results")
-    in_force = [] if drop.result is None else [("in force", drop.result)]
+    kind = "in force" if drop.diagnosed is None else "without effects"
+    in_force = [] if drop.result is None else [(kind, drop.result)]
     earlier = [("before it", result) for result in drop.results[:-1] if drop.withheld is None]
     units = view.units
     for kind, result in [*in_force, *earlier]:
@@ -315,11 +344,12 @@ def _short_result(result: DropResult, units: Units) -> str:
 def _effects(view: DropPageState, drop: DropState, width: int) -> list[Line]:
     diagnosis = view.state.diagnoses.get(drop.saved.file) if drop.saved is not None else None
     lines = _heading("causes of the residual")
-    if diagnosis is None:
-        return [*lines, *_paragraph("v looks for them; it takes some seconds", width, "dim")]
-    if diagnosis.error:
+    if diagnosis is not None and diagnosis.error:
         return [*lines, *_paragraph(diagnosis.error, width, "bad")]
-    for result in diagnosis.results:
+    results = [drop.diagnosed] if diagnosis is None else diagnosis.results
+    if results == [None]:
+        return [*lines, *_paragraph("v looks for them; it takes some seconds", width, "dim")]
+    for result in filter(None, results):
         for text in diagnosis_lines(result)[1:]:
             lines += _paragraph(text.strip(), width)
     return lines

@@ -3,7 +3,8 @@
 import math
 from dataclasses import dataclass, field
 
-from pfwd.analysis.results import DropResult, TimeHistories
+from pfwd.analysis.diagnosed_drop import DiagnosedDrop
+from pfwd.analysis.results import DiagnosisResult, DropResult, TimeHistories
 from pfwd.analysis.sensor_fits import sensor_fits
 from pfwd.judging import DropView
 from pfwd.procedures import Quantity
@@ -38,6 +39,8 @@ class DropState:
     """Reason why there is no modulus; empty: there is one, or it is being computed."""
     withheld: str | None = None
     """Reason why neither fit nor diagnosis of the point permits a modulus; None: one does."""
+    diagnosed: DiagnosisResult | None = None
+    """Diagnosis whose modulus is that of the point; None: there is none."""
     identical: bool | None = None
     saved_at: float = 0.0
     """Monotonic clock when the drop was stored, s; 0: read from the survey."""
@@ -103,6 +106,24 @@ class DropState:
         """Last result of the inversion of this drop, without the ground if it is withheld."""
         last = self.results[-1] if self.results else None
         return last if last is None or self.withheld is None else last.without_ground()
+
+    @property
+    def shown_result(self) -> DropResult | None:
+        """Result that belongs to the curves: the last one, or that of a diagnosis that counts."""
+        fit = self._diagnosed_fit
+        return self.result if self.result is None or fit is None else self.result.in_diagnosis(fit)
+
+    @property
+    def shown_curves(self) -> TimeHistories | None:
+        """Measured and fitted curves, those of a diagnosis if it counts."""
+        fit = self._diagnosed_fit
+        return self.curves if self.curves is None or fit is None else fit.drawn_on(self.curves)
+
+    @property
+    def _diagnosed_fit(self) -> DiagnosedDrop | None:
+        """Fit by the diagnosis that counts; None: the fit of the drop counts, or has layers."""
+        has_layers = self.result is not None and len(self.result.layers or ()) > 1
+        return None if self.diagnosed is None or has_layers else self.diagnosed.fit_of(self.number)
 
     @property
     def modulus(self) -> float | None:

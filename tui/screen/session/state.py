@@ -263,6 +263,7 @@ class SessionState:
             if view.number in drops:
                 drops[view.number].view = view
                 drops[view.number].withheld = progress.withheld
+                drops[view.number].diagnosed = point.counting_diagnosis
         reasons = {drop.number: drop.reason for drop in progress.excluded}
         for number, kind in progress.kinds:
             drop = drops.get(number)

@@ -1,8 +1,10 @@
 """Diagnoses that a survey keeps."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import pfwd
@@ -12,7 +14,7 @@ from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_files
 from pfwd.analysis.diagnosis.entries import entry_of, questions_of
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.result_store import last_diagnosis, store_diagnoses
-from pfwd.analysis.results import DiagnosisResult
+from pfwd.analysis.results import DiagnosisResult, TimeHistories
 from pfwd.analysis.worker.process import outcome_of
 from pfwd.analysis.worker.tasks import DiagnosisTask
 from pfwd.analysis.worker.worker import end_process, request, start_process
@@ -24,6 +26,7 @@ from pfwd.files.importing import import_files
 from pfwd.files.opening import survey_content
 from pfwd.files.reading import points_of
 from pfwd.judging import point_views
+from pfwd.report.gathering import ReportOptions, gather
 from pfwd.scripting.measured import points_of as points_of_data
 from pfwd_device.recording import read_survey
 
@@ -64,6 +67,37 @@ def test_the_same_question_is_answered_from_the_survey(
     assert [it.result.file for it in found if it.result] == [str(survey)] * 2
     assert store_diagnoses(str(survey), told(found)) is None
     assert len(list((survey / "results").glob("diagnosis-*"))) == 2
+
+
+def at_diagnosed_samples(curves: TimeHistories, step: float | None) -> TimeHistories:
+    """Curves at the samples of the diagnosis, which leaves samples out where there are many."""
+    every = slice(None, None, round((step or 0.0) / (curves.time[1] - curves.time[0])))
+    rows = {name: getattr(curves, name)[:, every] for name in ("observed", "predicted", "before")}
+    return replace(curves, time=curves.time[every], **rows)
+
+
+def test_a_report_draws_the_fit_whose_residual_it_states(survey: Path) -> None:
+    name = read_survey(survey).points[0].name
+    (point,) = gather(survey, ReportOptions(diagnose=False, store=False, point=name)).points
+    diagnosis = point.counting_diagnosis
+    assert diagnosis is not None
+    assert "fits" not in diagnosis.to_json()
+    step = diagnosis.fit_of(point.drops[-1].number).step_s
+    curves = [drop.curves for drop in point.drops if drop.curves is not None]
+    assert len(curves) == len(diagnosis.drops or ()) > 0
+    assert all(drop.result and drop.result.modulus_pa is None for drop in point.drops)
+    for state, name in ((diagnosis.before, "before"), (diagnosis.after, "predicted")):
+        squares = [
+            ((getattr(drawn, name) - drawn.observed) / drawn.peaks[:, None])[:, drawn.time >= 0]
+            for drawn in (at_diagnosed_samples(drawn, step) for drawn in curves)
+        ]
+        drawn = np.sqrt(np.mean([np.mean(of_drop**2) for of_drop in squares]))
+        assert state is not None
+        assert drawn == pytest.approx(state.residual_rms_over_peak, rel=1e-3)
+    in_table = [drop.result and drop.result.residual_rms_over_peak for drop in point.drops]
+    assert np.sqrt(np.mean(np.square(in_table))) == pytest.approx(
+        diagnosis.after and diagnosis.after.residual_rms_over_peak, rel=1e-9
+    )
 
 
 def test_a_script_gets_the_stored_diagnoses(survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
