@@ -118,6 +118,8 @@ def diagnosis_lines(
             lines.append("  no effect is accepted: after is the base model within usual soils")
         sentence = use_sentence(result, modulus)
         lines += [f"  {sentence}"] if sentence else []
+        if (equivalent := _equivalent_use(result, modulus)) is not None:
+            lines.append(f"  Equivalent modulus {_equivalent(result.after)}: {equivalent}.")
     for effect in result.effects or ():
         lines += _effect(effect, advice=device_advice or effect.scope != "device")
     lines += _held_out(result.held_out)
@@ -177,6 +179,15 @@ def use_sentence(
     return f"{text}{reason}."
 
 
+def _equivalent_use(
+    result: DiagnosisResult, modulus: "PointModulus | Literal['unknown'] | None"
+) -> str | None:
+    """Return what the equivalent modulus may be used for; None: the same as the modulus."""
+    if result.equivalent_use is None or _record_fault(modulus) is not None:
+        return None
+    return USES[result.equivalent_use]
+
+
 def _record_fault(modulus: "PointModulus | Literal['unknown'] | None") -> str | None:
     """Return the reason why the records of a point support no modulus; None: no reason known."""
     return None if modulus is None or modulus == "unknown" else modulus.not_supported
@@ -215,6 +226,7 @@ def survey_lines(
         *_conditions([result for _, result, _ in diagnosed]),
         *undiagnosed_lines(results),
         *_unusable_lines(diagnosed, names),
+        *_equivalent_use_lines(diagnosed, names),
         *_advice_of_points(results),
         *device_lines(results),
     ]
@@ -253,6 +265,19 @@ def _unusable_lines(
     return [
         f"Do not use the modulus of {_where(chosen, names)}: {text}"
         for text, chosen in where.items()
+    ]
+
+
+def _equivalent_use_lines(
+    points: "Sequence[tuple[str, DiagnosisResult, PointModulus | None]]", names: Sequence[str]
+) -> list[str]:
+    """Return the uses of the equivalent modulus that differ from those of the modulus."""
+    where: dict[str, list[str]] = {}
+    for name, result, modulus in points:
+        if (use := _equivalent_use(result, modulus)) is not None:
+            where.setdefault(use, []).append(name)
+    return [
+        f"Equivalent modulus of {_where(chosen, names)}: {use}" for use, chosen in where.items()
     ]
 
 

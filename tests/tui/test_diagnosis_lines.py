@@ -224,6 +224,20 @@ def lines_of(points: list[DiagnosisResult], width: int = 140) -> list[str]:
     return survey_lines(points, [modulus_in_force(point) for point in points], width)
 
 
+def test_the_use_of_the_equivalent_modulus_is_said_where_it_differs() -> None:
+    alike, other, third = survey()
+    assert alike.after is not None
+    wide = replace(alike.after, modulus_interval_pa=(25e6, 80e6))
+    differs = replace(alike, after=wide)
+    assert (differs.use, differs.equivalent_use) == ("do-not-use", "design")
+    (line,) = [text for text in diagnosis_lines(differs) if "Equivalent modulus" in text]
+    assert line == "  Equivalent modulus 48 MPa (45 to 51): design value."
+    assert not [text for text in diagnosis_lines(alike) if "Equivalent modulus" in text]
+    notes = [text for text in lines_of([differs, other, third]) if "Equivalent modulus" in text]
+    assert notes == ["Equivalent modulus of A: design value"]
+    assert not [text for text in lines_of(survey()) if "Equivalent modulus" in text]
+
+
 def test_several_points_begin_with_a_table() -> None:
     lines = lines_of(survey())
     assert lines[0] == "3 points: 1 with a design value, 1 to use with care, 1 not to use"
