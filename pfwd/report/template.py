@@ -326,6 +326,8 @@ def drop_values(point: PointView, drop: DropView) -> Values:
     low, high = (None, None)
     if result is not None and result.modulus_interval_pa is not None:
         low, high = result.modulus_interval_pa
+    equivalent_low, equivalent_high = facts.equivalent_interval or (None, None)
+    top, bottom = facts.modulus_depth or (None, None)
     return {
         "point": point.shown_name,
         "drop": drop.number,
@@ -337,6 +339,11 @@ def drop_values(point: PointView, drop: DropView) -> Values:
         "modulus_pa": None if result is None or result.modulus_pa is None else facts.modulus,
         "modulus_interval_low_pa": low,
         "modulus_interval_high_pa": high,
+        "modulus_depth_from_m": top,
+        "modulus_depth_to_m": bottom,
+        "equivalent_modulus_pa": facts.equivalent_modulus,
+        "equivalent_modulus_interval_low_pa": equivalent_low,
+        "equivalent_modulus_interval_high_pa": equivalent_high,
         "reason": facts.reason,
         "note": "; ".join(drop.notes) or None,
     }

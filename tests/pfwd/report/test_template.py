@@ -12,6 +12,8 @@ from python_calamine import CalamineWorkbook
 from pfwd.errors import OptionError
 from pfwd.files.editing import Edit, edit_survey
 from pfwd.report.report import ReportOptions, write_report
+from pfwd_device.recording import SurveyWriter, read_survey
+from tests.pfwd.report.surveys import result_of
 
 
 def template(path: Path, cells: dict[str, Any], names: dict[str, str] | None = None) -> Path:
@@ -58,6 +60,27 @@ def test_rows_of_drops_and_the_company(survey: Path, tmp_path: Path) -> None:
     assert len(rows) == 1 + 8
     assert rows[1][0] == pytest.approx(8.0, abs=0.1)
     assert (rows[1][1], rows[4][1]) == ("seating", "measured")
+
+
+@pytest.mark.parametrize("kind", ["points", "drops"])
+def test_the_equivalent_modulus_has_its_interval_and_the_modulus_its_depth(
+    kind: str, survey: Path, tmp_path: Path
+) -> None:
+    above_rock = {"modulus_depth_m": [0.0, 1.4]}
+    with SurveyWriter.open(survey, publish=False) as writer:
+        for drop in read_survey(survey).drops:
+            writer.save_result(drop.number, result_of(drop.drop) | above_rock)
+    keys = ("equivalent_modulus", "equivalent_modulus_interval_low")
+    cells = {
+        f"{column}1": f"{{{{ {kind}.{key}_pa | MPa }}}}"
+        for column, key in zip("ABC", (*keys, "equivalent_modulus_interval_high"), strict=True)
+    }
+    cells |= {"D1": f"{{{{ {kind}.modulus_depth_from_m }}}}"}
+    names = {f"{kind}_modulus_depth_to_m": "$E$1", f"{kind}_modulus_pa_MPa": "$F$1"}
+    *_, last = filled(survey, tmp_path, cells, names)
+    equivalent, low, high, top, bottom, modulus = last
+    assert (low, equivalent, high) == pytest.approx((0.98 * modulus, modulus, 1.02 * modulus))
+    assert (top, bottom) == (0.0, 1.4)
 
 
 def test_what_a_survey_says_is_never_a_formula(survey: Path, tmp_path: Path) -> None:
