@@ -52,7 +52,8 @@ def rock_depth(posterior: Posterior) -> float | None:
 def depth_range(posterior: Posterior) -> tuple[float, float | None]:
     """Return the depths between which the modulus of the ground holds, m; None: any depth.
 
-    Where the modulus grows with depth, that of the ground is the effective one of all depths.
+    Where the modulus grows with depth, that of the ground is the effective one of all depths: the
+    records of real points leave the modulus at the surface open by a factor of three.
     """
     top = sum(medium.thickness for medium in ground_of(posterior).above)
     return top, rock_depth(posterior)
