@@ -106,6 +106,17 @@ class Judged:
         return interval[0] <= self.case.modulus_pa <= interval[1]
 
     @property
+    def lacks_modulus(self) -> bool:
+        """True if the diagnosis reports no modulus."""
+        after = self.record["after"] if self.record else None
+        return after is None or after["modulus_pa"] is None
+
+    @property
+    def is_explained_wrongly(self) -> bool:
+        """True if effects explain the record and the true one is not among them."""
+        return self.verdict == "explained" and not self.right
+
+    @property
     def half_width(self) -> float | None:
         """Half-width of the interval after the diagnosis, over the modulus."""
         interval = self._interval
@@ -264,9 +275,15 @@ def summarise(report: Reporter, judged: Sequence[Judged]) -> None:
         _by_strength(report, judged)
     report.title("totals on Kelvin-Voigt soil (shares of drops)")
     report.record(**totals(judged))
-    report.title("does the interval of the modulus after hold the truth (points), by verdict")
+    report.title("does the interval of the modulus after hold the truth (points)")
     for name, part in covered(judged).items():
-        report.record(verdict=name, held=_held(part), half_width_median=_half_width(part))
+        report.record(
+            coverage=name,
+            held=_held([point for point in part if not point.lacks_modulus]),
+            half_width_median=_half_width(part),
+            no_modulus=Proportion.among(part, lambda point: point.lacks_modulus),
+            explained_wrongly=Proportion.among(part, lambda point: point.is_explained_wrongly),
+        )
     report.title("true effect, and what was named first, where it matters or raised an alarm")
     for key in sorted({point.case.key for point in judged}):
         part = [
@@ -367,16 +384,18 @@ def _by_strength(report: Reporter, judged: Sequence[Judged]) -> None:
 
 
 def covered(judged: Sequence[Judged]) -> dict[str, list[Judged]]:
-    """Return the points with an interval and a true modulus, by verdict and by group."""
-    closed = [point for point in judged if point.held is not None]
-    verdicts = ("clean", "explained", "unexplained")
-    parts = {"all": closed} | {v: [p for p in closed if p.verdict == v] for v in verdicts}
-    known_effects = _of_group(closed, "known")
-    parts["known effects"] = known_effects
-    parts["known effects, explained"] = [p for p in known_effects if p.verdict == "explained"]
-    parts["unknown effects"] = _of_group(closed, "unknown")
-    parts["other soil"] = [point for point in closed if point.case.soil != "kelvin-voigt"]
-    return {name: part for name, part in parts.items() if part}
+    """Return the points with a true modulus in three groups.
+
+    Soils and effects of the catalogue are known. An unknown effect is silent if it leaves no
+    residual of the base model beyond the noise, as one that multiplies the record by a factor.
+    """
+    on_ground = [point for point in judged if point.case.modulus_pa is not None]
+    unknown_effects = _of_group(on_ground, "unknown")
+    return {
+        "clean_and_known": [point for point in on_ground if point.case.group != "unknown"],
+        "silent": [point for point in unknown_effects if not point.visible],
+        "visible": [point for point in unknown_effects if point.visible],
+    }
 
 
 def totals(judged: Sequence[Judged]) -> dict[str, float | int | None]:

@@ -88,13 +88,17 @@ def test_coverage_asks_whether_the_interval_holds_the_truth() -> None:
     assert (inside.held, outside.held, rig.held) == (True, False, None)
     assert inside.half_width == pytest.approx(0.05)
     assert Judged(CASE, said("clean", 40, 40)).held is None
-    unknown = Judged(UNKNOWN, with_interval("unexplained", 20, 80))
-    parts = covered([inside, outside, rig, unknown])
-    assert parts["all"] == [inside, outside, unknown]
-    assert parts["unexplained"] == [outside, unknown]
-    assert parts["known effects"] == [inside, outside]
-    assert parts["known effects, explained"] == [inside]
-    assert "clean" not in parts
+    silent = Judged(UNKNOWN, with_interval("unexplained", 20, 80))
+    visible = Judged(UNKNOWN, said("explained", 44, 40, "bedrock", residual=3.1))
+    assert covered([inside, outside, rig, silent, visible]) == {
+        "clean_and_known": [inside, outside],
+        "silent": [silent],
+        "visible": [visible],
+    }
+    assert visible.is_explained_wrongly
+    assert not silent.is_explained_wrongly
+    assert not inside.lacks_modulus
+    assert Judged(CASE, None).lacks_modulus
 
 
 def test_totals_count_drops() -> None:
