@@ -24,9 +24,6 @@ LeaveOut = Literal["next", "drop", "sensor", "point"]
 NEARLY_EXPLAINED = 0.02
 # Ratio of the residual after to that before, above which the effects are not its main cause.
 MAX_UNEXPLAINED_SHARE = 0.5
-# Relative error (95 %) of a modulus due to calibration, which no record can show: gain errors of
-# load cell and sensors, each of the 2 % that ASTM D4694 allows.
-CALIBRATION = 0.028
 DeviceValues = dict[str, dict[str, float]]
 CHOICE_OF_EFFECTS = "choice of effects"
 """Entry in the list of what was fitted to held-out data, if these were used to choose the

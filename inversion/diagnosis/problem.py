@@ -43,6 +43,7 @@ class Point:
         self.records = records
         first = records.records[0]
         self.declared_depth = first.bedrock_depth
+        self.modulus_error = max(record.modulus_error for record in records.records)
         self.contact = plate
         self.plate: Surrogate | LayeredPlateModel = plate
         if not layered and plate in PLATE_MODELS:
@@ -67,6 +68,13 @@ class Point:
             for model in self.drops
         ]
         self.peak_modulus = float(np.median(peaks))
+
+    def with_modulus_error(self, error: float | None) -> Point:
+        """Return the point with another error of the instrument; None: that of its records."""
+        point = copy.copy(self)
+        if error is not None:
+            point.modulus_error = error
+        return point
 
     def coarse(self) -> Point:
         """Return the point with a narrower frequency band, for the fits that select effects.

@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 
 from inversion.arrays import ComplexArray, FloatArray
-from inversion.diagnosis.findings import CALIBRATION, FittedState
+from inversion.diagnosis.findings import FittedState
 from inversion.diagnosis.problem import Point
 from inversion.effects.base import Ground
 from inversion.effects.layer import ABOVE_ROCK, Layer, layer_prefix
@@ -209,7 +209,9 @@ class BaseFit:
 
     def _modulus_deviation(self, fit: Posterior, ratio: Key) -> float:
         """Return the standard deviation of the logarithm of a layer's modulus."""
-        return math.hypot(_deviation(fit, (_MODULUS, ratio)), CALIBRATION / NORMAL_95)
+        return math.hypot(
+            _deviation(fit, (_MODULUS, ratio)), fit.model.point.modulus_error / NORMAL_95
+        )
 
     def effective(self, plate: LayeredPlateModel) -> tuple[float, Interval]:
         """Return the effective modulus, Pa, and its 95 % interval over all fits.

@@ -107,6 +107,7 @@ def diagnose_point(
         objections = _find_steps(point)
         if objections:
             return _point_diagnosis(point, base, base.best, None, objections)
+        point = point.with_modulus_error(instrument.modulus_error)
         selection = select(point.coarse(), instrument)
         best, seating = fit_drops_of_selection(point, selection, instrument)
         diagnosis = _point_diagnosis(point, base, best, (selection, seating), [])

@@ -10,7 +10,6 @@ import numpy as np
 from scipy.special import ndtr
 
 from inversion.arrays import FloatArray
-from inversion.diagnosis.findings import CALIBRATION
 from inversion.diagnosis.model import Active
 from inversion.effects.base import DropContext, Ground
 from inversion.forward.layered import LayeredPlateModel
@@ -73,7 +72,7 @@ def secant_modulus(posterior: Posterior, stress: float) -> float:
 def log_deviation(posterior: Posterior, stress: float) -> float:
     """Return the standard deviation of the logarithm of the secant modulus.
 
-    It excludes the errors of calibration and of simplifications in effects, see `model_error`.
+    It excludes the errors of the instrument and of simplifications in effects, see `model_error`.
     """
     return _deviation(posterior, lambda values: _log_modulus(posterior.model, values, stress))
 
@@ -81,7 +80,7 @@ def log_deviation(posterior: Posterior, stress: float) -> float:
 def effective_estimate(posterior: Posterior, plate: LayeredPlateModel) -> tuple[float, float]:
     """Return the logarithm of the effective modulus, Pa, and its standard deviation.
 
-    The standard deviation includes the errors of calibration and effects. See
+    The standard deviation includes the errors of instrument and effects. See
     :func:`inversion.forward.layered.statics.effective_modulus`.
     """
     model, context = posterior.model, _context(posterior.model)
@@ -123,7 +122,7 @@ def equivalent_modulus(posterior: Posterior) -> tuple[float, float]:
     It is the modulus of the elastic half-space, with density and damping of the fit, that deflects
     under the plate as much as the fitted ground, for the load of the last drop. Effects of the
     device and the mass of the plate are left out of both. The standard deviation excludes the
-    errors of calibration.
+    error of the instrument.
     """
     model, values = posterior.model, posterior.values
     drop = model.point.drops[model.last]
@@ -141,11 +140,11 @@ def equivalent_modulus(posterior: Posterior) -> tuple[float, float]:
     ground = _with_effects(*start, context)
     log_modulus, slope = math.log(ground.modulus), -1.0
     for _ in range(_MAX_SECANT_STEPS):
-        here, there = drop.peaks_of_ground(
+        peak, moved_peak = drop.peaks_of_ground(
             half_space(log_modulus, ground), [], [(half_space(log_modulus + _LOG_STEP, ground), [])]
         )
-        slope = math.log(there / here) / _LOG_STEP
-        change = float(np.clip(math.log(peaks[0] / here) / slope, -1.0, 1.0))
+        slope = math.log(moved_peak / peak) / _LOG_STEP
+        change = float(np.clip(math.log(peaks[0] / peak) / slope, -1.0, 1.0))
         log_modulus += change
         if abs(change) < _LOG_TOLERANCE:
             break
@@ -159,9 +158,12 @@ def equivalent_modulus(posterior: Posterior) -> tuple[float, float]:
 
 
 def model_error(posterior: Posterior) -> float:
-    """Return the relative error (95 %) of the modulus due to calibration and simplifications."""
-    _, active = posterior.model.ground_and_effects(posterior.values, posterior.model.last)
-    return math.hypot(CALIBRATION, *(effect.model_error(values) for effect, values in active))
+    """Return the relative error (95 %) of the modulus due to the instrument and simplifications."""
+    model = posterior.model
+    _, active = model.ground_and_effects(posterior.values, model.last)
+    return math.hypot(
+        model.point.modulus_error, *(effect.model_error(values) for effect, values in active)
+    )
 
 
 def _log_modulus(model: PointModel, values: FloatArray, stress: float) -> float:
@@ -210,7 +212,7 @@ def quantiles(components: Sequence[Component]) -> tuple[float, float, float]:
 def secant_estimate(posterior: Posterior, stress: float) -> tuple[float, float]:
     """Return the logarithm of the secant modulus, Pa, and its standard deviation.
 
-    The standard deviation includes the errors of calibration and effects.
+    The standard deviation includes the errors of instrument and effects.
     """
     deviation = math.hypot(
         log_deviation(posterior, stress), model_error(posterior) / NORMAL_95, _MIN_DEVIATION
@@ -219,9 +221,9 @@ def secant_estimate(posterior: Posterior, stress: float) -> tuple[float, float]:
 
 
 def equivalent_estimate(posterior: Posterior) -> tuple[float, float]:
-    """Return `equivalent_modulus` with the error of calibration in the standard deviation."""
+    """Return `equivalent_modulus` with the error of the instrument in the standard deviation."""
     log_modulus, deviation = equivalent_modulus(posterior)
-    return log_modulus, math.hypot(deviation, CALIBRATION / NORMAL_95)
+    return log_modulus, math.hypot(deviation, posterior.model.point.modulus_error / NORMAL_95)
 
 
 def quantile(components: Sequence[Component], part: float) -> float:

@@ -25,7 +25,10 @@ from inversion.effects.catalogue import BY_NAME
 from inversion.inference.point_model import GROUND_EFFECT, STIFFNESS, Key, Name, PointModel, Prior
 from inversion.inference.posterior import Posterior
 from inversion.inference.structures import Structure
-from inversion.measured.record import PreparedDrop
+from inversion.measured.record import CALIBRATED_ERROR, PreparedDrop
+
+ERROR_BUDGET = "error_budget"
+"""Name under which a device file states the errors of a modulus due to the instrument."""
 
 # Prior guess of the spread of a population, in prior standard deviations, and the number of points
 # that it counts as.
@@ -133,6 +136,8 @@ class InstrumentKnowledge:
         coordinate
     starting_structures : sets of effects at which the search starts, from the point itself and from
         other points; empty: it starts at all single effects and candidates
+    modulus_error : float, relative error (95 %) of a modulus due to the instrument; None: that of
+        the records
     """
 
     declared_effects: DeviceValues = field(default_factory=dict)
@@ -141,18 +146,24 @@ class InstrumentKnowledge:
     peer_points: tuple[PointSummary, ...] = ()
     effect_priors: dict[Name, Prior] = field(default_factory=dict)
     starting_structures: tuple[Structure, ...] = ()
+    modulus_error: float | None = None
 
     @classmethod
     def from_values(cls, values: DeviceValues, spread: DeviceValues | None) -> InstrumentKnowledge:
         """Return the knowledge from declared values.
 
-        A value with a standard deviation becomes a prior.
+        A value with a standard deviation becomes a prior. A declared gain is a calibration.
 
         Parameters
         ----------
-        values, spread : values and standard deviations, by effect and parameter, in SI units
+        values, spread : values and standard deviations, by effect and parameter, in SI units; under
+            `ERROR_BUDGET` the relative errors (95 %) of a modulus by their causes
         """
         spread = spread or {}
+        error = CALIBRATED_ERROR if values.keys() & {"load_gain", "sensor_gain"} else None
+        if ERROR_BUDGET in values:
+            error = math.hypot(*values[ERROR_BUDGET].values())
+        values = without_error_budget(values)
         movable = frozenset(name for name in values if spread.get(name))
         effect_priors = {}
         for name in movable:
@@ -163,13 +174,18 @@ class InstrumentKnowledge:
                 reach = abs(effect.coordinate_at(key, value + deviation) - place)
                 effect_priors[name, key] = place, max(reach, _MIN_DEVIATION)
         held = {name: numbers for name, numbers in values.items() if name not in movable}
-        return cls(declared_effects=held, effects=movable, effect_priors=effect_priors)
+        return cls(held, movable, effect_priors=effect_priors, modulus_error=error)
 
     def priors(self, model: PointModel) -> dict[Key, Prior]:
         """Return the priors from the other points, for all unknowns except those of the ground."""
         priors = population_priors(self.peer_points, model) if self.peer_points else {}
         shared = {key: prior for key, prior in priors.items() if key[0] not in _SITE_EFFECTS}
         return shared | {(*name, None): prior for name, prior in self.effect_priors.items()}
+
+
+def without_error_budget(values: DeviceValues) -> DeviceValues:
+    """Return what a device file declares without its error budget."""
+    return {name: of_effect for name, of_effect in values.items() if name != ERROR_BUDGET}
 
 
 def _deviations(summary: PointSummary, name: Name, *, seating: bool) -> list[float]:

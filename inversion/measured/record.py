@@ -15,6 +15,12 @@ from inversion.forward.model import Instrument
 
 Quantity = Literal["velocity", "displacement"]
 
+CALIBRATED_ERROR = 0.028
+"""Relative error (95 %) of a modulus due to the instrument, where a calibration is recorded: gains
+of load cell and sensors, each of the 2 % that ASTM D4694 allows."""
+UNCALIBRATED_ERROR = 0.055
+"""The same where none is recorded, which includes tilt, clock and linearity."""
+
 # The load has ended when it has fallen to this fraction of its peak.
 CONTACT_END_FRACTION = 0.03
 # A later load above this fraction of the peak is a second contact and ends the usable window.
@@ -70,6 +76,8 @@ class Record:
     density : float, kg/m3, or None: fitted
     bedrock_depth : float, m; inf: none; None: unknown
     model_floor : float, m, or None: declared error of the model's displacement
+    modulus_error : float, relative error (95 %) of a modulus due to the instrument, which changes
+        the whole record by one factor and leaves no residual
     """
 
     time: FloatArray
@@ -80,6 +88,7 @@ class Record:
     density: float | None = None
     bedrock_depth: float | None = None
     model_floor: float | None = None
+    modulus_error: float = UNCALIBRATED_ERROR
 
     def __post_init__(self) -> None:
         count = self.time.size

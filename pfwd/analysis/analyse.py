@@ -24,7 +24,7 @@ from inversion import (
 from inversion.drop_inversion import tables_of
 from inversion.forward.library import BuildProgress
 from inversion.forward.model import Instrument
-from inversion.measured.record import Sensor
+from inversion.measured.record import CALIBRATED_ERROR, UNCALIBRATED_ERROR, Sensor
 from inversion.notices import Notice
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.options import AnalysisOptions
@@ -86,6 +86,7 @@ def record_of(
         density=setup.density,
         bedrock_depth=setup.bedrock_depth,
         model_floor=setup.model_floor,
+        modulus_error=UNCALIBRATED_ERROR if setup.calibrated is None else CALIBRATED_ERROR,
     )
 
 

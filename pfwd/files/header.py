@@ -21,6 +21,7 @@ from pfwd.toml_reading import parse_toml, parse_user_toml, read_toml_text
 from pfwd_device.schema import (
     AnyOf,
     Choice,
+    Date,
     Integer,
     Key,
     Number,
@@ -155,6 +156,11 @@ class PointSetup:
         Number("m", minimum=0),
         "Displacement error that the user concedes to the model.",
         key="model_floor_m",
+    )
+    calibrated: str | None = declared(
+        None,
+        Date(text=True),
+        "Date of the calibration of load cell and sensors.",
     )
     device: FreeText | None = declared(
         None,
@@ -409,7 +415,10 @@ def setup_from(declarations: Mapping[str, Declaration], where: str) -> PointSetu
             extra[key] = declaration.value
             continue
         value = declaration.value
-        if isinstance(value, datetime.date | datetime.time) and HEADER_KEYS[key].value is _FREE:
+        kind = HEADER_KEYS[key].value
+        if isinstance(value, datetime.date | datetime.time) and (
+            kind is _FREE or isinstance(kind, Date)
+        ):
             value = value.isoformat()
         check_value(key, value, declaration.where)
         values[HEADER_KEYS[key].attribute] = value

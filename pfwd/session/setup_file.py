@@ -112,6 +112,7 @@ class MeasuringSetup:
             "plate_mass_kg": identity.plate_mass,
             "centre_sensor": identity.centre_sensor,
             "device": identity.serial_number,
+            "calibrated": _calibration_date(identity),
             **_geophone_response(identity),
             **self.declared,
         }
@@ -185,6 +186,19 @@ def _differences(
 
 def _text_of(value: object) -> str:
     return str(value) if isinstance(value, datetime.date | Role) else repr(value)
+
+
+def _calibration_date(identity: Identity) -> str | None:
+    """Return the date of the oldest calibration of a channel; None: one is missing or expired."""
+    dates = []
+    for channel in identity.channels:
+        if channel.role is Role.UNUSED:
+            continue
+        has_expired = channel.due is not None and channel.due < datetime.date.today()
+        if channel.calibrated is None or has_expired:
+            return None
+        dates.append(channel.calibrated)
+    return min(dates).isoformat() if dates else None
 
 
 def _geophone_response(identity: Identity) -> dict[str, float]:

@@ -38,6 +38,7 @@ _DRAWN_STREAM_OFFSET = 10_000
 REFERENCE_RAD_S = 2 * math.pi * 30.0  # of constant-Q soil; about the frequency of the pulses
 GROWTH_LIMIT_M = 5.0  # depth below which the modulus is constant
 N_SURVEY_POINTS = 5
+CALIBRATED = "2026-01-05"  # date of the calibration in all headers
 
 
 @dataclass(frozen=True)
@@ -427,6 +428,7 @@ def _header(
         "plate_radius_m": scene.radius,
         "plate_mass_kg": scene.plate_mass,
         "poisson_ratio": site.poisson_ratio,
+        "calibrated": CALIBRATED,
     }
     declared = depth if outcome.declared_depth is None else outcome.declared_depth
     # a half-space need not be declared, as the base model assumes it

@@ -140,5 +140,5 @@ def test_centre_alone_and_unknown_depth(truth: Truth, bench: Bench) -> None:
     low, high = result.modulus_interval_pa
     assert 0 < low <= result.modulus_pa <= high < math.inf
     if not any("depth not unique" in warning for warning in result.warnings):
-        # The error of calibration, 2.8 % each way, is most of it.
-        assert (high - low) / truth.modulus < 0.08
+        # The error of an instrument without calibration, 5.5 % each way, is most of it.
+        assert (high - low) / truth.modulus < 0.13

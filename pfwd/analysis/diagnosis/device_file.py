@@ -6,10 +6,11 @@ import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from inversion.diagnosis.findings import EffectResult
 from inversion.effects import BY_NAME
+from inversion.inference.population import ERROR_BUDGET
 from inversion.records import known
 from pfwd.analysis.diagnosis.diagnose import Diagnosed
 from pfwd.analysis.diagnosis.points import DeviceValues
@@ -18,6 +19,8 @@ from pfwd.files.output_path import replaced_at_once, require_writable
 from pfwd.files.toml import toml_line
 from pfwd.toml_reading import parse_user_toml, read_toml_text
 
+CAUSES_OF_ERROR = ("gain", "tilt", "clock", "linearity")
+"""Causes of an error of the modulus that leaves no residual, in the table `ERROR_BUDGET`."""
 _SUFFIX = {"kg": "_kg", "s": "_s", "Hz": "_hz", "m/s": "_m_s", "m": "_m", "N/m": "_n_m"}
 """Ending of a key, by the unit of its value."""
 
@@ -122,6 +125,8 @@ def read_device_file(path: str | os.PathLike[str]) -> DeviceValues:
 def read_device(path: str | os.PathLike[str]) -> tuple[DeviceValues, DeviceValues]:
     """Return parameters of device effects in a device file, and standard deviations.
 
+    The values under `ERROR_BUDGET` are relative errors (95 %) of a modulus.
+
     Returns
     -------
     values : dict
@@ -140,6 +145,9 @@ def read_device(path: str | os.PathLike[str]) -> tuple[DeviceValues, DeviceValue
     deviations: DeviceValues = {}
     for name, entries in table.items():
         if not isinstance(entries, dict):
+            continue
+        if name == ERROR_BUDGET:
+            values[name] = _error_budget(entries, where)
             continue
         effect = BY_NAME.get(name)
         if effect is None or effect.scope != "device":
@@ -160,3 +168,17 @@ def read_device(path: str | os.PathLike[str]) -> tuple[DeviceValues, DeviceValue
                     raise OptionError(refusal(where, expected, f"{spread:g}"))
                 deviations.setdefault(name, {})[p.name] = float(spread)
     return values, deviations
+
+
+def _error_budget(entries: dict[str, Any], where: str) -> dict[str, float]:
+    """Return the errors of a modulus by their causes; raises OptionError for another entry."""
+    budget: dict[str, float] = {}
+    for name in (*CAUSES_OF_ERROR, *(entries.keys() - set(CAUSES_OF_ERROR))):
+        value = entries.get(name)
+        is_valid = name in CAUSES_OF_ERROR and not isinstance(value, bool)
+        if is_valid and isinstance(value, int | float) and 0.0 <= value < 1.0:
+            budget[name] = float(value)
+            continue
+        expected = f"[{ERROR_BUDGET}] with {', '.join(CAUSES_OF_ERROR)}, each from 0 to below 1"
+        raise OptionError(refusal(where, expected, f"{name} = {value!r}"))
+    return budget

@@ -10,6 +10,7 @@ from inversion import InversionError
 from inversion.diagnosis import Channel, LeaveOut, PointDiagnosis, largest_values
 from inversion.inference.held_out import Allow
 from inversion.inference.instrument import InstrumentKnowledge
+from inversion.inference.population import without_error_budget
 from pfwd.analysis.diagnosis.entries import (
     DiagnosisPoint,
     entries_of,
@@ -177,7 +178,7 @@ def diagnose_entries(
                 outcomes,
                 leave_out,
                 workers,
-                declared_effects=device,
+                declared_effects=device and without_error_budget(device),
                 allow=allow,
                 progress=partial(ProgressCounter, progress),
             )

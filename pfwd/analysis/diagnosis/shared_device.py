@@ -18,6 +18,7 @@ from inversion.diagnosis import DeviceFindings, LeaveOut, PointDiagnosis
 from inversion.diagnosis.findings import EffectParameter, HeldOut, HeldOutPart, effect_result
 from inversion.effects import BY_NAME
 from inversion.inference.instrument import InstrumentKnowledge, shared_effects
+from inversion.inference.population import without_error_budget
 from inversion.inference.selection import EXPLAINED_TO
 from inversion.notices import Notice, Value
 from inversion.records import known
@@ -348,7 +349,8 @@ def declared_device(device: DeviceValues, spread: DeviceValues | None) -> Device
     device, spread : mapping
         Declared values and standard deviations, by effect and parameter.
     """
-    held = {name: values for name, values in device.items() if not (spread or {}).get(name)}
+    effects = without_error_budget(device)
+    held = {name: values for name, values in effects.items() if not (spread or {}).get(name)}
     unknown = {name: dict.fromkeys(values, math.nan) for name, values in held.items()}
     return DeviceFindings(held, unknown, 0)
 

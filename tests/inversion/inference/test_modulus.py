@@ -56,7 +56,7 @@ def posterior(*effects: tuple[str, dict[str, float]], **changes: Any) -> Any:
     drops = [SimpleNamespace(context=context(**changes))]
     model = SimpleNamespace(
         ground_and_effects=ground_and_effects,
-        point=SimpleNamespace(drops=drops),
+        point=SimpleNamespace(drops=drops, modulus_error=0.03),
         last=0,
         lower=np.array([-1.0, -1.0]),
         upper=np.array([1.0, 1.0]),
@@ -87,10 +87,10 @@ def test_the_secant_modulus_is_that_of_the_law_and_of_what_changes_the_ground() 
     assert secant_modulus(seated, largest) == pytest.approx(2e7 * math.exp(0.1))
 
 
-def test_errors_of_calibration_and_of_simplified_effects_are_in_the_deviation() -> None:
+def test_errors_of_the_instrument_and_of_simplified_effects_are_in_the_deviation() -> None:
     plain, layered = posterior(), posterior(("layer", {"modulus_ratio": 2.0, "thickness": 0.2}))
-    assert model_error(plain) == pytest.approx(0.028)
-    assert model_error(layered) == pytest.approx(math.hypot(0.028, 0.015))
+    assert model_error(plain) == pytest.approx(0.03)
+    assert model_error(layered) == pytest.approx(math.hypot(0.03, 0.015))
     modulus, deviation = secant_estimate(plain, 1e5)
     assert math.exp(modulus) == pytest.approx(secant_modulus(plain, 1e5))
-    assert deviation == pytest.approx(math.hypot(0.02, 0.028 / norm.ppf(0.975)), rel=1e-4)
+    assert deviation == pytest.approx(math.hypot(0.02, 0.03 / norm.ppf(0.975)), rel=1e-4)

@@ -1,6 +1,7 @@
 """Trace files: what is read, what is written, and that it is the same."""
 
 import dataclasses
+import datetime
 import string
 from collections.abc import Callable
 from pathlib import Path
@@ -179,6 +180,7 @@ VALUES = {
     "load_delay": st.floats(-1, 1),
     "seating_drops": st.integers(0, 10),
     "model_floor": st.floats(0, 1e-3),
+    "calibrated": st.dates().map(datetime.date.isoformat),
     "moisture": st.floats(0, 100),
     "plate_load_modulus": st.floats(1.0, 1e9),
     "temperature": st.floats(-90, 100),

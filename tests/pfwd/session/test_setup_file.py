@@ -26,6 +26,7 @@ from pfwd_device.identity import ChannelIdentity, Role
 from pfwd_device.setup import CHANNEL_KEYS, DETECTION_KEYS, INSTRUMENT_KEYS, LINK_KEYS
 from tests.pfwd.scripted_feed import GEOPHONE, IDENTITY, LOAD, NOW
 
+DAY, WEEK = datetime.date(2026, 5, 31), datetime.timedelta(days=7)
 ASCII = """
 plate_radius_m = 0.1
 [link]
@@ -272,6 +273,24 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
         read_setup_file(odd)
     odd.write_bytes(b"\xef\xbb\xbfplate_radius_m = 0.15")  # as an editor of Windows writes it
     assert read_setup_file(odd).declared == {"plate_radius_m": 0.15}
+
+
+@pytest.mark.parametrize(
+    ("load", "geophone", "declared"),
+    [
+        ({}, {}, None),
+        ({"calibrated": DAY}, {}, None),
+        ({"calibrated": DAY}, {"calibrated": DAY - WEEK}, "2026-05-24"),
+        ({"calibrated": DAY}, {"calibrated": DAY, "due": DAY + WEEK}, None),
+        ({"calibrated": DAY}, {"calibrated": DAY, "due": datetime.date.max}, "2026-05-31"),
+    ],
+)
+def test_the_oldest_calibration_of_all_channels_is_declared_until_one_expires(
+    load: dict[str, Any], geophone: dict[str, Any], declared: str | None
+) -> None:
+    channels = (dataclasses.replace(LOAD, **load), dataclasses.replace(GEOPHONE, **geophone))
+    identity = dataclasses.replace(IDENTITY, channels=channels)
+    assert MeasuringSetup().setup_with(identity).calibrated == declared
 
 
 _KEYS = st.sampled_from(

@@ -1,12 +1,17 @@
 """Diagnoses of files: device files, surveys of one device, what machines and people are shown."""
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import pfwd
+from inversion.diagnosis.findings import DeviceValues
+from inversion.inference.instrument import InstrumentKnowledge
+from inversion.measured.record import CALIBRATED_ERROR
+from inversion.records import known
 from pfwd.analysis.diagnosis.device_file import (
     device_of,
     read_device,
@@ -21,6 +26,8 @@ from pfwd.files.header import PointSetup
 from pfwd.files.traces import TracePoint, write_traces
 from pfwd_device import Channel, Drop
 from tui.diagnosis_lines import diagnosis_lines
+
+BUDGET = "[error_budget]\ngain = 0.2\ntilt = 0.01\nclock = 0.02\nlinearity = 0\n"
 
 
 @pytest.fixture(scope="module")
@@ -95,6 +102,10 @@ def test_files_of_two_devices_cannot_be_one_calibration() -> None:
         ("[sensor_lag]\ndelay = 1", r"expected \[sensor_lag\] delay_s as a number"),
         ("[sensor_lag]\ndelay_s = 1.0", r"delay_s from -0.008 to 0.008"),
         ("[sensor_lag", "expected TOML"),
+        ("[error_budget]", r"\[error_budget\] with gain, tilt, clock, linearity"),
+        ("[error_budget]\ngain = 0.02", r"got tilt = None"),
+        (f"{BUDGET}drift = 0.01", r"got drift = 0.01"),
+        (BUDGET.replace("0.2", "2"), r"each from 0 to below 1, got gain = 2"),
     ],
 )
 def test_a_wrong_device_file_is_refused(text: str, message: str, tmp_path: Path) -> None:
@@ -150,6 +161,34 @@ def test_the_deviations_of_a_device_file_are_read(tmp_path: Path) -> None:
     path.write_text("[sensor_lag]\ndelay_s = 6e-4\ndelay_sd_s = -1.0\n", encoding="utf-8")
     with pytest.raises(OptionError, match=r"\[sensor_lag\] delay_sd as a number >= 0"):
         read_device(path)
+
+
+def test_the_interval_after_has_the_error_budget_of_the_device(
+    files: list[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "d.toml"
+    path.write_text(BUDGET, encoding="utf-8")
+    (one,) = diagnose_files(files[:1], device=read_device_file(path))
+    states = known(one.result).after, known(one.result).before
+    after, before = (
+        math.log(high / low) / 2
+        for low, high in (known(known(state).modulus_interval_pa) for state in states)
+    )
+    budget = math.hypot(0.2, 0.01, 0.02)
+    assert budget < after < 1.1 * budget
+    assert before < 0.1
+
+
+def test_a_gain_in_a_device_file_is_a_calibration() -> None:
+    def error(values: DeviceValues) -> float | None:
+        return InstrumentKnowledge.from_values(values, None).modulus_error
+
+    gain, lag = {"sensor_gain": {"factor": 1.1}}, {"sensor_lag": {"delay": 1e-4}}
+    assert error(gain | lag) == CALIBRATED_ERROR
+    assert error(lag) is None
+    budget = {"error_budget": {"gain": 0.03, "tilt": 0.04, "clock": 0.0, "linearity": 0.0}}
+    assert error(gain | budget) == pytest.approx(0.05)
+    assert InstrumentKnowledge.from_values(lag | budget, None).declared_effects == lag
 
 
 def test_a_list_of_points_of_one_device_is_one_survey(
