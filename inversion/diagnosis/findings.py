@@ -11,7 +11,15 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from inversion.notices import Notice
-from inversion.records import DepthRange, Interval, JsonRecord, known, not_stored, quantity
+from inversion.records import (
+    DepthRange,
+    Interval,
+    JsonRecord,
+    known,
+    not_stored,
+    quantity,
+    stored_fields,
+)
 from inversion.result import is_open
 
 if TYPE_CHECKING:
@@ -194,15 +202,12 @@ class FittedState(JsonRecord):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HeldOutPart(JsonRecord):
-    """Prediction errors of one held-out drop, sensor or point: root mean square over its peak."""
+class HeldOutErrors(JsonRecord):
+    """Errors of predictions of held-out data: root mean square over the peak."""
 
-    OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset(
-        {"interpolated", "contact_interpolated", "peak_error"}
+    fitted: tuple[str, ...] | None = quantity(
+        "Every number that was fitted to the held-out data; empty: a prediction"
     )
-
-    name: str | None = quantity("Name of the drop, sensor or point")
-    fitted: tuple[str, ...] | None = quantity("Every number that was fitted to the held-out data")
     before: float | None = quantity("Error of the base model")
     after: float | None = quantity("Error with the effects")
     contact_before: float | None = quantity("Error of the base model in the contact")
@@ -211,6 +216,18 @@ class HeldOutPart(JsonRecord):
         "Error of the preceding record scaled by the peak loads; none: there is none"
     )
     contact_scaled_record: float | None = quantity("The same in the contact")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldOutPart(HeldOutErrors):
+    """Prediction errors of one held-out drop, sensor or point."""
+
+    FIRST: ClassVar[tuple[str, ...]] = ("name",)
+    OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset(
+        {"interpolated", "contact_interpolated", "peak_error"}
+    )
+
+    name: str | None = quantity("Name of the drop, sensor or point")
     interpolated: float | None = quantity(
         "Error of the interpolation between the neighbouring sensors; none: there is none"
     )
@@ -224,23 +241,15 @@ class HeldOutPart(JsonRecord):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HeldOut(JsonRecord):
-    """Prediction errors of held-out drops, sensors or points: root mean square over the peak."""
+class HeldOut(HeldOutErrors):
+    """Prediction errors of held-out drops, sensors or points, root mean square over these parts."""
 
+    FIRST: ClassVar[tuple[str, ...]] = ("mode",)
     OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset(
         {"side_difference", "peak_error_interval", "largest_peak_error", "peak_error_points"}
     )
 
     mode: str | None = quantity("next, drop, sensor or point")
-    fitted: tuple[str, ...] | None = quantity(
-        "Every number that was fitted to the held-out data; empty: a prediction"
-    )
-    before: float | None = quantity("Error of the base model")
-    after: float | None = quantity("Error with the effects")
-    contact_before: float | None = quantity("Error of the base model in the contact")
-    contact_after: float | None = quantity("Error with the effects in the contact")
-    scaled_record: float | None = quantity("Error of the preceding record scaled by the peak loads")
-    contact_scaled_record: float | None = quantity("The same in the contact")
     side_difference: float | None = quantity(
         "Largest difference of the peaks at one distance on both sides of the plate; none: no two "
         "sensors there"
@@ -260,7 +269,9 @@ class HeldOut(JsonRecord):
         if not parts:
             return None
         errors: dict[str, Any] = {
-            key: root_mean_square([getattr(part, key) for part in parts]) for key in HELD_OUT_ERRORS
+            field.name: root_mean_square([getattr(part, field.name) for part in parts])
+            for field in stored_fields(HeldOutErrors)
+            if field.name != "fitted"
         }
         fitted = tuple(dict.fromkeys(name for part in parts for name in part.fitted or ()))
         return cls(mode=mode, fitted=fitted, by=tuple(parts), **errors)
@@ -269,17 +280,6 @@ class HeldOut(JsonRecord):
     def is_prediction(self) -> bool:
         """True if the held-out data were not used to choose the effects."""
         return self.fitted is not None and CHOICE_OF_EFFECTS not in self.fitted
-
-
-HELD_OUT_ERRORS = (
-    "before",
-    "after",
-    "contact_before",
-    "contact_after",
-    "scaled_record",
-    "contact_scaled_record",
-)
-"""Names of the errors of a held-out part."""
 
 
 def root_mean_square(errors: Sequence[float | None]) -> float | None:

@@ -253,20 +253,14 @@ class NextDropLaw:
         return self.constant + float(self.slopes @ logarithms)
 
 
-@dataclass(frozen=True)
-class _Steps:
-    """Changes from a drop to the next one: logarithms of the pulse, stiffness, take-off speed.
+def _steps(
+    points: Sequence[PointSummary], *, first: bool
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the changes after the first drops of points, or after later ones.
 
-    The columns of the pulse (n, 2) are peak load and width.
+    They are logarithms of ratios: pulses (n, 2) with columns for peak load and width, stiffness
+    (n,) and take-off speed.
     """
-
-    pulses: FloatArray
-    stiffness: FloatArray
-    speeds: FloatArray
-
-
-def _steps(points: Sequence[PointSummary], *, first: bool) -> _Steps:
-    """Return the changes after the first drops of points, or after later ones."""
     pulses, stiffness, speeds = [], [], []
     for point in points:
         for drop, value in point.stiffness.items():
@@ -283,7 +277,7 @@ def _steps(points: Sequence[PointSummary], *, first: bool) -> _Steps:
             pair = [point.take_off_speeds.get(d, 0.0) for d in (following, drop)]
             if min(pair) > 0.0:
                 speeds.append(math.log(pair[0] / pair[1]))
-    return _Steps(np.array(pulses).reshape(-1, 2), np.array(stiffness), np.array(speeds))
+    return np.array(pulses).reshape(-1, 2), np.array(stiffness), np.array(speeds)
 
 
 def learn_next_drop(points: Sequence[PointSummary], *, first: bool) -> NextDropLaw:
@@ -291,33 +285,31 @@ def learn_next_drop(points: Sequence[PointSummary], *, first: bool) -> NextDropL
 
     The prior of the slopes after later drops is from those of stiffness after first ones.
     """
-    steps = _steps(points, first=first)
+    pulses, stiffness, speeds = _steps(points, first=first)
     prior: FloatArray = np.zeros(3)
-    reach = steps.pulses
+    reach = pulses
     if not first:
-        after_first = _steps(points, first=True)
-        pulses = after_first.pulses
-        squares = pulses.T @ pulses + (_FIRST_STEP / _SLOPE_DEVIATION) ** 2 * np.eye(2)
-        prior[1:] = np.linalg.solve(squares, pulses.T @ after_first.stiffness)
-        if not reach.size:
-            reach = pulses
+        first_pulses, first_stiffness, _ = _steps(points, first=True)
+        squares = first_pulses.T @ first_pulses + (_FIRST_STEP / _SLOPE_DEVIATION) ** 2 * np.eye(2)
+        prior[1:] = np.linalg.solve(squares, first_pulses.T @ first_stiffness)
+        reach = pulses if pulses.size else first_pulses
     constant = _FIRST_STEP if first else _LATER_STEP
     precision = np.diag([constant**-2, _SLOPE_DEVIATION**-2, _SLOPE_DEVIATION**-2])
-    design = np.column_stack([np.ones_like(steps.stiffness), steps.pulses])
+    design = np.column_stack([np.ones_like(stiffness), pulses])
     scatter = _SCATTER
     coefficients: FloatArray = prior
     for _ in range(3):
         normal = precision + design.T @ design / scatter**2
-        gradient = precision @ prior + design.T @ steps.stiffness / scatter**2
+        gradient = precision @ prior + design.T @ stiffness / scatter**2
         coefficients = np.linalg.solve(normal, gradient)
-        residual = steps.stiffness - design @ coefficients
+        residual = stiffness - design @ coefficients
         sum_of_squares = float(residual @ residual) + _SCATTER_WEIGHT * _SCATTER**2
         scatter = math.sqrt(sum_of_squares / (residual.size + _SCATTER_WEIGHT))
     return NextDropLaw(
         float(coefficients[0]),
         coefficients[1:],
         np.stack([reach.min(axis=0, initial=0.0), reach.max(axis=0, initial=0.0)]),
-        _speed_step(steps.speeds),
+        _speed_step(speeds),
     )
 
 
