@@ -253,7 +253,9 @@ class Selection:
         for structure in sorted(fast, key=self.score, reverse=True)[
             :_N_STRUCTURES_WITH_SLOW_GROUNDS
         ]:
-            self._fit_slow_grounds(structure)
+            # One that has no fit, or that was refused in this loop, is no start.
+            if structure in self.fits:
+                self._fit_slow_grounds(structure)
         # Beside a plate mass that is declared wrongly, growth with depth looks like rock until the
         # mass is free, and the best fast structure then has effects that conflict with the mass.
         for name in sorted(_GROWTHS - absent):

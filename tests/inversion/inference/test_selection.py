@@ -98,6 +98,18 @@ def test_what_a_candidate_has_too_much_is_left_out() -> None:
     assert searched(evidence).best == pair
 
 
+def test_candidates_without_a_fit_are_no_start_for_slow_grounds() -> None:
+    """A record that hardly any structure fits has fewer fits than starts for slow grounds."""
+
+    class FitsOneStructure(Toy):
+        def _fit(self, structure: Structure, near: Structure | None = None) -> Any:
+            return super()._fit(structure, near) if near is not None or not structure else None
+
+    selection = FitsOneStructure(lambda structure: -10.0 * len(structure))
+    selection.search()
+    assert selection.best == NOTHING
+
+
 def test_where_next_to_nothing_is_left_no_candidates_are_fitted() -> None:
     toy = searched(by_gains({}), discrepancy=1e-3)
     assert toy.best == NOTHING
