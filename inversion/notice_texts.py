@@ -81,12 +81,12 @@ TEMPLATES: dict[str, str] = {
         "effects fit nearly as well"
     ),
     "discrepancy-remains": (
-        "residual not explained: {discrepancy_over_peak:.2g*100} % of the peak is left that no "
-        "effect explains, at most {limit:.2g*100} % is allowed"
+        "records not explained: {discrepancy_over_peak:.2g*100} % of the peak is unexplained "
+        "(allowance included), at most {limit:.2g*100} % is permitted"
     ),
     "noise-exceeded": (
-        "residual not explained: expected noise alone, got {residual_over_noise:.1f} times the "
-        "noise"
+        "records not explained: the residual is {residual_over_noise:.1f} times the noise and the "
+        "model's error together"
     ),
     "load-steps": (
         "drop {drop:d}, load: the record steps {after_s:.1f*1000} ms into the pulse, where no "

@@ -20,7 +20,7 @@ from pfwd.analysis.results import (
     HeldOut,
     HeldOutPart,
 )
-from pfwd.digits import modulus_text, read_in, rounded
+from pfwd.digits import modulus_at_100_kpa, modulus_text, read_in, rounded
 from pfwd.export.json_text import json_text
 from pfwd.message_groups import as_ranges, group_messages
 from tui.format import MODEL_WORDS, word
@@ -58,9 +58,6 @@ _ACTIONS = {
     "with-care": "design with the lower end",
     "do-not-use": "measure again",
 }
-
-_MIN_MODULUS_DIFFERENCE = 0.02
-"""Relative difference to the modulus at 100 kPa above which both are shown."""
 
 _MIN_ROUNDED_SHARE = 0.1
 """Fraction above which a percentage has no decimals."""
@@ -168,13 +165,8 @@ def use_sentence(
     text = f"{heading} {modulus_text(after.modulus_pa, after.modulus_interval_pa)}"
     if _is_finite(after.stress_pa):
         text += f", secant modulus at {after.stress_pa / 1e3:.0f} kPa"
-        at_100_kpa = after.modulus_100kpa_pa
-        if (
-            _is_finite(at_100_kpa)
-            and abs(at_100_kpa / after.modulus_pa - 1.0) > _MIN_MODULUS_DIFFERENCE
-        ):
-            low, high = after.modulus_interval_pa
-            text += f" ({rounded(at_100_kpa / 1e6, (high - low) / 1e6)} MPa at 100 kPa)"
+        at_100_kpa = modulus_at_100_kpa(after)
+        text += f" ({at_100_kpa} MPa at 100 kPa)" if at_100_kpa else ""
     reason = f": {result.use_reason}" if result.use == "with-care" else ""
     return f"{text}{reason}."
 
@@ -248,7 +240,8 @@ def _conditions(results: Sequence[DiagnosisResult]) -> list[str]:
         "above rock where rock was found, with the effects of the device taken out; equivalent: "
         "modulus of the half-space that deflects as much under the plate; "
         f"{' or '.join(plates)}, Poisson's ratio {' or '.join(ratios)}. "
-        "Misfit: what is unexplained over the peak, with an allowance of 0.3 % for the model."
+        "Unexplained: what the model lacks, over the peak, an allowance of 0.3 % for its error "
+        "included."
     ]
 
 
@@ -281,7 +274,7 @@ def _equivalent_use_lines(
     ]
 
 
-_COLUMNS = ("point", "E, MPa (95 %)", "at stress, kPa", "equivalent, MPa", "use", "misfit")
+_COLUMNS = ("point", "E, MPa (95 %)", "at stress, kPa", "equivalent, MPa", "use", "unexplained")
 
 
 class PointCells(NamedTuple):
@@ -296,7 +289,8 @@ class PointCells(NamedTuple):
     """Equivalent modulus with its interval, MPa; empty where no diagnosed modulus is in force."""
     use: str
     """What the modulus may be used for."""
-    misfit: str
+    unexplained: str
+    """What the diagnosis leaves unexplained over the peak, allowance included."""
     prediction_error: str
     """Error of the prediction of held-out parts; empty: nothing was held out."""
     effects: str
@@ -339,7 +333,7 @@ def point_cells(name: str, result: DiagnosisResult, modulus: "PointModulus | Non
         stress,
         _equivalent(after).replace(" MPa", "") if is_diagnosed else "",
         use,
-        misfit_text(result),
+        unexplained_text(result),
         _prediction_cell(result.held_out),
         listed,
         action,
@@ -509,16 +503,14 @@ def diagnosis_warnings(results: Sequence[DiagnosisResult]) -> list[str]:
 def diagnosis_line(point: str, result: DiagnosisResult) -> str:
     """Return one line of text for a diagnosis of a point that is being measured."""
     after = result.after or FittedState()
-    misfit = misfit_text(result)
     effects = ", ".join(_words(effect.name) for effect in result.effects or ())
     text = f"{_modulus(after)}, {USES[result.use]}" if _modulus(after) else "no modulus"
-    return f"point {clean(point)} diagnosed: {text}, misfit {misfit} of the peak" + (
-        f": {effects}" if effects else ""
-    )
+    text += f", {unexplained_text(result)} of the peak unexplained"
+    return f"point {clean(point)} diagnosed: {text}" + (f": {effects}" if effects else "")
 
 
-def misfit_text(result: DiagnosisResult) -> str:
-    """Return what a diagnosis leaves unexplained as text, in percent of the peak."""
+def unexplained_text(result: DiagnosisResult) -> str:
+    """Return what a diagnosis leaves unexplained, allowance included, in percent of the peak."""
     return _percent(result.explained_to)
 
 
@@ -614,7 +606,7 @@ def _state(state: FittedState) -> str:
     return (
         f"{text}, {word(MODEL_WORDS, state.model)}; residual "
         f"{_percent(state.residual_rms_over_peak)} of the peak (contact {contact}), "
-        f"{times} times the noise"
+        f"{times} times noise and model error"
     )
 
 

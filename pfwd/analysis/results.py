@@ -158,7 +158,7 @@ class DiagnosisResult(StoredRecord):
 
     @property
     def explained_to(self) -> float | None:
-        """Discrepancy of the point over its peak: what is unexplained, with the model's allowance.
+        """Discrepancy of the point over its peak: what is unexplained, allowance included.
 
         For a record without it, the whole residual, which is larger. The value is None if nothing
         was fitted.
@@ -221,16 +221,17 @@ class DiagnosisResult(StoredRecord):
                 f"{_percent(NARROW_FOR_DESIGN)} is allowed"
             )
             return _UseAssessment("do-not-use", reason, self._remedy(_REMEDY_WIDE))
+        share = _percent(explained_to)
         if explained_to > EXPLAINED_WITH_CARE:
             reason = (
-                f"{_percent(explained_to)} of the peak is not explained, at most "
-                f"{_percent(EXPLAINED_WITH_CARE)} is allowed"
+                f"{share} of the peak is unexplained (allowance included), at most "
+                f"{_percent(EXPLAINED_WITH_CARE)} is permitted"
             )
             return _UseAssessment("do-not-use", reason, self._remedy(_REMEDY_UNEXPLAINED))
         if not high < WIDEST_WITH_CARE * low:
             reason = f"the interval of the modulus spans more than a factor of {WIDEST_WITH_CARE:g}"
             return _UseAssessment("do-not-use", reason, self._remedy(_REMEDY_WIDE))
-        reason = f"{_percent(explained_to)} of the peak is not explained, the interval covers it"
+        reason = f"{share} of the peak is unexplained (allowance included), the interval covers it"
         return _UseAssessment("with-care", reason)
 
     def _remedy(self, default: str) -> str:
@@ -450,16 +451,19 @@ _FIT_FIELDS = (
 
 
 def fit_fault(result: DropResult) -> str | None:
-    """Return the reason, other than the residual, why the data do not support a modulus.
+    """Return the reason why the data do not support a modulus; None: they do.
 
-    It is what the search reports, or else the first warning that invalidates a fit. The result is
-    None if there is neither.
+    It is the first warning that invalidates a fit, or else what the search reports. The size of the
+    residual is judged by the procedure.
     """
+    warning = invalidating(result.warnings or (), "fit")
+    if warning is not None:
+        return warning
     if result.converged is False:
         return "the fit did not converge"
     for name in result.at_bound or ():
         return f"{name.replace('_', ' ')} is on a bound of the search"
-    return invalidating(result.warnings or (), "fit")
+    return None
 
 
 @dataclass(frozen=True, slots=True)

@@ -213,7 +213,10 @@ def _modulus_notes(
         return []
     if modulus is None or modulus.source == "fitted":
         return [f"the diagnosed modulus is not used: {diagnosed.use_reason}"]
-    text = f"the modulus is the diagnosed one, {_megapascal(modulus, quantity)} MPa"
+    value = _megapascal(modulus, quantity)
+    text = f"the modulus is the diagnosed one, {value} MPa"
+    if quantity is Quantity.EQUIVALENT_MODULUS:
+        text = f"the equivalent modulus is the diagnosed one, {value} MPa"
     if unused is not None:
         text += f"; that of the fits is {_megapascal(unused, quantity)} MPa"
     return [text]

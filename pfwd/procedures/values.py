@@ -215,8 +215,12 @@ def _fitted_modulus(procedure: Procedure, used: Sequence[PointDrop]) -> PointMod
     fitted = [drop for drop in used if drop.modulus is not None and 0 < drop.modulus < math.inf]
     if not fitted:
         return None
-    reasons = (unsupported_fit(procedure, drop) for drop in fitted)
-    fault, code = next((reason for reason in reasons if reason is not None), (None, None))
+    # A reason with a code comes first: it states what to do.
+    reasons = sorted(
+        filter(None, (unsupported_fit(procedure, drop) for drop in fitted)),
+        key=lambda reason: reason[1] is None,
+    )
+    fault, code = reasons[0] if reasons else (None, None)
     value, interval = _combined([(drop.modulus or 0.0, drop.modulus_interval) for drop in fitted])
     equivalent, equivalent_interval = None, None
     equivalents = [

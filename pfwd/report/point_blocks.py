@@ -167,7 +167,8 @@ def _rows(point: PointView, report: Report, texts: Texts) -> list[tuple[str, str
         (texts["target"], _target(point, report, texts)),
         (texts["used"], _used(point, texts)),
         (texts["checks"], "; ".join(scatter)),
-        (texts["stress"], _stress(point, texts)),
+        # It is a law of the fits of single drops; a diagnosis that counts has its own.
+        (texts["stress"], "" if diagnosis_counts(point) else _stress(point, texts)),
         (
             texts["position"],
             "; ".join(

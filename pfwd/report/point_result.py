@@ -3,6 +3,7 @@
 import math
 
 from pfwd.analysis.results import DiagnosisResult, DropResult, relative_spread
+from pfwd.digits import modulus_at_100_kpa
 from pfwd.judging import PointView
 from pfwd.report import formatting
 from pfwd.report.ground_blocks import effective_of
@@ -15,9 +16,6 @@ from pfwd.report.point_facts import (
     used_drops,
 )
 from pfwd.report.texts import Texts
-
-_MIN_STRESS_DIFFERENCE = 0.02
-"""Relative difference of the moduli at two stresses from which both are reported."""
 
 _USE_KEYS = {"design": "use_design", "with-care": "use_with_care", "do-not-use": "do_not_use"}
 
@@ -150,12 +148,10 @@ def _use(point: PointView, texts: Texts) -> str:
 def _secant(diagnosis: DiagnosisResult, texts: Texts) -> str:
     """Return the stress that a diagnosed modulus belongs to, and that at 100 kPa; empty: linear."""
     after = diagnosis.after
-    if after is None or after.modulus_pa is None or after.modulus_100kpa_pa is None:
+    if after is None or after.stress_pa is None or not math.isfinite(after.stress_pa):
         return ""
-    if after.stress_pa is None or not math.isfinite(after.stress_pa):
-        return ""
-    if abs(after.modulus_100kpa_pa / after.modulus_pa - 1.0) < _MIN_STRESS_DIFFERENCE:
+    at_100_kpa = modulus_at_100_kpa(after)
+    if not at_100_kpa:
         return ""
     stress = f"{after.stress_pa / 1e3:.0f} kPa"
-    at_100 = f"{formatting.digits(after.modulus_100kpa_pa / 1e6, 2)} MPa"
-    return texts.say("secant", stress=stress, modulus=at_100)
+    return texts.say("secant", stress=stress, modulus=f"{at_100_kpa} MPa")

@@ -74,7 +74,7 @@ def test_a_modulus_that_the_record_leaves_open_is_not_told(factor: float, known:
     assert ("after   E left open (20 to 200 MPa), half" in text) == (not known)
     assert ("E left open (20 to 200 MPa), do not use" in line) == (not known)
     assert ("E 50 MPa (20 to 200), do not use" in line) == known
-    assert "Do not use: 20 % of the peak is not explained" in text
+    assert "Do not use: 20 % of the peak is unexplained" in text
     assert ("the modulus changes from 40 to 50 MPa, by +25 %" in text) == known
     assert "before  E 40.0 MPa (38.0 to 42.0)" in text
 
@@ -243,7 +243,7 @@ def test_several_points_begin_with_a_table() -> None:
     assert lines[0] == "3 points: 1 with a design value, 1 to use with care, 1 not to use"
     heading, *rows = [re.split(" {2,}", line) for line in lines[2:6]]
     assert heading == [
-        *("point", "E, MPa (95 %)", "at stress, kPa", "equivalent, MPa", "use", "misfit"),
+        *("point", "E, MPa (95 %)", "at stress, kPa", "equivalent, MPa", "use", "unexplained"),
         *("next drop", "found", "what to do"),
     ]
     rock, equivalent = "bedrock 1.55 m", "48 (45 to 51)"
@@ -288,7 +288,7 @@ def test_below_the_table_stand_plate_and_poissons_ratio() -> None:
 
 def test_below_the_table_stands_each_advice_once() -> None:
     below = lines_of(survey())[7:]
-    assert below[0].startswith("Do not use the modulus of C: 5 % of the peak is not explained")
+    assert below[0].startswith("Do not use the modulus of C: 5 % of the peak is unexplained")
     assert below[-2:] == [
         "bedrock, A, B: a sounding tells the depth",
         "device: sensor lag, all points: compare the channels",

@@ -21,7 +21,7 @@ from pfwd.matplotlib_start import start_matplotlib
 _MAX_SHOWN_RATIO = 1000.0
 """Ratio of the ends of an interval from which they are not shown: they say nothing."""
 
-_BEFORE, _AFTER, _DATA = "#c44e52", "#2a6f97", "#222222"
+_BEFORE, _AFTER, _DATA = "#9a9a9a", "#2a6f97", "#222222"
 
 
 def plot_diagnoses(outcomes: Sequence[Diagnosed], path: str | os.PathLike[str]) -> Path:
@@ -57,7 +57,7 @@ def plot_diagnoses(outcomes: Sequence[Diagnosed], path: str | os.PathLike[str]) 
         _draw_traces(row[0], diagnosed)
         assert diagnosed.diagnosis is not None
         draw_residual(row[1], diagnosed.diagnosis)
-        row[1].set_title("residual: base model (red), with all effects (blue)", fontsize=9)
+        row[1].set_title("residual: base model (grey), with all effects (blue)", fontsize=9)
         row[1].set_ylabel("% of the peak", fontsize=8)
         row[1].set_xlabel("ms", fontsize=8)
         _draw_spectrum(row[2], diagnosed)

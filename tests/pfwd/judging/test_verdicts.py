@@ -299,6 +299,23 @@ def test_a_modulus_that_the_data_do_not_support_decides_nothing(
     assert judge_point(job, PointView("1", some, target=20e6)).verdict is Verdict.PASS
 
 
+def test_an_unexplained_residual_is_the_reason_before_others() -> None:
+    """Its code makes a report diagnose the point, whatever else the search reports."""
+    values: dict[str, Value] = {"residual_over_noise": 9.0, "residual_over_peak": 0.03}
+    unexplained = Notice("residual-not-explained", values)
+    no_end = {"converged": False}
+    for damage in ({**no_end, "warnings": (unexplained,)}, no_end):
+        some = drops()
+        first = DropResult.from_json(result_of(1, 45e6) | no_end)
+        last = DropResult.from_json(result_of(len(some), 45e6))
+        some[-2] = some[-2].with_result(first)
+        some[-1] = some[-1].with_result(dataclasses.replace(last, **damage))
+        value = PointView("1", some, 20e6, job=Job(procedure=plain_procedure())).progress.value
+        assert value is not None
+        is_explained = damage is no_end
+        assert value.not_supported_code == (None if is_explained else "residual-not-explained")
+
+
 @pytest.mark.parametrize(("deviation", "supported"), [(0.05, True), (0.4, False)])
 def test_a_record_that_contradicts_its_stored_peak_decides_nothing(
     deviation: float, supported: bool

@@ -115,12 +115,13 @@ EXAMPLES = [
     "wrong plate: radius 0.3 m, this procedure needs 0.15 m (within 1 %, our tolerance)",
     "an interval needs 2 measured drops, the point has 1",
     "the modulus is the diagnosed one, 41 MPa",
-    "the modulus is the diagnosed one, 41 MPa; that of the fits is 45 MPa",
+    "the equivalent modulus is the diagnosed one, 41 MPa; that of the fits is 45 MPa",
     "seating drop 1 of 3",
     "seating drop",
     "beyond the 3 measured drops",
     "moved to point 7, drop 3",
-    "the diagnosed modulus is not used: 3 % of the peak is not explained, at most 2 % is allowed",
+    "the diagnosed modulus is not used: 3 % of the peak is unexplained (allowance included), at "
+    "most 2 % is permitted",
     "not verified, hence not enforced: shortest_pulse_s, most_s_over_v_s, factor",
     "used in the formula without being verified: factor, nominal_pressure_pa",
     *(

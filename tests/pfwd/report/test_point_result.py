@@ -103,7 +103,7 @@ def test_numbers_of_a_diagnosed_point_are_those_of_its_diagnosis(survey: Path) -
     )
     assert rows["Use"] == (
         "design value: the record is explained and the interval is narrow; secant modulus at "
-        "219 kPa under the plate, 40 MPa at 100 kPa"
+        "219 kPa under the plate, 40.0 MPa at 100 kPa"
     )
     text = text_of(report)
     assert not any(number in text for number in ("7.77", "6.66", "8.88", "33", "Modulus E, MPa"))
@@ -131,7 +131,7 @@ def test_nothing_contradicts_a_modulus_to_use_with_care(survey: Path) -> None:
     report = diagnosed_report(survey, "unexplained", discrepancy_over_peak=0.014)
     point = report.points[0]
     rows = rows_of(point)
-    assert rows["Use"].startswith("use with care: 1.4 % of the peak is not explained")
+    assert rows["Use"].startswith("use with care: 1.4 % of the peak is unexplained")
     assert "do not use it" not in " ".join(all_warnings(point))
     text = text_of(report)
     assert "do not use" not in text
@@ -152,7 +152,7 @@ def test_numbers_are_those_of_the_fits_where_the_diagnosis_must_not_be_used(surv
     )
     assert rows["Use"] == (
         "the fits count, because the diagnosed modulus must not be used: "
-        "20 % of the peak is not explained, at most 3 % is allowed"
+        "20 % of the peak is unexplained (allowance included), at most 3 % is permitted"
     )
     text = text_of(report)
     assert "design value" not in text

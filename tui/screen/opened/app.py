@@ -56,7 +56,7 @@ _TABLE_COLUMNS = {
     "modulus": "E MPa",
     "chainage_m": "chainage",
     "use": "diagnosed",
-    "misfit": "misfit",
+    "unexplained": "unexplained",
     "notes": "notes",
 }
 """Titles of the table of points by their keys; a click on a title sorts by its key where rows have
@@ -709,7 +709,7 @@ def table_titles(rows: Sequence[PointRow]) -> dict[str, str]:
             titles["modulus"] = "E_eq MPa, not judged"
         else:
             titles["modulus"] = "E MPa, not judged"
-        for key in ("target", "use", "misfit", "notes"):
+        for key in ("target", "use", "unexplained", "notes"):
             if not any(getattr(row, key) for row in rows):
                 titles.pop(key)
         if all(row.low is None for row in rows):
@@ -735,7 +735,7 @@ def _cells(row: PointRow) -> dict[str, str]:
         "modulus": modulus_in_force_text(row),
         "chainage_m": "-" if row.chainage_m is None else f"{row.chainage_m:.0f}",
         "use": clean(row.use) or "-",
-        "misfit": clean(row.misfit) or "-",
+        "unexplained": clean(row.unexplained) or "-",
         "notes": clean(row.notes),
     }
 

@@ -66,13 +66,13 @@ class PointRow:
     """Origin of the value in words: mean of drops, or diagnosis."""
     use: str = ""
     """Use of the diagnosed modulus in words; empty: the point is not diagnosed."""
-    misfit: str = ""
+    unexplained: str = ""
     """Misfit of the diagnosis in percent of the peak; empty: the point is not diagnosed."""
 
     @property
     def diagnosis_text(self) -> str:
-        """Use of the diagnosed modulus and misfit; empty: the point is not diagnosed."""
-        return f"{self.use}, misfit {self.misfit} of the peak" if self.use else ""
+        """Use of the diagnosed modulus, and what is unexplained; empty: it is not diagnosed."""
+        return f"{self.use}, {self.unexplained} of the peak unexplained" if self.use else ""
 
     @property
     def state(self) -> str:
@@ -246,7 +246,7 @@ def judged_row(row: PointRow, point: "PointView") -> PointRow:
     low, high = (None, None) if value is None or value.interval is None else value.interval
     other = point.job.quantity.other_fitted
     fitted, ends = (None, None) if modulus is None else modulus.in_quantity(other)
-    use, misfit = _use_and_misfit(point)
+    use, unexplained = _use_and_unexplained(point)
     return dataclasses.replace(
         row,
         judged=True,
@@ -267,19 +267,19 @@ def judged_row(row: PointRow, point: "PointView") -> PointRow:
         value_marked=value is not None and value.not_supported is not None,
         origin=origin_of_value(progress),
         use=use,
-        misfit=misfit,
+        unexplained=unexplained,
     )
 
 
-def _use_and_misfit(point: "PointView") -> tuple[str, str]:
-    """Return the use of the diagnosed modulus and the misfit, as ``pfwd diagnose`` prints them."""
+def _use_and_unexplained(point: "PointView") -> tuple[str, str]:
+    """Return the use of the diagnosed modulus and what is unexplained, as in ``pfwd diagnose``."""
     from tui.diagnosis_lines import point_cells
 
     diagnosis = point.diagnosis_in_force
     if diagnosis is None or diagnosis.after is None:
         return "", ""
     cells = point_cells(point.shown_name, diagnosis, point.progress.modulus)
-    return cells.use, cells.misfit
+    return cells.use, cells.unexplained
 
 
 ORDERS: tuple[str, ...] = ("measured", "title", "value", "verdict", "modulus", "chainage_m")

@@ -39,21 +39,21 @@ _DIAGNOSIS_COLUMNS = (
     TableColumn("before", 4),
     TableColumn("E", 0),
     TableColumn("use", 1, is_text=True),
-    TableColumn("misfit", 2),
+    TableColumn("unexplained", 2),
     TableColumn("found", 5, is_text=True, is_flexible=True),
 )
 
 
 class DiagnosisPage(Page):
-    """Page with the diagnosis of each point: causes of its residual, modulus, misfit."""
+    """Page with the diagnosis of each point: causes of its residual, modulus."""
 
     NAME = "diagnosis"
     HELP = (
         "Looks for the causes of the residual at each point: effects of the ground, the contact or "
         "the sensors that were not declared. Each is added to the model, then the point is fitted; "
         "the table shows the modulus before, and the modulus in force with its 95 % interval, its "
-        "use and its misfit: what is unexplained over the peak, with an allowance of 0.3 % for the "
-        "model. Effects of the device are the same at all its points and are listed below with "
+        "use and what is unexplained over the peak, an allowance of 0.3 % for the model included. "
+        "Effects of the device are the same at all its points and are listed below with "
         "their values. The diagnosis runs in the background; measuring goes on."
     )
     KEYS: ClassVar[Sequence[tuple[str, str]]] = (
@@ -216,7 +216,7 @@ def result_row(
             units.value_and_ends("modulus", before.modulus_pa, before.modulus_interval_pa)[0],
             in_force,
             cells.use,
-            cells.misfit,
+            cells.unexplained,
             cell(cells.effects).text,
         ),
         _ROLE.get(verdict, "text"),

@@ -16,7 +16,7 @@ from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DiagnosisResult, FittedState
 from pfwd.analysis.worker.tasks import Building, DiagnosisProgress, DiagnosisTask, TaskOutcome
 from pfwd.analysis.worker.worker import end_process, request, start_process
-from tui.diagnosis_lines import USES, misfit_text
+from tui.diagnosis_lines import USES, unexplained_text
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.screen_events import DiagnosisFinished
 from tui.screen.session.sources import SessionSource
@@ -182,7 +182,7 @@ def verdict_text(result: DiagnosisResult, units: Units) -> str:
     """Return the diagnosis of a point in one sentence, or why there is none.
 
     The sentence has the verdict, the effects, the modulus before and after with its use, and the
-    misfit as ``pfwd diagnose`` prints it.
+    part that is unexplained as ``pfwd diagnose`` prints it.
     """
     if result.after is None and not result.effects:
         reason = next(iter(result.warnings or ()), "no reason was given")
@@ -191,16 +191,16 @@ def verdict_text(result: DiagnosisResult, units: Units) -> str:
     old = units.value_and_ends("modulus", before.modulus_pa, before.modulus_interval_pa)[0]
     new = units.with_interval("modulus", after.modulus_pa, after.modulus_interval_pa)
     change = f"{old} → {new}, {USES[result.use]}"
-    misfit = f"misfit {misfit_text(result)} of the peak"
+    unexplained = f"{unexplained_text(result)} of the peak unexplained, allowance included"
     effects = ", ".join(str(effect.name).replace("_", " ") for effect in result.effects or ())
     if result.verdict == "clean":
-        return f"CLEAN: {misfit}, no more than noise and model error"
+        return f"CLEAN: {unexplained}"
     if result.verdict == "explained":
-        return f"EXPLAINED by {effects}: {change}; {misfit}"
+        return f"EXPLAINED by {effects}: {change}; {unexplained}"
     if result.use == "with-care":
-        return f"PARTLY EXPLAINED by {effects}: {change}; {misfit}"
+        return f"PARTLY EXPLAINED by {effects}: {change}; {unexplained}"
     hint = f"; best guess {effects}" if effects else ""
-    return f"UNEXPLAINED: {misfit}{hint}; {result.remedy or 'repeat the drop'}"
+    return f"UNEXPLAINED: {unexplained}{hint}; {result.remedy or 'repeat the drop'}"
 
 
 def diagnosis_text(file: str, running: RunningDiagnosis | None, now: float) -> str:

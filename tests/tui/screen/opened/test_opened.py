@@ -278,11 +278,11 @@ def test_a_column_that_no_point_fills_is_left_out(survey: Path) -> None:
     row = opened(survey).rows[0]
     assert "interval" in table_titles([row])
     row = dataclasses.replace(row, low=None, high=None, target=None, verdict="none", notes="")
-    assert not {"interval", "target", "verdict", "use", "misfit", "notes"} & set(
+    assert not {"interval", "target", "verdict", "use", "unexplained", "notes"} & set(
         table_titles([row])
     )
-    diagnosed = dataclasses.replace(row, use="design value", misfit="0.3 %", verdict="pass")
-    assert {"use", "misfit", "verdict"} <= set(table_titles([row, diagnosed]))
+    diagnosed = dataclasses.replace(row, use="design value", unexplained="0.3 %", verdict="pass")
+    assert {"use", "unexplained", "verdict"} <= set(table_titles([row, diagnosed]))
 
 
 async def test_a_change_of_the_tab_builds_no_line_of_keys(app: OpenApp, pilot: Any) -> None:
@@ -422,12 +422,12 @@ def test_the_row_has_the_diagnosis_in_force(survey: Path) -> None:
         stale = {**diagnosis, "basis": "0" * 16}
         writer.save_result(second.drops[-1].number, stale, "diagnosis")
     rows = {row.name: row for row in opened(survey).rows}
-    assert rows[first.name].diagnosis_text == "use with care, misfit 1.8 % of the peak"
+    assert rows[first.name].diagnosis_text == "use with care, 1.8 % of the peak unexplained"
     assert rows[first.name].modulus == 45e6, "the one that is in force"
     assert rows[second.name].diagnosis_text == ""
 
 
-def test_screen_and_diagnose_print_the_same_modulus_and_misfit(survey: Path) -> None:
+def test_screen_and_diagnose_print_the_same_modulus_and_unexplained_part(survey: Path) -> None:
     after = {"modulus_pa": 81.2e6, "modulus_interval_pa": [71.6e6, 112.3e6]}
     diagnosis = {
         "point": "0+000",
@@ -435,7 +435,7 @@ def test_screen_and_diagnose_print_the_same_modulus_and_misfit(survey: Path) -> 
         "basis": basis_of(SETUP),
         "verdict": "unexplained",
         "before": {"modulus_pa": 70e6, "modulus_interval_pa": [66e6, 75e6]},
-        # The residual contains the noise, the misfit does not.
+        # The residual contains the noise, the unexplained part does not.
         "after": {**after, "residual_rms_over_peak": 0.0185, "discrepancy_over_peak": 0.0139},
     }
     first = read_survey(survey).points[0]
@@ -450,7 +450,7 @@ def test_screen_and_diagnose_print_the_same_modulus_and_misfit(survey: Path) -> 
 
     opened_row = opened(survey).rows[0]
     assert modulus_in_force_text(opened_row) == "81 (72 to 112)"
-    assert (opened_row.use, opened_row.misfit) == ("use with care", "1.4 %")
+    assert (opened_row.use, opened_row.unexplained) == ("use with care", "1.4 %")
     assert point_modulus_text(point.progress, SI) == "81 MPa (72 to 112)"
     page_row = result_row(result, "0+000", modulus, SI, chosen=False).texts
     assert {"81 (72 to 112)", "1.4 %", "PARTLY EXPLAINED"} <= set(page_row)
@@ -460,11 +460,11 @@ def test_screen_and_diagnose_print_the_same_modulus_and_misfit(survey: Path) -> 
     page_row = result_row(result, "0+000", unsupported, SI, chosen=False).texts
     assert (page_row[3], page_row[4]) == (printed.modulus, printed.use) == ("none", "do not use")
     sentence = verdict_text(result, SI)
-    assert "81 MPa (72 to 112), use with care; misfit 1.4 %" in sentence
-    assert "misfit 1.4 %" in diagnosis_line("0+000", result)
+    assert "81 MPa (72 to 112), use with care; 1.4 % of the peak unexplained" in sentence
+    assert "1.4 % of the peak unexplained" in diagnosis_line("0+000", result)
     (text_on_page,) = (text for text in diagnosis_lines(result) if "Use with care" in text)
     assert "81 MPa (72 to 112)" in text_on_page
-    assert "1.4 % of the peak is not explained" in text_on_page
+    assert "1.4 % of the peak is unexplained" in text_on_page
 
 
 def test_names_in_cells_are_not_read_as_markup(tmp_path: Path, survey: Path) -> None:
