@@ -488,12 +488,12 @@ class _Marginal:
             residual = recorded.observed[sensor] - recorded.over_peak(posterior.predictions, sensor)
             slopes = recorded.over_peak(posterior.slopes, sensor)
             self._rows.append(np.vstack([residual[None], slopes]))
-        self._known: dict[Discrepancy, float] = {}
+        self._likelihoods: dict[Discrepancy, float] = {}
 
     def __call__(self, discrepancy: Discrepancy) -> float:
-        value = self._known.get(discrepancy)
+        value = self._likelihoods.get(discrepancy)
         if value is None:
-            value = self._known[discrepancy] = self._evaluate(discrepancy)
+            value = self._likelihoods[discrepancy] = self._evaluate(discrepancy)
         return value
 
     def _evaluate(self, discrepancy: Discrepancy) -> float:
