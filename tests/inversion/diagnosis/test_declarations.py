@@ -73,6 +73,11 @@ def too_shallow(record: Record) -> Record:
     return replace(record, bedrock_depth=0.9)
 
 
+def too_shallow_at_centre(record: Record) -> Record:
+    """The same with the centre sensor alone, which is diagnosed faster."""
+    return replace(too_shallow(record), sensors=record.sensors[:1])
+
+
 def ringing(record: Record) -> Record:
     """Something nobody knows, under right declarations."""
     late = np.maximum(record.time - 0.006, 0.0)
@@ -90,7 +95,7 @@ def ringing(record: Record) -> Record:
     [
         (turned, "sensor at 0.6 m: upside down"),
         pytest.param(*(exchanged, "sensors at 0.3 and 0.6 m: exchanged"), marks=pytest.mark.slow),
-        (too_shallow, "bedrock at 0.9 m: with the depth left open"),
+        (too_shallow_at_centre, "bedrock at 0.9 m: with the depth left open"),
     ],
 )
 def test_a_wrong_declaration_is_named(
@@ -100,7 +105,7 @@ def test_a_wrong_declaration_is_named(
     (text,) = [text for text in found.warnings if "in place of" in text]
     assert text.startswith(said)
     assert "with E 45 MPa" in text
-    assert ("bedrock at 1.2 m;" in text) == (change is too_shallow)
+    assert ("bedrock at 1.2 m;" in text) == (change is too_shallow_at_centre)
     assert "check" in text
     # What the file declares is what is diagnosed all the same.
     assert found.verdict == "unexplained"
@@ -110,7 +115,8 @@ def test_a_wrong_declaration_is_named(
 def test_what_nobody_knows_is_not_blamed_on_a_declaration(
     record: Record, library: SurrogateLibrary
 ) -> None:
-    found = diagnose_point(PointRecords("test", (ringing(record),), (1,)), library)
+    centre = replace(record, sensors=record.sensors[:1])
+    found = diagnose_point(PointRecords("test", (ringing(centre),), (1,)), library)
     assert found.verdict == "unexplained"
     assert not [text for text in found.warnings if "in place of" in text]
 
