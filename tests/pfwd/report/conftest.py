@@ -11,14 +11,12 @@ from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two points of four drops with results; made once, for the disk takes its time."""
-    top = tmp_path_factory.mktemp("made")
+def write_survey(top: Path, drops: tuple[int, ...]) -> Path:
+    """Write two points with these numbers of drops, and results of them."""
     folder = top / "survey"
     for name, shift in (("A", 0.0), ("B", 30.0)):
-        drops = tuple(half_sine_drop(n, 8000.0 + shift + n) for n in (1, 2, 3, 4))
-        write_traces(top / f"{name}.csv", TracePoint("", SETUP, drops, ()))
+        traces = tuple(half_sine_drop(n, 8000.0 + shift + n) for n in drops)
+        write_traces(top / f"{name}.csv", TracePoint("", SETUP, traces, ()))
     list(import_files([str(top / "A.csv"), str(top / "B.csv")], folder))
     with SurveyWriter.open(folder, publish=False) as writer:
         for drop in read_survey(folder).drops:
@@ -27,7 +25,19 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two points of four drops with results; made once, for the disk takes its time."""
+    return write_survey(tmp_path_factory.mktemp("made"), (1, 2, 3, 4))
+
+
 @pytest.fixture
 def survey(made: Path, tmp_path: Path) -> Path:
     """A copy that a test may change."""
     return shutil.copytree(made, tmp_path / "survey")
+
+
+@pytest.fixture
+def short_survey(tmp_path: Path) -> Path:
+    """Two points of two drops, the first of them seating, for tests that invert them."""
+    return write_survey(tmp_path, (1, 2))
