@@ -1,8 +1,16 @@
 """Points of one device whose deflection comes late."""
 
+import pickle
+from collections.abc import Iterator
+from dataclasses import astuple, replace
+from typing import Any
+
 import numpy as np
 import pytest
 
+from inversion.diagnosis import PointDiagnosis, PointRecords
+from inversion.inference.diagnose import diagnose_point
+from inversion.inference.population import InstrumentKnowledge
 from pfwd.files.header import PointSetup
 from pfwd.files.traces import TracePoint, write_traces
 from pfwd_device import Channel, Drop
@@ -40,3 +48,26 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
         write_traces(path, TracePoint(str(path), setup, (drop,)))
         paths.append(str(path))
     return paths
+
+
+@pytest.fixture(scope="session")
+def diagnoses() -> dict[bytes, PointDiagnosis]:
+    """Diagnoses of a test run, by their input."""
+    return {}
+
+
+@pytest.fixture(scope="module")
+def computed_once(diagnoses: dict[bytes, PointDiagnosis]) -> Iterator[None]:
+    """Compute the diagnosis of the same records with the same knowledge only once."""
+
+    def diagnose(
+        records: PointRecords, library: Any, instrument: InstrumentKnowledge, **options: Any
+    ) -> PointDiagnosis:
+        key = pickle.dumps((astuple(replace(records, name="")), astuple(instrument), options))
+        if key not in diagnoses:
+            diagnoses[key] = diagnose_point(records, library, instrument, **options)
+        return replace(diagnoses[key], name=records.name)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pfwd.analysis.diagnosis.points.diagnose_point", diagnose)
+        yield

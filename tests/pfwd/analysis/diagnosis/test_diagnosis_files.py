@@ -27,11 +27,13 @@ from pfwd.files.traces import TracePoint, write_traces
 from pfwd_device import Channel, Drop
 from tui.diagnosis_lines import diagnosis_lines
 
+pytestmark = pytest.mark.usefixtures("computed_once")
+
 BUDGET = "[error_budget]\ngain = 0.2\ntilt = 0.01\nclock = 0.02\nlinearity = 0\n"
 
 
 @pytest.fixture(scope="module")
-def found(files: list[str]) -> list[Diagnosed]:
+def found(files: list[str], computed_once: None) -> list[Diagnosed]:
     return list(diagnose_files(files, leave_out="point"))
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import pfwd
 from inversion import InversionError, SurrogateLibrary
-from inversion.inference.diagnose import diagnose_point
+from pfwd.analysis.diagnosis import points
 from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_files
 from pfwd.analysis.diagnosis.entries import entry_of, questions_of
 from pfwd.analysis.options import AnalysisOptions
@@ -30,13 +30,15 @@ from pfwd.report.gathering import ReportOptions, gather
 from pfwd.scripting.measured import points_of as points_of_data
 from pfwd_device.recording import read_survey
 
+pytestmark = pytest.mark.usefixtures("computed_once")
+
 
 def told(found: list[Diagnosed]) -> list[tuple[int, DiagnosisResult]]:
     return [(it.number, it.result) for it in found if it.number is not None and it.result]
 
 
 @pytest.fixture(scope="module")
-def made(files: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(files: list[str], computed_once: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A survey of two points of a device, with their diagnoses."""
     folder = tmp_path_factory.mktemp("kept") / "survey"
     list(import_files(files, folder))
@@ -123,6 +125,7 @@ def test_the_next_run_goes_on_where_one_was_stopped(
     monkeypatch.setenv("PFWD_CACHE", str(tmp_path))
     whole = [it.result for it in diagnose_files([str(survey)], use_stored=True)]
     calls, count = 0, 3
+    diagnose_point = points.diagnose_point
 
     def counted(*arguments: object, **options: object) -> object:
         nonlocal calls
