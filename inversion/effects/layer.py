@@ -10,10 +10,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from inversion.arrays import FloatArray
 from inversion.effects.base import DropContext, Effect, Ground, Values
 from inversion.fitting.misfit import count_distances
 from inversion.fitting.parameters import Parameter
-from inversion.forward.layered import Medium
+from inversion.forward.layered import LayeredGrounds, Medium
 
 # Priors of the logarithms cover soils, granular fills and asphalt.
 _RATIO = Parameter(
@@ -106,18 +109,19 @@ class Layer(Effect):
         """Return the values of the parameters, all of which are fitted by their logarithms."""
         return {name: math.exp(value) for name, value in coordinates.items()}
 
-    def coordinates_of(self, ground: Ground) -> dict[str, float]:
-        """Return the coordinates, by name, of the layers above a ground."""
+    def coordinates_of(self, grounds: LayeredGrounds) -> dict[str, FloatArray]:
+        """Return the coordinates (m,), by name, of the layers of m grounds."""
+        ratios = {
+            "modulus_ratio": grounds.modulus,
+            "density_ratio": grounds.density,
+            "relaxation_ratio": grounds.relaxation,
+        }
         values = {}
-        relaxation = ground.viscosity / ground.modulus
-        for number, medium in enumerate(ground.above):
+        for number in range(self.count):
             prefix = layer_prefix(number)
-            values[prefix + "modulus_ratio"] = math.log(medium.modulus / ground.modulus)
-            values[prefix + "thickness"] = math.log(medium.thickness)
-            values[prefix + "density_ratio"] = math.log(medium.density / ground.density)
-            if relaxation > 0.0 and medium.viscosity > 0.0:
-                ratio = medium.viscosity / medium.modulus / relaxation
-                values[prefix + "relaxation_ratio"] = math.log(ratio)
+            values[prefix + "thickness"] = np.log(grounds.thickness[:, number])
+            for name, media in ratios.items():
+                values[prefix + name] = np.log(media[:, number] / media[:, -1])
         return values
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inversion.arrays import FloatArray
-from inversion.fitting.misfit import Misfit, WeightedDrop
+from inversion.fitting.misfit import Misfit, PriorDistances, WeightedDrop
 from inversion.fitting.parameters import ParameterSpace
 from inversion.fitting.published_fitness import published_fitness
 from inversion.fitting.transfer import Plate
@@ -92,19 +92,16 @@ class HomogeneousSearch:
             misfit.linearise, starts, iterations=_N_STEPS, tolerance=1e-3, frozen=column
         )
 
-    def genetic_minimum(self, rng: np.random.Generator) -> Minimum:
-        """Return the optimum of a genetic search."""
-        rapid = self._rapid
+    def genetic_minimum(self, rng: np.random.Generator, prior: PriorDistances) -> Minimum:
+        """Return the optimum of a genetic search of the posterior, with its misfit."""
         search = MultiPopulationSearch(
-            lambda points: np.asarray(rapid.objective(points), dtype=np.float64),
+            lambda points: self._rapid.posterior_cost(points, prior),
             np.zeros(self.space.size),
             np.ones(self.space.size),
             rng,
         )
-        while search.has_next():
-            search.next()
-        point = np.asarray(search.result().parameters)
-        return Minimum(point, float(rapid.objective(point[None])[0]))
+        point = search.run().parameters
+        return Minimum(point, float(self._rapid.objective(point[None])[0]))
 
 
 def _lowest(cost: FloatArray) -> NDArray[np.intp]:
@@ -141,6 +138,4 @@ def search_as_published(
         settings=paper_settings(),
         fitness=lambda inverse: 1.0 / inverse,
     )
-    while search.has_next():
-        search.next()
-    return np.asarray(search.result().parameters), misfit.solves
+    return search.run().parameters, misfit.solves

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from inversion.arrays import FloatArray
-from inversion.fitting.misfit import Misfit, WeightedDrop, independent_errors
+from inversion.fitting.misfit import Misfit, PriorDistances, WeightedDrop, independent_errors
 from inversion.fitting.parameters import ParameterSpace
 from inversion.fitting.transfer import Plate
 from inversion.search.least_squares import BatchFit, fit_batch
@@ -47,8 +47,7 @@ def layered_minima(
     space: ParameterSpace,
     plate: Plate,
     rng: np.random.Generator,
-    *,
-    genetic: bool,
+    prior: PriorDistances | None,
 ) -> tuple[list[Minimum], int]:
     """Return minima of the misfit of the contact and of the whole record, and number of solves.
 
@@ -58,12 +57,15 @@ def layered_minima(
     space : ParameterSpace
     plate : Plate
     rng : numpy Generator
-    genetic : bool, True: a genetic search adds starting points
+    prior : PriorDistances for a genetic search of the posterior, which adds starting points, or
+        None
     """
     contact, record = (
         _misfit(items, space, plate) for items in (drops, [item.with_tail() for item in drops])
     )
-    starts = starting_points(space, drops[0], rng, contact if genetic else None)
+    starts = starting_points(space, drops[0], rng)
+    if prior is not None:
+        starts = np.concatenate([_genetic_starts(contact, drops[0], rng, prior), starts])
     of_contact = _followed(contact, starts)
     of_record = _followed(record, np.concatenate([of_contact.points, starts[:_N_FOLLOWED]]))
     best = [
@@ -102,27 +104,33 @@ def starting_points(
     space: ParameterSpace,
     item: WeightedDrop,
     rng: np.random.Generator,
-    misfit: Misfit | None = None,
 ) -> FloatArray:
     r"""Return starting points within the range that the deflections allow, (k, d) in the unit cube.
 
     The deflection of the plate bounds a mean of all moduli, that of the farthest sensor the modulus
-    below the layers (Boussinesq: :math:`E_0(r) = (1 - \nu^2) F / (\pi r w_r)`). With a misfit,
-    candidates of a genetic search on it are added.
+    below the layers (Boussinesq: :math:`E_0(r) = (1 - \nu^2) F / (\pi r w_r)`).
     """
     low, high = _start_box(space, item)
     # Imported here: it takes a third of the time of importing the project, and only layers need it.
     from scipy.stats import qmc
 
     starts: FloatArray = low + (high - low) * qmc.Sobol(space.size, rng=rng).random(_N_STARTS)
-    if misfit is None:
-        return starts
+    return starts
+
+
+def _genetic_starts(
+    misfit: Misfit, item: WeightedDrop, rng: np.random.Generator, prior: PriorDistances
+) -> FloatArray:
+    """Return the best points of a genetic search of the posterior in the same range, (k, d)."""
+    low, high = _start_box(misfit.space, item)
     search = MultiPopulationSearch(
-        misfit.objective, low, np.maximum(high, low + 1e-6), rng, settings=_GENETIC_SETTINGS
+        lambda points: misfit.posterior_cost(points, prior),
+        low,
+        np.maximum(high, low + 1e-6),
+        rng,
+        settings=_GENETIC_SETTINGS,
     )
-    while search.has_next():
-        search.next()
-    return np.concatenate([search.result().candidates, starts])
+    return search.run().candidates
 
 
 def _start_box(space: ParameterSpace, item: WeightedDrop) -> tuple[FloatArray, FloatArray]:

@@ -6,7 +6,7 @@ A residual is predicted minus observed displacement, over the expected error of 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,7 +17,7 @@ from inversion.arrays import ComplexArray, FloatArray
 from inversion.fitting.parameters import ParameterSpace
 from inversion.fitting.transfer import Plate, transfer_of
 from inversion.forward.laplace import DampedTransform
-from inversion.forward.layered import FAST, WavenumberRule
+from inversion.forward.layered import FAST, LayeredGrounds, WavenumberRule
 from inversion.forward.model import Instrument
 from inversion.measured.record import PreparedDrop
 
@@ -33,6 +33,10 @@ _DISTANCE_GAP_M = 0.005
 # of each sensor are counted; they are correlated over a third of the contact.
 _N_INDEPENDENT_PER_DROP = 6.0
 ERROR_CORRELATION_CONTACTS = 1.0 / 3.0
+
+
+PriorDistances = Callable[[LayeredGrounds], FloatArray]
+"""Function that returns the sum of squared distances from the priors of m grounds, (m,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,6 +240,16 @@ class Misfit:
         residual = self.residual(points)
         result: FloatArray = np.einsum("mn,mn->m", residual, residual) / residual.shape[1]
         return result
+
+    def posterior_cost(self, points: FloatArray, prior: PriorDistances) -> FloatArray:
+        """Return the negative log posterior density (m,), without constants, over half the number
+        of independent errors.
+
+        The errors are the expected ones, as large as in the weights, and the misfit is that of the
+        data.
+        """
+        distances = prior(self.space.grounds(points))
+        return self.data_cost(points) + distances / self.n_independent
 
     def data_cost(self, points: FloatArray) -> FloatArray:
         """Return the mean square of the data's weighted residuals, without the priors, (m,)."""

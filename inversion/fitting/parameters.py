@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inversion.arrays import FloatArray
-from inversion.forward.layered import LayeredGround, LayeredGrounds, Medium, MediumParameter
+from inversion.forward.layered import LayeredGrounds, MediumParameter
 
 Quantity = Literal["modulus", "thickness", "relaxation", "viscosity", "density"]
 # Properties of a medium; the relaxation time is an alternative to the viscosity.
@@ -182,13 +182,6 @@ class ParameterSpace:
             thickness[:, -1] = self.rock_depth - thickness[:, :-1].sum(axis=1)
         viscosity += relaxation * modulus
         return LayeredGrounds(modulus, viscosity, density, poisson_ratio, thickness, self.rock)
-
-    def ground(self, point: FloatArray) -> LayeredGround:
-        """Return the ground at a point (d,) of the unit cube."""
-        g = self.grounds(point[None])
-        fields = (g.modulus, g.viscosity, g.density, g.poisson_ratio, g.thickness)
-        media = tuple(Medium(*(float(field[0, j]) for field in fields)) for j in range(self.media))
-        return LayeredGround(media, self.rock)
 
     @cached_property
     def _fixed_fields(self) -> FloatArray:

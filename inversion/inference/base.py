@@ -19,14 +19,13 @@ import numpy as np
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.diagnosis.findings import FittedState
 from inversion.diagnosis.problem import Point
-from inversion.effects.base import Ground
 from inversion.effects.layer import ABOVE_ROCK, Layer, layer_prefix
 from inversion.fitting.ground_parameters import homogeneous_space, layered_space
 from inversion.fitting.homogeneous_search import HomogeneousSearch, search_as_published
 from inversion.fitting.layered_search import layered_minima
 from inversion.fitting.misfit import count_distances
 from inversion.fitting.parameters import ParameterSpace
-from inversion.forward.layered import LayeredPlateModel, Medium
+from inversion.forward.layered import LayeredGrounds, LayeredPlateModel, Medium
 from inversion.inference.discrepancy import Discrepancy
 from inversion.inference.modulus import (
     NORMAL_95,
@@ -412,13 +411,12 @@ def fit_published(point: Point, rng: np.random.Generator) -> BaseFit:
     record = point.records.records[0]
     space = _homogeneous(point, record.bedrock_depth)
     found, solves = search_as_published(point.weighted, space, point.plate, rng)
-    ground = _ground_at(space, found, record.instrument.plate_mass)
-    ground = replace(ground, viscosity=max(ground.viscosity, _EXACT * ground.modulus))
-    model = _model(point, on_rock=ground.inverse_depth > 0.0, priors=False)
+    model = _model(point, on_rock=space.rock, priors=False)
     # Its bounds are wider than those of the base model.
     wider_bounds = [key != _DEPTH for key in model.keys]
     model.lower[wider_bounds], model.upper[wider_bounds] = -math.inf, math.inf
-    fit = PointFit(model, model.start_at(ground), is_contact_first=True)
+    start = model.start_at(space.grounds(found[None]), 0.0)
+    fit = PointFit(model, start, is_contact_first=True)
     fit.estimate_discrepancy(fit.posterior())
     return BaseFit((fit.posterior(),), solves)
 
@@ -432,13 +430,13 @@ def _fit_media(
 ) -> BaseFit:
     """Fit ground of a number of media, with and without rock if its depth is not declared."""
     layer = Layer(media - 1, thickness) if media > 1 else None
-    starts, solves = _starting_points(point, rng, layer)
+    starts, solves = _starting_points(point, rng, priors, layer)
     fits = _short_fits(point, starts, priors, layer)
     mass = _mass_deviation(fits[0][0].model)
     if point.records.records[0].instrument.plate_mass < mass:
         # An undeclared mass passes for other ground.
-        starts, more_solves = _starting_points(point, None, layer, mass)
-        fits += _short_fits(point, starts, priors, layer, fits[0][0].discrepancy)
+        starts, more_solves = _starting_points(point, None, priors, layer, mass)
+        fits += _short_fits(point, starts, priors, layer, mass, fits[0][0].discrepancy)
         solves += more_solves
     short_fits = sorted(fits, key=lambda pair: -pair[0].log_evidence)
     limit = short_fits[0][0].log_evidence - _HOPELESS_EVIDENCE_LOSS
@@ -464,9 +462,10 @@ def _fit_media(
 
 def _short_fits(
     point: Point,
-    starts: Sequence[Ground],
+    starts: Sequence[LayeredGrounds],
     priors: bool,
     layer: Layer | None,
+    added_mass: float = 0.0,
     nearest: Discrepancy | None = None,
 ) -> list[tuple[Posterior, PointFit]]:
     """Return a short fit from each starting point.
@@ -475,8 +474,8 @@ def _short_fits(
     """
     fits: list[tuple[Posterior, PointFit]] = []
     for ground in starts:
-        model = _model(point, on_rock=ground.inverse_depth > 0.0, priors=priors, layer=layer)
-        fit = PointFit(model, model.start_at(ground), is_contact_first=True)
+        model = _model(point, on_rock=ground.rock, priors=priors, layer=layer)
+        fit = PointFit(model, model.start_at(ground, added_mass), is_contact_first=True)
         posterior = fit.run_from_contact({_BEDROCK}, nearest)
         nearest = nearest or posterior.discrepancy
         fits.append((posterior, fit))
@@ -489,8 +488,12 @@ def _mass_deviation(model: PointModel) -> float:
 
 
 def _starting_points(
-    point: Point, rng: np.random.Generator | None, layer: Layer | None, added_mass: float = 0.0
-) -> tuple[list[Ground], int]:
+    point: Point,
+    rng: np.random.Generator | None,
+    priors: bool,
+    layer: Layer | None,
+    added_mass: float = 0.0,
+) -> tuple[list[LayeredGrounds], int]:
     """Return grounds that fit the contact of the last drop, the best first, and number of solves.
 
     Without a declared depth they are grounds with and without rock. Those whose misfit is far
@@ -505,23 +508,26 @@ def _starting_points(
     depths = [record.bedrock_depth]
     if record.bedrock_depth is None:
         depths.append(math.inf)
-    candidates: list[tuple[float, Ground]] = []
+    candidates: list[tuple[float, LayeredGrounds]] = []
     solves = 0
     for depth in depths:
         is_genetic = rng is not None and depth is record.bedrock_depth
+        prior = _model(point, on_rock=depth is None, priors=priors, layer=layer).prior_distances
         if layer is not None:
             space = _layered(point, depth, layer)
             # The seed is fixed, so that both methods have the same starting points.
             starts = np.random.default_rng(0)
-            minima, count = layered_minima(drops, space, point.contact, starts, genetic=is_genetic)
+            minima, count = layered_minima(
+                drops, space, point.contact, starts, prior if is_genetic else None
+            )
         else:
             space = _homogeneous(point, depth)
             search = HomogeneousSearch(drops, space, point.plate)
             minima = search.local_minima()
             if is_genetic and rng is not None:
-                minima.append(search.genetic_minimum(rng))
+                minima.append(search.genetic_minimum(rng, prior))
             count = search.solves
-        candidates += [(minimum.cost, _ground_at(space, minimum.point, mass)) for minimum in minima]
+        candidates += [(best.cost, space.grounds(best.point[None])) for best in minima]
         solves += count
     candidates.sort(key=lambda candidate: candidate[0])
     limit = _MAX_COST_RATIO * max(1.0, candidates[0][0])
@@ -553,20 +559,6 @@ def _layered(point: Point, depth: float | None, layer: Layer) -> ParameterSpace:
         thickness=layer.thickness,
         rock_depth=depth,
         elastic=point.records.elastic,
-    )
-
-
-def _ground_at(space: ParameterSpace, unit_values: FloatArray, plate_mass: float) -> Ground:
-    """Return the ground at a point (d,) of the unit cube."""
-    *above, lowest = space.ground(unit_values).media
-    depth = sum(medium.thickness for medium in above) + lowest.thickness
-    return Ground(
-        lowest.modulus,
-        lowest.viscosity,
-        lowest.density,
-        1.0 / depth,
-        plate_mass,
-        above=tuple(above),
     )
 
 

@@ -20,6 +20,7 @@ from inversion.effects.layer import Layer
 from inversion.effects.rebound import Rebound
 from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.ground_parameters import LOG_DENSITY_PRIOR, TYPICAL_RELAXATION_S
+from inversion.forward.layered import LayeredGrounds
 
 Name = tuple[str, str]
 """Name of the effect ("" for the ground), and name of the coordinate."""
@@ -135,22 +136,35 @@ class PointModel:
         result: FloatArray = np.clip(values, self.lower, self.upper)
         return result
 
-    def start_at(self, ground: Ground) -> FloatArray:
-        """Return a starting point with a ground and the mass of its plate."""
+    def start_at(self, grounds: LayeredGrounds, added_mass: float) -> FloatArray:
+        """Return a starting point at the first of some grounds, with a mass added to the plate."""
+        values = {key: float(value[0]) for key, value in self._coordinates_of(grounds).items()}
+        return self.start_from({**values, ("plate_inertia", "mass", None): added_mass})
+
+    def prior_distances(self, grounds: LayeredGrounds) -> FloatArray:
+        """Return the sum of squared distances from the priors over their deviations, (m,).
+
+        The priors are those of the unknowns of the ground.
+        """
+        values = self._coordinates_of(grounds)
+        places = [place for place, key in enumerate(self.keys) if key in values]
+        points = np.stack([values[self.keys[place]] for place in places], axis=1)
+        away = (points - self.mean[places]) / self.deviation[places]
+        return np.asarray(np.sum(away**2, axis=1))
+
+    def _coordinates_of(self, grounds: LayeredGrounds) -> dict[Key, FloatArray]:
+        """Return the unknowns (m,) of m grounds."""
         values = {
-            STIFFNESS: math.log(ground.modulus / self.point.peak_modulus),
-            (GROUND_EFFECT, "density"): math.log(ground.density),
-            ("bedrock", "depth"): ground.inverse_depth,
-            ("plate_inertia", "mass"): ground.plate_mass
-            - self.point.records.records[0].instrument.plate_mass,
+            STIFFNESS: np.log(grounds.modulus[:, -1] / self.point.peak_modulus),
+            (GROUND_EFFECT, "density"): np.log(grounds.density[:, -1]),
+            (GROUND_EFFECT, "relaxation"): np.log(grounds.relaxation[:, -1]),
+            ("bedrock", "depth"): 1.0 / grounds.thickness.sum(axis=1),
         }
-        if ground.viscosity > 0.0:
-            values[GROUND_EFFECT, "relaxation"] = math.log(ground.viscosity / ground.modulus)
         for effect in self.effects:
             if isinstance(effect, Layer):
-                layers = effect.coordinates_of(ground)
+                layers = effect.coordinates_of(grounds)
                 values |= {(effect.name, name): value for name, value in layers.items()}
-        return self.start_from({(*name, None): value for name, value in values.items()})
+        return {(*name, None): value for name, value in values.items()}
 
     def is_seating(self, drop: int) -> bool:
         """Return whether a drop is the first of several fitted drops of its point."""

@@ -293,6 +293,12 @@ class MultiPopulationSearch:
         except StopIteration:
             self._batch = None
 
+    def run(self) -> SearchResult:
+        """Make all steps, and return the result."""
+        while self.has_next():
+            self.next()
+        return self.result()
+
     def result(self) -> SearchResult:
         """Return the result so far."""
         candidates, misfits = self._candidates()

@@ -16,6 +16,9 @@ from inversion.forward.layered.kernel import Media
 
 Field = Literal["modulus", "viscosity", "density", "poisson_ratio", "thickness"]
 
+# A viscosity below this relaxation time has no influence on a pulse of some milliseconds.
+_MIN_RELAXATION_S = 1e-6
+
 FIELDS: tuple[Field, ...] = ("modulus", "viscosity", "density", "poisson_ratio", "thickness")
 
 
@@ -162,6 +165,11 @@ class LayeredGrounds:
 
     def __len__(self) -> int:
         return int(self.modulus.shape[0])
+
+    @property
+    def relaxation(self) -> FloatArray:
+        """Viscosity over modulus, (m, N), s, not quite 0, so that it has a logarithm."""
+        return np.maximum(self.viscosity / self.modulus, _MIN_RELAXATION_S)
 
     def take(self, places: Sequence[int] | NDArray[np.intp]) -> LayeredGrounds:
         """Return the grounds with these indices."""

@@ -12,7 +12,7 @@ import pytest
 from inversion.fitting import layered_search as module
 from inversion.fitting.ground_parameters import layered_space
 from inversion.fitting.layered_search import layered_minima, starting_points
-from inversion.fitting.misfit import WeightedDrop, independent_errors
+from inversion.fitting.misfit import PriorDistances, WeightedDrop, independent_errors
 from inversion.fitting.parameters import ParameterSpace
 from tests.inversion.layered_drops import (
     DEPTH,
@@ -35,15 +35,13 @@ def drop() -> WeightedDrop:
     return prepared(recorded())
 
 
-@pytest.mark.parametrize("genetic", [False, True])
+@pytest.mark.parametrize("prior", [None, lambda grounds: np.zeros(len(grounds))])
 def test_the_ground_of_finite_elements_is_among_the_minima(
-    genetic: bool, drop: WeightedDrop
+    prior: PriorDistances | None, drop: WeightedDrop
 ) -> None:
     """Near it: the search has one relaxation time, which the media do not share."""
     of = space()
-    minima, solves = layered_minima(
-        [drop], of, "rigid-rough", np.random.default_rng(0), genetic=genetic
-    )
+    minima, solves = layered_minima([drop], of, "rigid-rough", np.random.default_rng(0), prior)
     upper, lower = TWO.layers
     close = [
         minimum
@@ -55,7 +53,7 @@ def test_the_ground_of_finite_elements_is_among_the_minima(
     ]
     assert close
     assert [m.cost for m in minima] == sorted(m.cost for m in minima)
-    assert solves > (700 if genetic else 100)
+    assert solves > (100 if prior is None else 700)
 
 
 @pytest.mark.parametrize(
