@@ -310,7 +310,7 @@ def _report(base: BaseFit, place: int, peak: PeakModulus, settings: Settings) ->
         forward_solves=base.solves,
         structures=None if is_published else base.structures,
         added_mass_kg=base.added_mass,
-        delay_s=base.delay,
+        sensor_lag_s=base.delay,
         drift_m=tuple((float(a), float(b)) for a, b in drifts),
     )
     residual = history.residual[:, drop.window] / item.scale[:, None]

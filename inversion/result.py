@@ -191,7 +191,7 @@ class InversionResult(JsonRecord):
     added_mass_kg: float | None = quantity(
         "Mass of the plate beyond the declared one, as fitted", "kg", column=None
     )
-    delay_s: float | None = quantity(
+    sensor_lag_s: float | None = quantity(
         "Delay of the deflections behind the load, as fitted", "s", column=None
     )
     drift_m: tuple[Interval, ...] | None = quantity(

@@ -71,7 +71,7 @@ def curves_of(
         item = WeightedDrop.of(
             prepared, record.instrument, _model_load(prepared, result), record.model_floor
         )
-        delay = result.delay_s or 0.0
+        delay = result.sensor_lag_s or 0.0
         history = histories(
             item,
             lambda s: response.compliance(ground, s) * np.exp(-s * delay),

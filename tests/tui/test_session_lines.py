@@ -91,6 +91,7 @@ def test_two_lines_a_drop_for_machines_and_nothing_else(
     output = capsys.readouterr()
     first, second = (json.loads(line) for line in output.out.splitlines())
     assert list(first)[:5] == ["point", "drop", "saved", "record", "delay_s"]
+    assert first["delay_s"] == 0.123  # no key of the result replaces it
     assert (first["point"], first["drop"], first["saved"], first["record"]) == ("A", 1, True, 5)
     assert (first["method"], second["method"]) == ("posterior", "mpga")
     assert (first["preliminary"], second["preliminary"]) == (True, False)

@@ -82,7 +82,7 @@ def test_the_ground_is_found(method: str, depth: float | None, library: Surrogat
     assert result.explained
     assert result.window_end_s == pytest.approx(prepare(drop).tail_end + prepare(drop).start)
     assert abs(result.added_mass_kg) < 2.0
-    assert abs(result.delay_s) < 2e-5
+    assert abs(result.sensor_lag_s) < 2e-5
 
 
 def test_the_genetic_search_and_local_fits_end_in_one_optimum(library: SurrogateLibrary) -> None:

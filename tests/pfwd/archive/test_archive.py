@@ -60,7 +60,7 @@ def test_what_plain_inverting_says_has_a_column(
     parted |= {"effective_modulus_interval_pa", "equivalent_modulus_interval_pa"}
     parted |= {"modulus_depth_m"}
     without = {"half_sine_equal_area", "contact_end_s", "window_end_s", "facts"}
-    without |= {"structures", "added_mass_kg", "delay_s", "drift_m"}
+    without |= {"structures", "added_mass_kg", "sensor_lag_s", "drift_m"}
     # What a run was asked, and by what, is told once for all of its rows.
     without |= {"question", "software", "settings", "priors"}
     # The sentences of warnings have a column, and `from_sentence` returns their codes.
