@@ -122,7 +122,10 @@ class Settings:
 
 
 def invert(
-    record: Record, settings: Settings | None = None, library: SurrogateLibrary | None = None
+    record: Record,
+    settings: Settings | None = None,
+    library: SurrogateLibrary | None = None,
+    preceding: InversionResult | None = None,
 ) -> InversionResult:
     """Return the modulus of the ground under one drop, with uncertainty and conditions.
 
@@ -132,6 +135,9 @@ def invert(
     settings : Settings, optional
     library : SurrogateLibrary, optional
         Response tables. Pass the same object to many calls: it keeps the tables that were loaded.
+    preceding : InversionResult, optional
+        Result of a similar drop, such as the preceding one, for a quick preliminary result: with
+        the method "posterior" and ground without layers it is the only starting point.
 
     Raises
     ------
@@ -140,13 +146,14 @@ def invert(
     ModelError
         If a parameter is outside of its range.
     """
-    return invert_joint([record], settings, library)[0]
+    return invert_joint([record], settings, library, preceding)[0]
 
 
 def invert_joint(
     records: Sequence[Record],
     settings: Settings | None = None,
     library: SurrogateLibrary | None = None,
+    preceding: InversionResult | None = None,
 ) -> tuple[InversionResult, ...]:
     """Fit one ground to several drops; return a result for each drop, all with the same ground.
 
@@ -154,7 +161,7 @@ def invert_joint(
     ----------
     records : sequence of Record
         With the same instrument, sensors, Poisson's ratio, density and bedrock depth.
-    settings, library : as for :func:`invert`
+    settings, library, preceding : as for :func:`invert`
 
     Raises
     ------
@@ -164,11 +171,16 @@ def invert_joint(
         If a parameter is outside of its range.
     """
     with single_threaded_blas():
-        return _invert_joint(records, settings or Settings(), library or SurrogateLibrary())
+        return _invert_joint(
+            records, settings or Settings(), library or SurrogateLibrary(), preceding
+        )
 
 
 def _invert_joint(
-    records: Sequence[Record], settings: Settings, library: SurrogateLibrary
+    records: Sequence[Record],
+    settings: Settings,
+    library: SurrogateLibrary,
+    preceding: InversionResult | None,
 ) -> tuple[InversionResult, ...]:
     _check_same_point(records)
     used = [_selected(record, settings) for record in records]
@@ -192,6 +204,9 @@ def _invert_joint(
             priors=settings.priors,
             layers=settings.layers,
             thickness=settings.thickness,
+            preceding=preceding
+            if settings.method == "posterior" and settings.layers == 1
+            else None,
         )
     reports = [_report(base, place, peak, settings) for place, peak in enumerate(peaks)]
     elapsed = clock.perf_counter() - start

@@ -25,7 +25,12 @@ from inversion.fitting.homogeneous_search import HomogeneousSearch, search_as_pu
 from inversion.fitting.layered_search import layered_minima
 from inversion.fitting.misfit import count_distances
 from inversion.fitting.parameters import ParameterSpace
-from inversion.forward.layered import LayeredGrounds, LayeredPlateModel, Medium
+from inversion.forward.layered import (
+    LayeredGround,
+    LayeredGrounds,
+    LayeredPlateModel,
+    Medium,
+)
 from inversion.inference.discrepancy import Discrepancy
 from inversion.inference.modulus import (
     NORMAL_95,
@@ -52,7 +57,7 @@ from inversion.inference.state import (
 from inversion.inference.structures import ALWAYS, effects_of
 from inversion.notices import Notice
 from inversion.records import Interval, known
-from inversion.result import LayerResult, StructureResult
+from inversion.result import InversionResult, LayerResult, StructureResult
 
 _BEDROCK, _LAYER = "bedrock", "layer"
 _MODULUS: Key = (*STIFFNESS, None)
@@ -369,6 +374,7 @@ def fit_base(
     priors: bool = True,
     layers: int | Literal["auto"] = 1,
     thickness: tuple[float, ...] | None = None,
+    preceding: InversionResult | None = None,
 ) -> BaseFit:
     """Fit the base model to all drops of a point.
 
@@ -380,7 +386,12 @@ def fit_base(
     priors : bool, False: the properties of the ground have no priors
     layers : int or "auto", number of media; "auto": all numbers that the sensors may determine
     thickness : tuple of float, m, of the media but the lowest, from the top; None: fitted
+    preceding : InversionResult of a similar drop on ground without layers, optional
+        The only starting point: the result is its nearest optimum, without the others.
     """
+    if preceding is not None and preceding.structures:
+        start, mass = _ground_in(preceding), preceding.added_mass_kg or 0.0
+        return _refined(_short_fits(point, [start], priors, None, mass), 0)
     if layers != "auto":
         return _fit_media(point, rng, priors, layers, thickness)
     distances = count_distances(point.drops[0].context.offsets)
@@ -438,6 +449,11 @@ def _fit_media(
         starts, more_solves = _starting_points(point, None, priors, layer, mass)
         fits += _short_fits(point, starts, priors, layer, mass, fits[0][0].discrepancy)
         solves += more_solves
+    return _refined(fits, solves)
+
+
+def _refined(fits: list[tuple[Posterior, PointFit]], solves: int) -> BaseFit:
+    """Run short fits to their optima; ``solves`` were made before them."""
     short_fits = sorted(fits, key=lambda pair: -pair[0].log_evidence)
     limit = short_fits[0][0].log_evidence - _HOPELESS_EVIDENCE_LOSS
     promising: list[tuple[Posterior, PointFit]] = []
@@ -480,6 +496,19 @@ def _short_fits(
         nearest = nearest or posterior.discrepancy
         fits.append((posterior, fit))
     return fits
+
+
+def _ground_in(result: InversionResult) -> LayeredGrounds:
+    """Return the most probable ground of a result without layers."""
+    best = known(result.structures)[0]
+    medium = Medium(
+        known(best.modulus_pa),
+        result.viscosity_pa_s or 0.0,
+        known(result.density_kg_m3),
+        known(result.poisson_ratio),
+        best.bedrock_depth_m or math.inf,
+    )
+    return LayeredGrounds.of([LayeredGround((medium,), rock=best.bedrock_depth_m is not None)])
 
 
 def _mass_deviation(model: PointModel) -> float:

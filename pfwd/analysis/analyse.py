@@ -205,18 +205,23 @@ def analyse_drop(
     screening: Screening,
     options: AnalysisOptions,
     library: SurrogateLibrary,
+    preceding: DropResult | None = None,
 ) -> DropAnalysis:
-    """Invert one drop that was screened already, as the session does with a new drop."""
+    """Invert one drop that was screened already, as the session does with a new drop.
+
+    With the result ``preceding`` of a drop of its point, the result is a preliminary one that
+    starts there; it does not answer a later request.
+    """
     if screening.status == "rejected":
         return DropAnalysis(drop, screening, None, setup=setup)
     settings = settings_of(options, setup)
     (screening,) = leave_out_bad_sensors(TracePoint("", setup, (drop,)), (screening,))
     try:
         record = record_of(unbroken_part(drop)[0], setup, options, screening.left_out)
-        (result,) = invert_joint([record], settings, library)
+        (result,) = invert_joint([record], settings, library, preceding)
     except InversionError as error:
         return DropAnalysis(drop, screening, None, str(error), setup)
-    request = _request_of([record], settings, options, screening)
+    request = None if preceding else _request_of([record], settings, options, screening)
     return DropAnalysis(drop, screening, result, setup=setup, request=request)
 
 

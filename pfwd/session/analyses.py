@@ -1,6 +1,7 @@
 """Inversion of the drops of a session: a quick fit first, then the full search.
 
-Both run in another process, the worker, so that recording never waits for them.
+The quick fit starts from the preceding result of the point, if there is one. Both run in another
+process, the worker, so that recording never waits for them.
 """
 
 import contextlib
@@ -63,6 +64,8 @@ class Analyses:
         self._worker = InversionWorker(self._responses.put)
         self._pending: dict[int, _PendingAnalysis] = {}
         self._behind = False
+        self._preceding: dict[str, DropResult] = {}
+        """Last result of the present point, by its name."""
         # The published method is one search without a quick fit.
         self._has_single_answer = options.published or options.method == "posterior"
 
@@ -86,7 +89,8 @@ class Analyses:
         quick = replace(self._options, method="posterior")
         if len(self._pending) < MAX_PENDING_FOR_FULL_SEARCH:
             self._behind = False
-            self._request(saved, Urgency.QUICK, quick, final=False)
+            preceding = self._preceding.get(saved.point)
+            self._request(saved, Urgency.QUICK, quick, final=False, preceding=preceding)
             self._request(saved, Urgency.FULL, self._options)
             return
         self._request(saved, Urgency.QUICK, quick)
@@ -100,10 +104,16 @@ class Analyses:
             )
 
     def _request(
-        self, saved: SavedDrop, urgency: Urgency, options: AnalysisOptions, *, final: bool = True
+        self,
+        saved: SavedDrop,
+        urgency: Urgency,
+        options: AnalysisOptions,
+        *,
+        final: bool = True,
+        preceding: DropResult | None = None,
     ) -> None:
         number = self._worker.analyse(
-            urgency, saved.drop, saved.setup, saved.screening, options, saved.file
+            urgency, saved.drop, saved.setup, saved.screening, options, saved.file, preceding
         )
         self._pending[number] = _PendingAnalysis(saved, urgency, final)
 
@@ -153,6 +163,8 @@ class Analyses:
             result = _failed(saved, str(response.fault))
         elif saved.record is not None:
             self._keep_result(saved.record, result)
+        if result.structures:
+            self._preceding = {saved.point: result}
         delay = None if saved.received is None else time.monotonic() - saved.received
         self._report(DropAnalysed(saved, delay, result, response.curves, full, pending.final))
 

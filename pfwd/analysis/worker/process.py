@@ -112,7 +112,9 @@ def outcome_of(
         if task.urgency is Urgency.PREPARE:
             rehearse(task.drop, task.setup, task.options, library)
             return TaskOutcome()
-        analysis = analyse_drop(task.drop, task.setup, task.screening, task.options, library)
+        analysis = analyse_drop(
+            task.drop, task.setup, task.screening, task.options, library, task.preceding
+        )
         result = drop_result(task.file, analysis, setup_warnings(task.setup, [task.drop]))
         # The caller keeps the results of all drops in memory, hence without the fitted traces.
         return TaskOutcome(dataclasses.replace(result, history=None), result.history)

@@ -39,6 +39,8 @@ class Task:
     options: AnalysisOptions
     file: str
     """Path of the file with the drop, for the result."""
+    preceding: DropResult | None = None
+    """Result from which a preliminary fit starts; None: the inversion is a full one."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)

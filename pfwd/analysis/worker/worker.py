@@ -91,10 +91,11 @@ class InversionWorker:
         screening: Screening,
         options: AnalysisOptions,
         file: str,
+        preceding: DropResult | None = None,
     ) -> int:
         """Request the inversion of a drop; return the number of the task."""
         number = next(self._numbers)
-        return self._put(Task(number, urgency, drop, setup, screening, options, file))
+        return self._put(Task(number, urgency, drop, setup, screening, options, file, preceding))
 
     def diagnose(
         self,

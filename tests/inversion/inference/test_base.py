@@ -95,6 +95,17 @@ def test_the_genetic_search_and_local_fits_end_in_one_optimum(library: Surrogate
     assert genetic.forward_solves > 2 * local.forward_solves > 0
 
 
+def test_a_fit_that_starts_at_the_preceding_result_is_quick(library: SurrogateLibrary) -> None:
+    drops = [record(library, replace(QUIET, seed=seed)) for seed in (1, 2)]
+    local = Settings(SMOOTH, method="posterior")
+    preceding, full = (invert(drop, local, library) for drop in drops)
+    quick = invert(drops[1], local, library, preceding)
+    assert quick.modulus_pa == pytest.approx(full.modulus_pa, rel=1e-3)
+    assert quick.modulus_interval_pa == pytest.approx(full.modulus_interval_pa, rel=0.01)
+    assert quick.forward_solves < 0.8 * full.forward_solves
+    assert [s.probability for s in quick.structures or ()] == [1.0]
+
+
 def test_a_genetic_search_has_the_priors_of_the_posterior(library: SurrogateLibrary) -> None:
     """Distances are one deviation each, and a certain prior moves the optimum to its mean."""
     drop = record(library, QUIET)

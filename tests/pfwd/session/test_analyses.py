@@ -5,8 +5,11 @@ from typing import Any
 
 import pytest
 
+from inversion.result import StructureResult
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.worker.tasks import Urgency
+from pfwd.analysis.results import DropResult
+from pfwd.analysis.worker.tasks import Task, Urgency
+from pfwd.analysis.worker.worker import TaskResponse
 from pfwd.files.header import PointSetup
 from pfwd.judging import drop_from_traces
 from pfwd.session import analyses as module
@@ -29,6 +32,38 @@ class SilentWorker:
 
     def close(self) -> None:
         """Nothing runs."""
+
+
+class PromptWorker(SilentWorker):
+    """Answers every task at once."""
+
+    def __init__(self, listener: Callable[[Any], None]) -> None:
+        super().__init__(listener)
+        self._listener = listener
+        self.preceding: list[DropResult | None] = []
+
+    def analyse(self, urgency: Urgency, *task: Any) -> int:
+        number = super().analyse(urgency)
+        self.preceding.append(task[-1])
+        work = Task(number, urgency, *task)
+        result = DropResult(drop=number, structures=(StructureResult(name="half-space"),))
+        self._listener(TaskResponse(work, result))
+        return number
+
+
+def test_a_quick_fit_starts_from_the_preceding_result_of_its_point(
+    monkeypatch: pytest.MonkeyPatch, make_drop: Callable[..., Drop]
+) -> None:
+    monkeypatch.setattr(module, "InversionWorker", PromptWorker)
+    analyses = Analyses(AnalysisOptions(), lambda _: None, lambda *_: None)
+    drop = make_drop()
+    for point in "A", "A", "B":
+        view = drop_from_traces(drop, PointSetup(plate_radius=0.15), record=1)
+        analyses.request(SavedDrop(point, view, drop, "f"))
+        analyses.take_responses()
+    preceding = analyses._worker.preceding  # type: ignore[attr-defined]
+    # A quick fit and a full search for each drop; the second result is the last of drop 1.
+    assert [result and result.drop for result in preceding] == [None, None, 2, None, None, None]
 
 
 def test_full_searches_that_do_not_keep_up_are_left_out_and_said_once(
