@@ -49,6 +49,8 @@ class PointView:
     discarded: bool = False
     diagnosis: DiagnosisResult | None = None
     """Last diagnosis, even if the point has changed since; None: there is none."""
+    awaits_diagnosis: bool = False
+    """True: a diagnosis of its present drops is under way."""
     title: str = ""
     """Name that the operator gave it later; empty: it has its first name."""
     job: Job = field(default_factory=Job)
@@ -112,6 +114,11 @@ class PointView:
             return None
         numbers = [fact.number for fact in self.facts if fact.kind not in _TAKING_NO_PART]
         return self.diagnosis if holds(self.diagnosis, self.drops[-1].setup, numbers) else None
+
+    @property
+    def is_verdict_pending(self) -> bool:
+        """True if its verdict is on a fitted modulus and waits for its diagnosis."""
+        return self.awaits_diagnosis and self.job.quantity.is_fitted
 
     @cached_property
     def progress(self) -> PointProgress:
@@ -287,14 +294,14 @@ def _judge(point: PointView) -> PointProgress:
     )
     if progress.target is not None and progress.target == target:
         progress = dataclasses.replace(progress, target_source=source)
-    if point.discarded:
-        progress = dataclasses.replace(
-            progress,
-            verdict=Verdict.NONE,
-            verdict_reason="the point is discarded",
-            verdict_reason_code=None,
-        )
-    return progress
+    reason = "the point is discarded" if point.discarded else None
+    if reason is None and point.is_verdict_pending and progress.verdict is not Verdict.NONE:
+        reason = "its verdict is pending: the diagnosis of the point is under way"
+    if reason is None:
+        return progress
+    return dataclasses.replace(
+        progress, verdict=Verdict.NONE, verdict_reason=reason, verdict_reason_code=None
+    )
 
 
 def _target_of(point: PointView) -> tuple[float | None, str]:

@@ -17,7 +17,7 @@ from pfwd.analysis.worker.worker import InversionWorker, TaskResponse
 from pfwd.files.header import PointSetup
 from pfwd.files.traces import TracePoint
 from pfwd.procedures import Kind
-from pfwd.session.events import Notice, PointDiagnosed, SavedDrop
+from pfwd.session.events import DiagnosisAwaited, Notice, PointDiagnosed, SavedDrop
 
 MIN_POINTS_WITH_EFFECT = 2
 """Smallest number of points with a device effect for which the next point is presumed to have it.
@@ -76,7 +76,7 @@ class PointDiagnoses:
     def __init__(
         self,
         options: AnalysisOptions,
-        report: Callable[[PointDiagnosed | Notice], None],
+        report: Callable[[PointDiagnosed | DiagnosisAwaited | Notice], None],
         keep: KeepDiagnosis,
         earlier: EarlierDrops,
     ) -> None:
@@ -131,6 +131,7 @@ class PointDiagnoses:
         traces = TracePoint(name, point.setup, tuple(drop.drop for drop in drops))
         point.task = self._worker.diagnose(traces, self._options, self._device(name))
         self._pending[point.task] = name, drops[-1].record
+        self._report(DiagnosisAwaited(name, True))
 
     def _device(self, name: str) -> DeviceEffects:
         """Return the device effects to presume for a point: their medians over the other points.
@@ -155,6 +156,12 @@ class PointDiagnoses:
             if not isinstance(response, Building):
                 self._take(response)
 
+    def give_up(self) -> None:
+        """Report that the remaining diagnoses are awaited no longer."""
+        for name in dict.fromkeys(name for name, _ in self._pending.values()):
+            self._report(DiagnosisAwaited(name, False))
+        self._pending.clear()
+
     def close(self) -> None:
         """End the process; waiting requests are dropped."""
         self._worker.close()
@@ -163,9 +170,6 @@ class PointDiagnoses:
         name, record = self._pending.pop(response.task.number, (None, None))
         if name is None:
             return
-        point = self._points.get(name)
-        if point is not None and point.task == response.task.number:
-            point.task = None
         if response.fault is not None:
             self._report(Notice(f"point {name}: {response.fault}", details=response.details))
         for diagnosis in response.diagnoses:
@@ -174,6 +178,11 @@ class PointDiagnoses:
             if record is not None:
                 self._keep(record, result)
             self._report(PointDiagnosed(name, result))
+        point = self._points.get(name)
+        if point is not None and point.task == response.task.number:
+            point.task = None
+        if name not in {point_name for point_name, _ in self._pending.values()}:
+            self._report(DiagnosisAwaited(name, False))
 
     def _note_device(self, name: str, result: DiagnosisResult) -> None:
         """Store the device effects that a point shows.

@@ -217,6 +217,15 @@ class PointDiagnosed:
 
 
 @dataclass(frozen=True, slots=True)
+class DiagnosisAwaited:
+    """The diagnosis of a point with its present drops was requested, or is awaited no longer."""
+
+    point: str
+    awaited: bool
+    """False: the diagnosis was reported before, failed, or was given up."""
+
+
+@dataclass(frozen=True, slots=True)
 class Rebounded:
     """The weight bounced and hit the plate again after a drop."""
 
@@ -321,6 +330,7 @@ SessionEvent = (
     | DropNotPublished
     | DropAnalysed
     | PointDiagnosed
+    | DiagnosisAwaited
     | Rebounded
     | PointBegan
     | JobReported

@@ -15,6 +15,7 @@ from pfwd.judging.drops import RATE_DEVIATION
 from pfwd.judging.places import place_in
 from pfwd.procedures import PointProgress
 from pfwd.session.events import (
+    DiagnosisAwaited,
     DropAnalysed,
     DropSaved,
     Edited,
@@ -46,6 +47,8 @@ def apply_event(view: SurveyView, event: SessionEvent) -> tuple[SurveyView, str 
             point = _with_analysis(_point_of(view, event.saved.point), event)
         case PointDiagnosed(name, diagnosis):
             point = replace(_point_of(view, name), diagnosis=diagnosis)
+        case DiagnosisAwaited(name, awaited):
+            point = replace(_point_of(view, name), awaits_diagnosis=awaited)
         case Edited(point=str(name)):
             point = _with_edit(_point_of(view, name), event)
         case Edited(number=int(record)):
@@ -74,6 +77,8 @@ def with_stored(
     def merged(stored: PointView) -> PointView:
         present = view.points.get(stored.name)
         newer = () if present is None else present.drops
+        awaited = present is not None and present.awaits_diagnosis
+        stored = replace(stored, awaits_diagnosis=awaited)
         drops = {drop.number: drop for drop in stored.drops}
         if is_replayed:
             repeated = tuple(drops.get(drop.number, drop) for drop in newer)
@@ -179,8 +184,9 @@ def _changes(drop: DropView, event: Edited) -> dict[str, Any]:
 class CompletePoints:
     """Reports points when they are complete and when their verdicts change.
 
-    A point is complete when it has the drops that the procedure requires. A point that is no longer
-    complete is reported again. If only its value changes, it is reported at the end of the session.
+    A point is complete when it has the drops that the procedure requires. A point whose verdict is
+    on a fitted modulus is reported after its diagnosis. A point that is no longer complete is
+    reported again. If only its value changes, it is reported at the end of the session.
 
     Parameters
     ----------
@@ -223,6 +229,8 @@ class CompletePoints:
         point = self.view.points[name]
         progress, before = point.progress, self._reported.get(name)
         if self._waiting.get(name) or not (progress.complete or before):
+            return
+        if point.is_verdict_pending and not last:
             return
         changed = before is None or _verdict(before) != _verdict(progress)
         if changed or (last and before is not None and before.value != progress.value):

@@ -360,6 +360,7 @@ class Session:
             time.sleep(FEED_WAIT)
             diagnoses.take_responses()
         diagnoses.take_responses()
+        diagnoses.give_up()
 
     def _save_the_rest(self, hurry: Callable[[], bool]) -> None:
         self._finish_drop("the session was ended")

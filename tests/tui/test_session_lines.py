@@ -17,6 +17,7 @@ from pfwd.procedures import find_procedure, plain_procedure
 from pfwd.session.events import (
     N_REPORTED_FIRST,
     CalibrationChanged,
+    DiagnosisAwaited,
     DropAnalysed,
     DropNotSaved,
     DropSaved,
@@ -120,6 +121,28 @@ def test_a_line_that_says_complete_is_of_a_complete_point(
         else:
             assert text[0].startswith("point A: ")
             assert text[1].startswith("point A is not complete any more: ")
+
+
+def test_a_complete_point_has_its_line_after_its_diagnosis(
+    one: Callable[..., SavedDrop], capsys: pytest.CaptureFixture[str]
+) -> None:
+    def points() -> list[str]:
+        lines = capsys.readouterr().out.splitlines()
+        return [line for line in lines if line.startswith("point A: ")]
+
+    for ended_by in (True, False):
+        lines = SessionLines(as_json=False, analysed=True)
+        lines.print_event(JobReported(Job(procedure=plain_procedure(0, 1), target=30e6), ()))
+        lines.print_event(DropSaved(one()))
+        lines.print_event(DiagnosisAwaited("A", True))
+        lines.print_event(analysed(one(), 40e6, full=True))
+        assert points() == []
+        if ended_by:
+            lines.finish()
+            assert "UNDECIDED" not in points()[0]
+        else:
+            lines.print_event(DiagnosisAwaited("A", False))
+            assert "UNDECIDED" in points()[0]
 
 
 def test_a_rejected_drop_has_its_line_at_once_with_all_keys(

@@ -23,6 +23,7 @@ from pfwd.judging.view import read_points
 from pfwd.procedures import Verdict
 from pfwd.session.events import (
     CalibrationChanged,
+    DiagnosisAwaited,
     DropAnalysed,
     DropNotPublished,
     DropNotSaved,
@@ -276,7 +277,7 @@ class PfwdApp(App[int]):
         new_events = self.runner.take()
         for event in new_events:
             self._take(event)
-        judging = (DropAnalysed, DropSaved, Edited, PointDiagnosed)
+        judging = (DiagnosisAwaited, DropAnalysed, DropSaved, Edited, PointDiagnosed)
         if any(isinstance(event, judging) for event in new_events):
             self._sound_verdict()
         # While the application ends, the clock may tick once more without a screen.
@@ -363,6 +364,8 @@ class PfwdApp(App[int]):
         """Ring the rhythm of the verdict once a point is complete and all its drops are fitted."""
         state = self.state
         progress = state.progress
+        if state.current.is_verdict_pending:
+            return
         if self.source.pace is not None or not progress.complete or progress.next_kind is not None:
             self._sounded.pop(state.point, None)
             return

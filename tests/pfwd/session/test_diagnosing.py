@@ -20,7 +20,7 @@ from pfwd.files.traces import TracePoint
 from pfwd.judging import drop_from_traces
 from pfwd.session import diagnosing
 from pfwd.session.diagnosing import MAX_POINTS, PointDiagnoses
-from pfwd.session.events import Notice, PointDiagnosed, SavedDrop
+from pfwd.session.events import DiagnosisAwaited, Notice, PointDiagnosed, SavedDrop
 from tests.pfwd.report.surveys import SETUP, half_sine_drop
 
 
@@ -57,7 +57,7 @@ class Session:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(diagnosing, "InversionWorker", Worker)
-        self.told: list[PointDiagnosed | Notice] = []
+        self.told: list[PointDiagnosed | DiagnosisAwaited | Notice] = []
         self.kept: list[tuple[int, DiagnosisResult]] = []
         self.before: dict[str, list[SavedDrop]] = {}
         self.diagnoses = PointDiagnoses(
@@ -110,6 +110,17 @@ def test_a_point_is_diagnosed_with_all_of_its_drops(session: Session) -> None:
     points = [event.point for event in session.told if isinstance(event, PointDiagnosed)]
     assert points == ["A", "A"]
     assert session.kept[1][1].point == "A"
+    assert session.diagnoses.n_pending == 0
+    awaited = [event.awaited for event in session.told if isinstance(event, DiagnosisAwaited)]
+    assert awaited == [True, True, False]
+    assert isinstance(session.told[-2], PointDiagnosed)
+
+
+def test_diagnoses_at_the_end_of_a_session_are_awaited_no_longer(session: Session) -> None:
+    session.drop("A", 1, 11)
+    session.drop("B", 1, 12)
+    session.diagnoses.give_up()
+    assert session.told[2:] == [DiagnosisAwaited("A", False), DiagnosisAwaited("B", False)]
     assert session.diagnoses.n_pending == 0
 
 
@@ -190,7 +201,8 @@ def test_a_fault_is_told(session: Session) -> None:
     session.drop("A", 1, 11)
     session.worker.answer(1, fault="the analysis failed")
     session.diagnoses.take_responses()
-    (notice,) = session.told
+    requested, notice, ended = session.told
+    assert (requested, ended) == (DiagnosisAwaited("A", True), DiagnosisAwaited("A", False))
     assert isinstance(notice, Notice)
     assert "point A" in notice.text
     assert not session.kept

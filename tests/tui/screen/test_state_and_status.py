@@ -12,6 +12,7 @@ from pfwd.judging import Job, PointView
 from pfwd.procedures import Verdict, find_procedure
 from pfwd.session.events import (
     BatteryLow,
+    DiagnosisAwaited,
     DropAnalysed,
     DropNotSaved,
     Edited,
@@ -41,7 +42,7 @@ from tests.tui.screen.scripted import (
     status,
     stored_drop,
 )
-from tui.screen.pages.drop_texts import modulus_of_drop, remark, verdict_of
+from tui.screen.pages.drop_texts import modulus_of_drop, remark, verdict_of, verdict_word
 from tui.screen.session.diagnosis import verdict_text
 from tui.screen.session.screen_events import SessionEnded, SessionStarted, SurveyRead
 from tui.screen.session.state import SessionState
@@ -321,6 +322,25 @@ def test_the_diagnosis_of_a_measured_point_gives_advice() -> None:
     assert [text for text in state.advice(state.last) if "clear stones" in text]
     state.take(PointDiagnosed("7", dataclasses.replace(point_diagnosis, effects=())))
     assert state.advice(state.last) == [], "with further drops it is not found any more"
+
+
+def test_a_verdict_on_a_fitted_modulus_waits_for_the_diagnosis() -> None:
+    state = state_after(*complete_point(), target=45e6)
+    given, expected = state.progress.verdict, verdict_word(state.current)
+    assert given is not Verdict.NONE
+    state.take(DiagnosisAwaited("7", True))
+    assert state.progress.verdict is Verdict.NONE
+    assert verdict_word(state.current) == ("PENDING", "strong")
+    state.take(SurveyRead((PointView("7", job=state.job),), drops=True))
+    assert verdict_word(state.current) == ("PENDING", "strong")
+    state.take(DiagnosisAwaited("7", False))
+    assert (state.progress.verdict, verdict_word(state.current)) == (given, expected)
+
+    # Peaks need no diagnosis.
+    state.take(JobReported(Job(procedure=find_procedure("tp-bf-stb-b8.3"), target=45e6), ()))
+    given = state.progress.verdict
+    state.take(DiagnosisAwaited("7", True))
+    assert state.progress.verdict is given is not Verdict.NONE
 
 
 def test_a_point_that_could_not_be_diagnosed_says_why() -> None:

@@ -293,6 +293,13 @@ VERDICT_WORDS: dict[Verdict, tuple[str, TextRole]] = {
 }
 
 
+def verdict_word(point: PointView) -> tuple[str, TextRole] | None:
+    """Return the verdict on a point, or that it is pending; None: there is none."""
+    if point.is_verdict_pending and point.progress.target is not None:
+        return "PENDING", "strong"
+    return VERDICT_WORDS.get(point.progress.verdict)
+
+
 def point_summary(state: SessionState, point: PointView, units: Units, width: int) -> Line:
     """Return the judged value of a point and its verdict; other values follow as not judged."""
     progress = point.progress
@@ -306,9 +313,8 @@ def point_summary(state: SessionState, point: PointView, units: Units, width: in
     pieces.append(piece(0, cell(text, "strong")))
     if UNSUPPORTED_MARK in text:
         pieces.append(piece(1, cell(f"{UNSUPPORTED_MARK} not supported", "warn")))
-    if progress.verdict in VERDICT_WORDS:
-        word, role = VERDICT_WORDS[progress.verdict]
-        pieces.append(piece(0, cell(word, role)))
+    if verdict := verdict_word(point):
+        pieces.append(piece(0, cell(*verdict)))
         pieces.append(piece(3, cell(progress.verdict_reason)))
     if progress.modulus is not None:
         other = judged.quantity.other_fitted

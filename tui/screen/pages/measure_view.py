@@ -37,7 +37,6 @@ from tui.screen.drawing.plot import Figure, plot_lines, stacked_plots
 from tui.screen.drawing.profile import Bar, profile_lines
 from tui.screen.pages.drop_texts import (
     JUDGED_NAMES,
-    VERDICT_WORDS,
     JudgedValue,
     assumption_texts,
     drop_columns,
@@ -49,6 +48,7 @@ from tui.screen.pages.drop_texts import (
     point_summary,
     two_decimals,
     verdict_of,
+    verdict_word,
 )
 from tui.screen.pages.layer_texts import effective_text, has_layers, top_and_subgrade
 from tui.screen.session.drop_state import DropState
@@ -143,7 +143,8 @@ def complete_point_lines(view: MeasureView, width: int, room: int) -> list[Line]
     """Return the verdict on a complete point in large letters, and its reasons."""
     state, units = view.state, view.units
     progress = state.progress
-    word, role = VERDICT_WORDS.get(progress.verdict, ("DONE", "strong"))
+    verdict = verdict_word(state.current)
+    word, role = verdict or ("DONE", "strong")
     quantity = judged_quantity(state.job.quantity)
     judged = judged_value_of_point(progress, units)
     name = JUDGED_NAMES[state.job.quantity]
@@ -156,7 +157,7 @@ def complete_point_lines(view: MeasureView, width: int, room: int) -> list[Line]
     texts = [text, target, f"mean of {counted(drops, 'drop')}"]
     pieces = [piece(rank, cell(text, "strong")) for rank, text in enumerate(texts)]
     facts = [line(" ", *row) for row in flow(pieces, width - 1, 2, "   ")]
-    if progress.verdict in VERDICT_WORDS:
+    if verdict is not None:
         facts += [line(" ", cell(text, role)) for text in wrap(progress.verdict_reason, width - 2)]
     settled = [
         units.text("settlement", depth)

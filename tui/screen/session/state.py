@@ -14,6 +14,7 @@ from pfwd.procedures import Kind, PointProgress, PointValue, Procedure, plain_pr
 from pfwd.session.events import (
     BatteryLow,
     CalibrationChanged,
+    DiagnosisAwaited,
     DropAnalysed,
     DropNotPublished,
     DropNotSaved,
@@ -67,7 +68,15 @@ MAX_NOTICES = 200
 MAX_DROPS_WITH_TRACES = 40
 """Number of drops whose traces stay in memory; others are read again when they are opened."""
 
-_JUDGING_EVENTS = (JobReported, PointReported, DropSaved, DropAnalysed, PointDiagnosed, Edited)
+_JUDGING_EVENTS = (
+    JobReported,
+    PointReported,
+    DropSaved,
+    DropAnalysed,
+    PointDiagnosed,
+    DiagnosisAwaited,
+    Edited,
+)
 """Events that can change the verdict of a point."""
 
 
