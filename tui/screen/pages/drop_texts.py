@@ -274,7 +274,7 @@ def remark(drop: DropState, units: Units) -> str:
     elif drop.withheld is not None:
         parts.append(f"no modulus: {drop.withheld}")
     parts += drop.marks
-    if drop.results and drop.result and drop.result.explained is False:
+    if drop.shown_result is not None and drop.shown_result.explained is False:
         parts.append("unexplained")
     parts += [f"note: {note}" for note in drop.notes]
     if drop.identical is False:
