@@ -111,13 +111,13 @@ def summarise(report: Reporter, replicates: Iterable[Replicate]) -> int:
             z = ndtri(np.clip(ranks, ndtr(-_MAX_Z), 1.0 - ndtr(-_MAX_Z)))
             report.record(
                 quantity=name,
-                drops=ranks.size,
+                replicates=ranks.size,
                 distance=distance,
                 band=band,
-                inside=distance <= band,
+                ecdf_band_ok=distance <= band,
                 mean_z=float(z.mean()),
-                sd_z=float(z.std()),
-                within_95=float(np.mean(np.abs(ranks - 0.5) <= 0.475)),
+                sd_of_z=float(z.std()),
+                coverage_95=float(np.mean(np.abs(ranks - 0.5) <= 0.475)),
             )
             met &= distance <= band or source != MODEL
     return 0 if met else 1
