@@ -443,7 +443,7 @@ _GROUND_FIELDS = (
 """Beginnings of the names of the fields of `DropResult` that a fit determines."""
 
 _FIT_FIELDS = (
-    *("method", "model", "structures", "added_mass_kg", "delay_s", "drift_m", "r_squared"),
+    *("method", "model", "structures", "added_mass_kg", "sensor_lag_s", "drift_m", "r_squared"),
     *("priors", "explained", "converged", "at_bound", "forward_solves", "seed", "warnings"),
     *("window_end_s", "elapsed_s"),
 )
