@@ -64,7 +64,8 @@ _MAX_REFIT_ITERATIONS = 12
 # Largest ratio of the base model's residual with a sensor turned or exchanged to that as declared,
 # at which the full diagnosis is repeated.
 _MAX_CORRECTED_RESIDUAL_RATIO = 0.8
-# Ratio of the ends of the modulus interval from which a notice on ambiguous effects states it.
+# Ratio of the ends of the modulus interval, without the error of the instrument, from which a
+# notice on ambiguous effects states it.
 _NOTICED_INTERVAL_RATIO = 1.1
 
 
@@ -216,7 +217,7 @@ def _point_diagnosis(
         after=after,
         effects=effects,
         held_out=None,
-        warnings=(*_warnings(effects, verdict, after), *warnings),
+        warnings=(*_warnings(effects, verdict, after, best.model.point.modulus_error), *warnings),
         curves=_curves(point, base.best, best),
         summary=summarise(best),
         structure=choice[0].best if choice else frozenset(),
@@ -256,7 +257,7 @@ def _components(posterior: Posterior, selection: Selection, of: ModulusOf) -> li
 
 
 def _warnings(
-    effects: Sequence[EffectResult], verdict: Verdict, after: FittedState
+    effects: Sequence[EffectResult], verdict: Verdict, after: FittedState, modulus_error: float
 ) -> list[Notice]:
     notices = []
     for effect in effects:
@@ -269,7 +270,7 @@ def _warnings(
             notices.append(Notice("effect-ambiguous", alternatives))
     low, high = after.modulus_interval_pa or (math.nan, math.nan)
     if (
-        high > _NOTICED_INTERVAL_RATIO * low
+        math.log(high / low) > math.hypot(math.log(_NOTICED_INTERVAL_RATIO), 2.0 * modulus_error)
         and verdict == "explained"
         and not after.is_undetermined
     ):
