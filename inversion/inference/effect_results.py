@@ -66,7 +66,7 @@ def effect_results(
             result = replace(
                 result,
                 evidence=selection.fits[structure].log_evidence - fit.log_evidence,
-                residual_rms_over_peak_without=fit.residuals_over_peak()[-1],
+                residual_rms_over_peak_without=fit.residual_over_peak(),
             )
         results.append(result)
     if not posterior.model.is_same_ground:

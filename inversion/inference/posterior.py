@@ -130,6 +130,11 @@ class Posterior:
         pairs = zip(self.predictions, self.drifts(), strict=True)
         return tuple(prediction + drift for prediction, drift in pairs)
 
+    def residual_over_peak(self, *, contact_only: bool = False) -> float:
+        """Return the root mean square over the fitted drops of `residuals_over_peak`."""
+        residuals = self.residuals_over_peak(contact_only=contact_only)
+        return math.hypot(*residuals) / math.sqrt(len(residuals))
+
     def residuals_over_peak(self, *, contact_only: bool = False) -> tuple[float, ...]:
         """Return the root mean square residual of each fitted drop over the peak.
 

@@ -75,16 +75,6 @@ def fitted_state(posterior: Posterior, mixture: Mixture) -> FittedState:
     over_noise = [
         r / model_of_drop.noise[:, None] for model_of_drop, r in zip(drops, residuals, strict=True)
     ]
-    full_record, contact = (
-        math.hypot(
-            *(
-                model_of_drop.residual_over_peak(p, contact_only=contact_only)
-                for model_of_drop, p in pairs
-            )
-        )
-        / math.sqrt(len(pairs))
-        for contact_only in (False, True)
-    )
     rig = any(effect.replaces_ground for effect in model.effects)
     ground = ground_of(posterior)
     stress = mean_stress(model)
@@ -93,8 +83,8 @@ def fitted_state(posterior: Posterior, mixture: Mixture) -> FittedState:
         modulus_interval_pa=(math.nan, math.nan),
         residual_rms_m=_root_mean_square(residuals),
         residual_over_noise=_root_mean_square(over_noise),
-        residual_rms_over_peak=full_record,
-        contact_residual_rms_over_peak=contact,
+        residual_rms_over_peak=posterior.residual_over_peak(),
+        contact_residual_rms_over_peak=posterior.residual_over_peak(contact_only=True),
         stress_pa=stress,
         discrepancy_over_peak=posterior.discrepancy.scale,
         discrepancy_interval_over_peak=PointFit(model, posterior.values).scale_interval(posterior),
