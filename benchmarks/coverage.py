@@ -212,7 +212,9 @@ def recorded(case: Case, drop: SimulatedDrop) -> Record:
         load_noise=case.noise * float(np.max(drop.load)),
         sensor_noise=case.noise * float(np.max(np.abs(motion[0]))),
     )
-    declared = {"bedrock_depth_m": case.depth} if case.group == "depth declared" else {}
+    declared: dict[str, float | str] = {"calibrated": "2026-01-05"}
+    if case.group == "depth declared":
+        declared["bedrock_depth_m"] = case.depth
     with TemporaryDirectory() as folder:
         path = Path(folder) / "drop.csv"
         write_traces(path, [drop], case.plate, case.poisson_ratio, recording, case.number, declared)

@@ -46,7 +46,7 @@ from inversion.forward.layered import (
 )
 from inversion.forward.layered.quadrature import Layout, nodes
 from inversion.forward.model import transfer_function
-from inversion.measured.record import Sensor
+from inversion.measured.record import CALIBRATED_ERROR, Sensor
 from inversion.records import known
 from inversion.result import InversionResult
 from inversion.threads import single_threaded_blas
@@ -442,6 +442,7 @@ def record_of_case(case: Case, seed: int = 5) -> Record:
         instrument=Instrument(_RADIUS, _MASS),
         poisson_ratio=0.35,
         bedrock_depth=case.rock_depth,
+        modulus_error=CALIBRATED_ERROR,
     )
 
 
@@ -547,7 +548,8 @@ def _inverted_records(report: Reporter, folder: Path) -> None:
         point = read_traces(folder / f"{name}.csv")
         record = record_of(point.drops[0], point.setup)
         depth = truth["rock_depth_m"]
-        record = replace(record, bedrock_depth=math.inf if depth is None else depth)
+        rock = math.inf if depth is None else depth
+        record = replace(record, bedrock_depth=rock, modulus_error=CALIBRATED_ERROR)
         result = invert(record, Settings(layers=len(truth["layers"])))
         values: dict[str, Any] = {}
         for number, (layer, true) in enumerate(

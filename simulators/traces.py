@@ -22,8 +22,6 @@ from simulators.drop import SimulatedDrop
 from simulators.mesh import Array, Plate, require
 
 FORMAT_VERSION = 1
-# Date of calibration in the header: a simulated instrument has no error.
-CALIBRATED = "2026-01-05"
 
 
 @dataclass(frozen=True)
@@ -180,7 +178,6 @@ def write_traces(
         "plate_radius_m": plate.radius,
         "plate_mass_kg": plate.mass,
         "poisson_ratio": poisson_ratio,
-        "calibrated": CALIBRATED,
     }
     if recording.geophone is not None:
         header["geophone_natural_frequency_hz"] = recording.geophone.natural_frequency
