@@ -39,7 +39,7 @@ NO_DECISION = {
     "inversion/inference/state.py": (100e3,),
     "pfwd/analysis/results.py": (100, 10),
 }
-MOST = 40
+MOST = 39
 
 
 def numbers_of(module: str) -> list[float]:
