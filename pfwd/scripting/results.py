@@ -278,7 +278,7 @@ def invert(data: Any, /, *arrays: Any, **options: Any) -> Result | Results:
     Examples
     --------
     >>> pfwd.invert(pfwd.example("half-space"))
-    Results(1 drop, 1 measured; E 60... MPa (58... to 61...); half-space, ...; no warnings)
+    Results(1 drop, 1 measured; E 60... MPa (57... to 63...); half-space, ...; no warnings)
     """
     data, settings, header = requested(INVERT_OPTIONS, data, arrays, options)
     results = _results(data, settings, header)

@@ -26,6 +26,7 @@ from inversion import (
     invert,
     invert_joint,
 )
+from inversion.measured.record import CALIBRATED_ERROR
 from inversion.records import known
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop
 from simulators.mesh import Ground, Plate
@@ -80,6 +81,7 @@ class Bench:
             instrument=Instrument(PLATE.radius, PLATE.mass),
             poisson_ratio=POISSON_RATIO,
             bedrock_depth=bedrock_depth,
+            modulus_error=CALIBRATED_ERROR,
         )
 
     def invert(self, record: Record, settings: Settings = LEAST_SQUARES) -> InversionResult:

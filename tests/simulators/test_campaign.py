@@ -35,6 +35,7 @@ ALLOWED = {
     "poisson_ratio",
     "bedrock_depth_m",
     "device",
+    "calibrated",
 }
 
 
