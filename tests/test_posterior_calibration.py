@@ -1,5 +1,6 @@
 """Ranks of true values in the posterior, as ``pfwd bench calibration`` computes them."""
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -48,3 +49,19 @@ def test_the_file_of_ranks_has_version_and_hash(
     assert len(written["ranks"]) == 1
     printed = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert {line["quantity"] for line in printed} >= {"log modulus", "equivalent modulus"}
+
+
+def test_the_published_ranks_are_those_of_the_table() -> None:
+    docs = Path(__file__).parents[1] / "docs"
+    stored = json.loads((docs / "validation" / "calibration.json").read_text(encoding="utf-8"))
+    text = json.dumps(stored["ranks"], separators=(",", ":"))
+    assert hashlib.sha256(text.encode()).hexdigest() == stored["sha256"]
+    table = (docs / "validation.md").read_text(encoding="utf-8")
+    for source, title in (
+        (calibration.MODEL, "1000 of the model"),
+        (calibration.FINITE_ELEMENTS, "100 by finite"),
+    ):
+        ranks = np.array([r["log modulus"] for r in stored["ranks"] if r["source"] == source])
+        deviation = ndtri(np.clip(ranks, 1e-6, 1 - 1e-6)).std()
+        (row,) = [line for line in table.splitlines() if line.startswith(f"| {title}")]
+        assert f"| {deviation:.2f} |" in row
