@@ -28,7 +28,7 @@ def test_of_thirty_drops_every_one_and_a_half_seconds_all_are_recorded(
 ) -> None:
     events: list[SessionEvent] = []
     drops = {"first": 2.0, "interval": 1.4, "quiet": 1.0, "bounces": bounces}
-    with serve({"drops": drops}, listen="tcp://127.0.0.1:0", drops=30, rate=12) as instrument:
+    with serve({"drops": drops}, listen="tcp://127.0.0.1:0", drops=30, rate=6) as instrument:
         plan = SessionPlan(options=None)
         assert measure(instrument.url, tmp_path / "s", events.append, plan) is Ending.DONE
     saved = [event for event in events if isinstance(event, DropSaved)]
