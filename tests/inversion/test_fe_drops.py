@@ -139,6 +139,6 @@ def test_centre_alone_and_unknown_depth(truth: Truth, bench: Bench) -> None:
     assert contains(result.bedrock_depth_interval_m, truth.depth)
     low, high = result.modulus_interval_pa
     assert 0 < low <= result.modulus_pa <= high < math.inf
-    if not any("depth not unique" in warning for warning in result.warnings):
+    if result.bedrock_depth_interval_m[1] < 1.2 * result.bedrock_depth_interval_m[0]:
         # The error of an instrument without calibration, 5.5 % each way, is most of it.
         assert (high - low) / truth.modulus < 0.13
