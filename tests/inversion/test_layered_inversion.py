@@ -48,10 +48,13 @@ TRUTH = LayeredGround(
 )
 
 
+def calibrated_drop() -> Record:
+    return replace(recorded(noise=0.001, seed=1), modulus_error=CALIBRATED_ERROR)
+
+
 @pytest.fixture(scope="module")
 def found(library: SurrogateLibrary) -> InversionResult:
-    drop = replace(recorded(noise=0.001, seed=1), modulus_error=CALIBRATED_ERROR)
-    return invert(drop, TWO_LAYERS, library)
+    return invert(calibrated_drop(), TWO_LAYERS, library)
 
 
 def holds(interval: tuple[float, float] | None, value: float) -> bool:
@@ -192,7 +195,7 @@ def test_genetic_search_and_starts_agree(library: SurrogateLibrary) -> None:
 def test_the_same_seed_gives_the_same_result(
     found: InversionResult, library: SurrogateLibrary
 ) -> None:
-    again = invert(recorded(noise=0.001, seed=1), TWO_LAYERS, library)
+    again = invert(calibrated_drop(), TWO_LAYERS, library)
     assert again.layers == found.layers
     assert again.effective_modulus_pa == found.effective_modulus_pa
     assert again.forward_solves == found.forward_solves
