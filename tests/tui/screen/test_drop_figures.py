@@ -8,7 +8,8 @@ import pytest
 
 from inversion.diagnosis.findings import DropCurves
 from pfwd.analysis.diagnosed_drop import DiagnosedDrop
-from pfwd.analysis.results import DiagnosisResult
+from pfwd.analysis.results import DiagnosisResult, FittedState
+from pfwd.procedures import Quantity
 from pfwd_device import Drop
 from pfwd_device.drop import Peaks
 from tests.tui.screen.scripted import curves, result, saved_drop
@@ -53,7 +54,9 @@ def test_a_drop_shows_the_fit_of_a_diagnosis_that_counts() -> None:
         0.05,
         0.04,
     )
-    diagnosis = DiagnosisResult(fits=(DiagnosedDrop.of(fit),))
+    ends = (3e7, 5e7)
+    after = FittedState(modulus_pa=4e7, modulus_interval_pa=ends)
+    diagnosis = DiagnosisResult(fits=(DiagnosedDrop.of(fit),), after=after)
     drop = DropState("7", 1, curves=figure, results=[result()])
     assert [curve.name for curve in drop_figures(drop, SI)[1].curves] == ["measured", "fitted"]
     drop.diagnosed = diagnosis
@@ -63,6 +66,7 @@ def test_a_drop_shows_the_fit_of_a_diagnosis_that_counts() -> None:
     for drawn, share in ((before, 0.7), (fitted, 0.9)):
         np.testing.assert_allclose(drawn, share * measured, atol=1e-6 * np.max(measured))
     assert residual.note == "5.0 % of the peak"
+    assert drop.fitted(Quantity.MODULUS) == (4e7, ends)
     # A drop that the diagnosis did not fit has no curve.
     drop.number = 2
     assert drop_figures(drop, SI) == []

@@ -539,15 +539,17 @@ class OpenApp(App[int]):
         kinds = dict(progress.kinds)
         why = {excluded.number: excluded.reason for excluded in progress.excluded}
         rows = []
-        for drop in point.drops:
+        for drop, shown in zip(point.drops, point.shown.as_diagnosed.drops, strict=True):
             facts, number = drop.facts, drop.number
-            residual = None if drop.result is None else drop.result.residual_rms_over_peak
+            result = shown.result
+            modulus = None if result is None else result.modulus_pa
+            residual = None if result is None else result.residual_rms_over_peak
             cells = (
                 str(number),
                 "moved" if drop.moved_to else kinds[number].value if number in kinds else "",
                 format_number(facts.peak_load and facts.peak_load / 1e3),
                 format_number(facts.peak_deflection and facts.peak_deflection * 1e3),
-                format_number(facts.modulus and facts.modulus / 1e6),
+                format_number(modulus and modulus / 1e6),
                 "-" if residual is None else f"{100 * residual:.2g} %",
                 clean(why.get(number, "averaged")),
             )

@@ -30,7 +30,8 @@ def modulus_of_drop(
     if result is None or modulus is None:
         return NO_VALUE, ""
     value, ends = units.value_and_ends("modulus", modulus, interval)
-    return (f"{value}{UNSUPPORTED_MARK}" if result.not_supported is not None else value), ends
+    is_supported = result.not_supported is None or (drop is not None and drop.is_diagnosed)
+    return (value if is_supported else f"{value}{UNSUPPORTED_MARK}"), ends
 
 
 class JudgedValue(NamedTuple):
@@ -227,7 +228,9 @@ def drop_row(state: SessionState, drop: DropState, units: Units, *, chosen: bool
     quantity = state.job.quantity
     value, ends = modulus_of_drop(drop, units, quantity)
     exclusion = state.exclusion_reason(drop)
-    residual = None if drop.result is None else drop.result.residual_rms_over_peak
+    residual = None if drop.shown_result is None else drop.shown_result.residual_rms_over_peak
+    if drop.is_diagnosed:  # the ground is that of the point, and no single drop has its own
+        value, ends = NO_VALUE, ""
     kind = drop.edited_word or (drop.status if drop.safe else "NOT SAFE")
     role: TextRole = "text"
     if drop.discarded or drop.status == "seating":

@@ -481,6 +481,8 @@ def result_lines(view: MeasureView, width: int, rows: int, *, wide: bool = False
     layered = judged.is_fit and drop is not None and has_layers(drop.result)
     name = "modulus of the subgrade" if layered else judged.name
     title = name if drop is None else f"{name}, drop {drop.number}"
+    if judged.is_fit and drop is not None and drop.is_diagnosed:
+        title = f"{name}, by the diagnosis of all drops"
     verdict = _verdict_lines(view, width)
     unit_rows = wrap(_unit_text(judged, drop), width)
     used = len(details) + len(verdict) + len(unit_rows) + 1
@@ -545,7 +547,8 @@ def _details(view: MeasureView, drop: DropState | None) -> list[str]:
         interval = f" ({ends})" if ends else ""
         text = f"{JUDGED_NAMES[other]} {modulus} {units.unit('modulus')}{interval}"
         lines.insert(0, f"not judged: {text}")
-        for name, text in ground_parameters(result, units).items():
+        parameters = {} if drop.is_diagnosed else ground_parameters(result, units)
+        for name, text in parameters.items():
             lines.append(f"{name:9} {text}")
     return [text for text in lines if text]
 
@@ -571,6 +574,8 @@ def model_line(drop: DropState | None, view: MeasureView, width: int) -> Line:
     if result is None or result.modulus_pa is None:
         return ()
     ground, plate, method, load = assumption_texts(result, view.units)
+    if drop is not None and drop.is_diagnosed:
+        ground = "diagnosis of all drops"
     pieces = [
         piece(0, cell(f" {ground}", "dim")),
         piece(0, cell(plate, "dim")),

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field
 
 from pfwd.analysis.diagnosed_drop import DiagnosedDrop
-from pfwd.analysis.results import DiagnosisResult, DropResult, TimeHistories
+from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState, TimeHistories
 from pfwd.analysis.sensor_fits import sensor_fits
 from pfwd.judging import DropView
 from pfwd.procedures import Quantity
@@ -132,13 +132,22 @@ class DropState:
         return value if value is not None and math.isfinite(value) else None
 
     def fitted(self, quantity: Quantity) -> tuple[float | None, tuple[float, float] | None]:
-        """Return the fitted or the equivalent modulus of the last result, Pa, with its interval."""
-        result = self.result
-        if result is None or self.modulus is None:
+        """Return the fitted or the equivalent modulus, Pa, with its interval.
+
+        It is that of a diagnosis of the point if it counts, else that of the last result.
+        """
+        after = None if self.diagnosed is None or not self.is_diagnosed else self.diagnosed.after
+        fit: DropResult | FittedState | None = self.result if after is None else after
+        if fit is None or self.modulus is None:
             return None, None
         if quantity is Quantity.EQUIVALENT_MODULUS:
-            return result.equivalent_modulus_pa, result.equivalent_modulus_interval_pa
-        return self.modulus, result.modulus_interval_pa
+            return fit.equivalent_modulus_pa, fit.equivalent_modulus_interval_pa
+        return fit.modulus_pa, fit.modulus_interval_pa
+
+    @property
+    def is_diagnosed(self) -> bool:
+        """True if a diagnosis of the point replaces the fit of this drop."""
+        return self._diagnosed_fit is not None
 
     @property
     def saturated(self) -> bool:
