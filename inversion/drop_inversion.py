@@ -22,8 +22,9 @@ from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.forward.layered import LayeredGround, LayeredPlateModel, Medium
 from inversion.forward.layered.statics import effective_depth
 from inversion.forward.library import SurrogateLibrary
-from inversion.inference.base import MAX_LAYERS, BaseFit, fit_base, fit_published
+from inversion.inference.base import MAX_LAYERS, BaseFit, fit_base
 from inversion.inference.modulus import NORMAL_95, ground_of
+from inversion.inference.published import fit_published
 from inversion.measured.half_sine import (
     HalfSineFit,
     Load,

@@ -11,17 +11,16 @@ from numpy.typing import NDArray
 from inversion.arrays import FloatArray
 from inversion.fitting.misfit import Misfit, PriorDistances, WeightedDrop
 from inversion.fitting.parameters import ParameterSpace
-from inversion.fitting.published_fitness import published_fitness
 from inversion.fitting.transfer import Plate
-from inversion.forward.laplace import FULL_BAND_HZ, SEARCH_BAND_HZ
+from inversion.forward.laplace import SEARCH_BAND_HZ
 from inversion.search.least_squares import BatchFit, fit_batch
 from inversion.search.minima import Minimum, distinct_minima
-from inversion.search.multi_population import MultiPopulationSearch, paper_settings
+from inversion.search.multi_population import MultiPopulationSearch
 
 Method = Literal["mpga", "posterior", "least-squares", "published"]
 
-# Largest number of samples in a search, and with the published fitness.
-_MAX_SEARCH_SAMPLES, _MAX_FULL_SAMPLES = 64, 400
+# Largest number of samples in a search.
+_MAX_SEARCH_SAMPLES = 64
 # Starting points in the unit cube: modulus near that of the peak method, little viscosity.
 _START_MODULUS, _START_VISCOSITY, _START_DENSITY_AND_DEPTH = 0.5, 0.06, 0.6
 # Number of depths, at even steps of the unit interval, at which the other parameters are fitted:
@@ -108,34 +107,3 @@ def _lowest(cost: FloatArray) -> NDArray[np.intp]:
     """Return the places of the local minima of costs (k,)."""
     padded = np.concatenate([[np.inf], cost, [np.inf]])
     return np.flatnonzero((cost <= padded[:-2]) & (cost <= padded[2:]))
-
-
-def search_as_published(
-    drops: Sequence[WeightedDrop], space: ParameterSpace, plate: Plate, rng: np.random.Generator
-) -> tuple[FloatArray, int]:
-    """Search as in the published method, with its fitness (Eq. 16) and no refinement.
-
-    The result is a point (d,) of the unit cube, and the number of solves.
-
-    Parameters
-    ----------
-    drops : sequence of WeightedDrop
-    space : ParameterSpace
-    plate : Plate
-    rng : numpy Generator
-    """
-    misfit = Misfit(drops, space, plate, FULL_BAND_HZ, _MAX_FULL_SAMPLES)
-
-    def inverse_fitness(points: FloatArray) -> FloatArray:
-        observed, predicted = misfit.centre(points)
-        return np.asarray(1.0 / published_fitness(observed, predicted, tempered=True))
-
-    search = MultiPopulationSearch(
-        inverse_fitness,
-        np.zeros(space.size),
-        np.ones(space.size),
-        rng,
-        settings=paper_settings(),
-        fitness=lambda inverse: 1.0 / inverse,
-    )
-    return search.run().parameters, misfit.solves

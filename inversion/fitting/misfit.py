@@ -158,7 +158,7 @@ class Misfit:
         self.transfer = transfer_of(
             plate, self.instrument, first.drop.offsets, single=single, rule=rule
         )
-        self.rows = [_even_rows(item.drop.window, max_samples) for item in self.drops]
+        self.rows = [even_rows(item.drop.window, max_samples) for item in self.drops]
         longest = max(
             float(item.drop.time[rows[-1]])
             for item, rows in zip(self.drops, self.rows, strict=True)
@@ -255,12 +255,8 @@ class Misfit:
         """Return the mean square of the data's weighted residuals, without the priors, (m,)."""
         return np.asarray(np.mean(self.residual(points)[:, : self.count] ** 2, axis=1))
 
-    def centre(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return observed (n,) and predicted (m, n) displacement of first sensor and drop, m."""
-        return self._observed[0][0], self.predicted(points)[0][:, 0]
 
-
-def _even_rows(window: slice, max_samples: int) -> NDArray[np.intp]:
+def even_rows(window: slice, max_samples: int) -> NDArray[np.intp]:
     """Return the indices of at most max_samples evenly spaced samples of a window."""
     stride = max(1, -(-(window.stop - window.start) // max_samples))
     return np.arange(window.start, window.stop)[::-stride][::-1]

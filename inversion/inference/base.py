@@ -21,7 +21,7 @@ from inversion.diagnosis.findings import FittedState
 from inversion.diagnosis.problem import Point
 from inversion.effects.layer import ABOVE_ROCK, Layer, layer_prefix
 from inversion.fitting.ground_parameters import homogeneous_space, layered_space
-from inversion.fitting.homogeneous_search import HomogeneousSearch, search_as_published
+from inversion.fitting.homogeneous_search import HomogeneousSearch
 from inversion.fitting.layered_search import layered_minima
 from inversion.fitting.misfit import count_distances
 from inversion.fitting.parameters import ParameterSpace
@@ -411,27 +411,6 @@ def fit_base(
     )
 
 
-def fit_published(point: Point, rng: np.random.Generator) -> BaseFit:
-    """Return the ground that the published method finds, with the covariance of the base model.
-
-    Parameters
-    ----------
-    point : Point
-    rng : numpy Generator
-    """
-    record = point.records.records[0]
-    space = _homogeneous(point, record.bedrock_depth)
-    found, solves = search_as_published(point.weighted, space, point.plate, rng)
-    model = _model(point, on_rock=space.rock, priors=False)
-    # Its bounds are wider than those of the base model.
-    wider_bounds = [key != _DEPTH for key in model.keys]
-    model.lower[wider_bounds], model.upper[wider_bounds] = -math.inf, math.inf
-    start = model.start_at(space.grounds(found[None]), 0.0)
-    fit = PointFit(model, start, is_contact_first=True)
-    fit.estimate_discrepancy(fit.posterior())
-    return BaseFit((fit.posterior(),), solves)
-
-
 def _fit_media(
     point: Point,
     rng: np.random.Generator | None,
@@ -490,7 +469,7 @@ def _short_fits(
     """
     fits: list[tuple[Posterior, PointFit]] = []
     for ground in starts:
-        model = _model(point, on_rock=ground.rock, priors=priors, layer=layer)
+        model = base_model(point, on_rock=ground.rock, priors=priors, layer=layer)
         fit = PointFit(model, model.start_at(ground, added_mass), is_contact_first=True)
         posterior = fit.run_from_contact({_BEDROCK}, nearest)
         nearest = nearest or posterior.discrepancy
@@ -541,7 +520,7 @@ def _starting_points(
     solves = 0
     for depth in depths:
         is_genetic = rng is not None and depth is record.bedrock_depth
-        prior = _model(point, on_rock=depth is None, priors=priors, layer=layer).prior_distances
+        prior = base_model(point, on_rock=depth is None, priors=priors, layer=layer).prior_distances
         if layer is not None:
             space = _layered(point, depth, layer)
             # The seed is fixed, so that both methods have the same starting points.
@@ -591,7 +570,10 @@ def _layered(point: Point, depth: float | None, layer: Layer) -> ParameterSpace:
     )
 
 
-def _model(point: Point, *, on_rock: bool, priors: bool, layer: Layer | None = None) -> PointModel:
+def base_model(
+    point: Point, *, on_rock: bool, priors: bool, layer: Layer | None = None
+) -> PointModel:
+    """Return the model of all drops of a point with one ground, with or without rock."""
     structure = ALWAYS
     if on_rock and point.declared_depth is None:
         structure = structure | {_BEDROCK}

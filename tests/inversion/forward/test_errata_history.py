@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 from scipy import integrate, special
 
-from inversion.fitting.published_fitness import published_fitness, published_score
 from inversion.forward import published
+from inversion.inference.published import published_fitness
+from inversion.search.genetic_operators import scale_fitness
 from tests.inversion.forward.errata import (
     DENSITY,
     PEAK_PRESSURE,
@@ -174,8 +175,8 @@ def test_equation_17_as_printed_is_nought_over_nought_for_equal_individuals() ->
     with np.errstate(invalid="ignore"):
         printed = 100 * (q - q.min()) / (q.max() - q.min())
     assert np.all(np.isnan(printed))
-    assert np.all(published_score(q) == 100)
-    assert published_score([1.0, 2.0, 5.0]) == pytest.approx([0, 25, 100])
+    assert np.all(scale_fitness(q[None]) == 100)
+    assert scale_fitness(np.array([[1.0, 2.0, 5.0]])) == pytest.approx(np.array([[0, 25, 100]]))
 
 
 # --- Eq. 18: Prony series for the Kelvin-Voigt solid ---------------------------------------------

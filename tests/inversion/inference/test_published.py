@@ -1,12 +1,19 @@
-"""The published fitness and its scaling, by their equations written out."""
+"""The fitness of the published method by its equation written out, and its search."""
+
+from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from inversion.errors import ModelError, RecordError
-from inversion.fitting.published_fitness import published_fitness, published_score
+from inversion import SurrogateLibrary
+from inversion.diagnosis.model import PointRecords
+from inversion.diagnosis.problem import Point
+from inversion.errors import RecordError
+from inversion.inference.published import published_fitness, published_unknowns
+from tests.inversion.synthetic import RADIUS, Scene, record
 
 TIME = np.linspace(0.0, 1.0, 60)
 MEASURED = 4e-4 * np.sin(np.pi * TIME) ** 2
@@ -25,19 +32,6 @@ def test_it_is_equation_16() -> None:
     assert float(published_fitness(MEASURED, predicted[0])) == pytest.approx(expected[0])
 
 
-def test_the_best_of_a_population_is_the_nearest() -> None:
-    fitness = published_fitness(MEASURED, np.array([[0.8], [0.98], [1.03], [1.4]]) * MEASURED)
-    assert np.argmax(fitness) == 1
-    assert published_score(fitness).argmax() == 1
-
-
-@pytest.mark.parametrize("tempered", [False, True])
-def test_floor_bounds_both_halves(tempered: bool) -> None:
-    perfect = published_fitness(MEASURED, MEASURED, 1e-3, tempered)
-    assert perfect == pytest.approx(2 / (1e-3 * MEASURED.max()))
-    assert published_fitness(MEASURED, MEASURED) == pytest.approx(2 / (1e-6 * MEASURED.max()))
-
-
 def test_a_peak_that_agrees_by_accident_counts_no_more_than_the_shape_when_tempered() -> None:
     # The same peak, half as wide.
     wrong = MEASURED.max() * np.sin(np.pi * TIME) ** 8
@@ -49,10 +43,10 @@ def test_a_peak_that_agrees_by_accident_counts_no_more_than_the_shape_when_tempe
     assert published_fitness(MEASURED, wrong, tempered=True) == pytest.approx(2 / rms)
 
 
-def test_scores_go_from_0_to_100() -> None:
-    found = published_score([2.0, 5.0, 3.0])
-    assert found == pytest.approx([0.0, 100.0, 100 / 3])
-    assert published_score([2.0, 2.0]) == pytest.approx([100.0, 100.0])
+@pytest.mark.parametrize("tempered", [False, True])
+def test_a_perfect_fit_has_a_finite_fitness(tempered: bool) -> None:
+    perfect = published_fitness(MEASURED, MEASURED, tempered)
+    assert perfect == pytest.approx(2 / (1e-6 * MEASURED.max()))
 
 
 def test_records_that_do_not_fit_are_refused() -> None:
@@ -65,7 +59,21 @@ def test_records_that_do_not_fit_are_refused() -> None:
             published_fitness(nothing, np.ones(nothing.size))
 
 
-@pytest.mark.parametrize("floor", [0.0, -1e-6, math.nan, math.inf])
-def test_a_floor_has_to_be_positive(floor: float) -> None:
-    with pytest.raises(ModelError, match=f"relative_floor > 0 and finite, got {floor}"):
-        published_fitness(np.ones(3), np.ones(3), relative_floor=floor)
+def test_what_is_not_declared_is_searched_between_bounds(library: SurrogateLibrary) -> None:
+    drop = record(library, Scene())
+
+    def bounds(elastic: bool = False, **declared: float) -> dict[str, tuple[float, float]]:
+        records = PointRecords("p", (replace(drop, **declared),), (1,), elastic)
+        point = Point(records, library, "rigid-smooth")
+        return {
+            p.name: (p.lower / (point.peak_modulus if p.name == "modulus" else 1.0), p.upper)
+            for p in published_unknowns(point)
+        }
+
+    every = bounds()
+    assert list(every) == ["modulus", "viscosity", "density", "bedrock_depth"]
+    assert every["modulus"][0] == pytest.approx(0.12)
+    assert every["viscosity"][1] >= 4e5
+    assert every["density"] == (1000.0, 2800.0)
+    assert every["bedrock_depth"] == pytest.approx((1.6 * RADIUS, 60 * RADIUS), rel=2e-3)
+    assert list(bounds(True, density=1900.0, bedrock_depth=1.0)) == ["modulus"]
