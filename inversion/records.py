@@ -89,6 +89,16 @@ class JsonRecord:
                     written[WARNING_CODES] = _codes(value)
         return written | dict(self.more)
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the values of `to_json`, with None in place of NaN and infinity."""
+        return {key: without_nan(value) for key, value in self.to_json().items()}
+
+    def __getitem__(self, key: str) -> Any:
+        values = self.to_dict()
+        if key not in values:
+            raise KeyError(f"expected one of {', '.join(values)}, got {key!r}")
+        return values[key]
+
     @classmethod
     def from_json(cls, written: object, where: str = "a stored record") -> Self:
         """Return the record that JSON of this or any other version contains.
@@ -168,6 +178,20 @@ def stored_fields(kind: "type[JsonRecord]") -> list[dataclasses.Field[Any]]:
     """Return the fields of a record class that are written to JSON."""
     fields = dataclasses.fields(kind)
     return [f for f in fields if f.name != "more" and f.metadata.get("stored", True)]
+
+
+def without_nan(value: Any) -> Any:
+    """Return a value with None in place of every NaN and infinity in it; arrays become lists."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    match value:
+        case float():
+            return value if math.isfinite(value) else None
+        case Mapping():
+            return {str(key): without_nan(item) for key, item in value.items()}
+        case list() | tuple():
+            return [without_nan(item) for item in value]
+    return value
 
 
 def is_number(value: object) -> TypeGuard[float]:

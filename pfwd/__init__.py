@@ -17,10 +17,12 @@ from pfwd_plugins.lazy_names import lazy_getattr
 
 if TYPE_CHECKING:
     from inversion.errors import InversionError
+    from pfwd.analysis.results import DiagnosisResult as Diagnosis
+    from pfwd.analysis.results import DropResult as Result
     from pfwd.errors import OptionError, SurveyError
-    from pfwd.scripting.diagnosing import Diagnoses, Diagnosis, diagnose
+    from pfwd.scripting.diagnosing import Diagnoses, diagnose
     from pfwd.scripting.measured import Drop, Point, Points, drop, read
-    from pfwd.scripting.results import Result, Results, invert
+    from pfwd.scripting.results import Results, invert
     from pfwd.scripting.surveys import Survey, example, open
 
 __all__ = [

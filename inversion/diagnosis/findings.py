@@ -56,9 +56,9 @@ class EffectParameter(JsonRecord):
     """True if the fitted value is on a bound."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class EffectResult(JsonRecord):
-    """Effect that explains part of the residual of a point."""
+    """Effect that explains part of the residual of a point; a tuple of them prints as names."""
 
     OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset(
         {"scope", "probability", "advice", "residual_rms_over_peak_without"}
@@ -82,10 +82,22 @@ class EffectResult(JsonRecord):
     alternatives: tuple[str, ...] | None = quantity("Effects that would do in its place")
     advice: str | None = quantity("What to do in the field")
 
+    def __repr__(self) -> str:
+        return repr(self.name)
+
     @property
     def key(self) -> str:
         """Name of the effect; raises ValueError if a stored result lacks it."""
         return known(self.name)
+
+    @property
+    def line(self) -> str:
+        """Value of the effect with its standard deviation, and the advice, as text."""
+        value = "no value"
+        if self.value is not None:
+            spread = "" if self.sd is None else f" ± {self.sd:.2g}"
+            value = f"{self.value:.4g}{spread} {self.unit}".removesuffix(" -")
+        return f"  {self.name}: {value}; {self.advice or ''}"
 
     @property
     def numbers(self) -> tuple[EffectParameter, ...]:

@@ -6,9 +6,12 @@ Importing them does not load the inversion.
 from __future__ import annotations
 
 import math
+import os
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
+from inversion.diagnosis.findings import DropCurves
 from inversion.diagnosis.findings import EffectParameter as EffectParameter
 from inversion.diagnosis.findings import EffectResult as EffectResult
 from inversion.diagnosis.findings import FittedState as FittedState
@@ -16,7 +19,7 @@ from inversion.diagnosis.findings import HeldOut as HeldOut
 from inversion.diagnosis.findings import HeldOutPart as HeldOutPart
 from inversion.errors import RecordFormatError
 from inversion.notices import Notice, invalidating
-from inversion.records import Interval, JsonRecord
+from inversion.records import Interval, JsonRecord, not_stored
 from inversion.result import HalfSinePulse as HalfSinePulse
 from inversion.result import InversionResult
 from inversion.result import LayerResult as LayerResult
@@ -24,12 +27,27 @@ from inversion.result import StructureResult as StructureResult
 from inversion.result import TimeHistories as TimeHistories
 from pfwd.analysis.diagnosed_drop import DiagnosedDrop
 from pfwd.analysis.screening.drops import DropStatus, Screening
-from pfwd.errors import SurveyError
+from pfwd.digits import modulus_text, significant
+from pfwd.display import (
+    Displayable,
+    alias,
+    axes_or_new,
+    count,
+    draw_fit,
+    draw_residual,
+    text_of,
+    warning_count,
+)
+from pfwd.errors import SurveyError, refusal
+from pfwd.procedures import PointModulus
+from pfwd.procedures.point import Use
 from pfwd_device import Drop
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike, NDArray
+
     from pfwd.files.header import PointSetup
-    from pfwd.procedures.point import Use
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,9 +87,20 @@ def _percent(share: float) -> str:
     return f"{percent:.0f} %" if percent >= 10.0 else f"{percent:.2g} %"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DiagnosisResult(StoredRecord):
-    """Diagnosis of a point: the keys of ``pfwd diagnose --json``, in their order."""
+def _assumptions(result: DropResult | DiagnosisResult, model: str | None) -> str:
+    """Return the assumptions of a modulus as text: model, plate, its radius, Poisson's ratio."""
+    plate = f"{result.plate} plate of radius {result.plate_radius_m:g} m"
+    return f"{model}, {plate}, Poisson's ratio {result.poisson_ratio:g}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class DiagnosisResult(StoredRecord, Displayable):
+    """Effects that explain the residual of a point, and their influence on the modulus.
+
+    The fields are the keys of ``pfwd diagnose --json``, in their order; each can be used as an
+    index, too: ``diagnosis["held_out"]``. ``before`` is the fit of the base model, ``after`` the
+    fit of the same model with the effects.
+    """
 
     OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset(
         {
@@ -130,6 +159,12 @@ class DiagnosisResult(StoredRecord):
     fits: tuple[DiagnosedDrop, ...] | None = field(default=None, repr=False, compare=False)
     """Curves and residuals of each drop, which a survey stores beside the keys of the command;
     None: nothing was fitted."""
+    curves: tuple[DropCurves, ...] = not_stored(())
+    """Traces of the drops; empty for a stored diagnosis."""
+    predictor: Callable[..., Any] | None = not_stored()
+    """Function that predicts the next drop, see `predict`; None: no drop was diagnosed now."""
+    point_modulus: PointModulus | None = not_stored()
+    """Modulus of the point after the diagnosis; None: none, or it was not determined."""
 
     DERIVED: ClassVar[tuple[str, ...]] = ("use", "use_reason", "equivalent_use", "explained_to")
     """Keys of the JSON that follow from the others; they are written, and ignored when a file is
@@ -139,7 +174,8 @@ class DiagnosisResult(StoredRecord):
         """Return the diagnosis as values that JSON can hold, in the order of the keys."""
         written = self.to_stored()
         written.pop("fits", None)
-        return written | {key: getattr(self, key) for key in self.DERIVED}
+        alone = replace(self, point_modulus=None)
+        return written | {key: getattr(alone, key) for key in self.DERIVED}
 
     def fit_of(self, drop: int) -> DiagnosedDrop:
         """Return the fits of a drop by its number; an empty record if it was not fitted."""
@@ -170,13 +206,40 @@ class DiagnosisResult(StoredRecord):
 
     @property
     def use(self) -> Use:
-        """Permitted use of the modulus: "design", "with-care" or "do-not-use"."""
-        return self._assess_modulus().use
+        """Permitted use of the modulus with effects: "design", "with-care" or "do-not-use"."""
+        return self._assess_modulus().use if self._fault is None else "do-not-use"
 
     @property
     def use_reason(self) -> str:
         """Reason for `use`, in one sentence."""
-        return self._assess_modulus().reason
+        return self._fault or self._assess_modulus().reason
+
+    @property
+    def _fault(self) -> str | None:
+        """Reason why the records of the point support no modulus; None: they do."""
+        return None if self.point_modulus is None else self.point_modulus.not_supported
+
+    @property
+    def _in_force(self) -> PointModulus | None:
+        return self.point_modulus if self._fault is None else None
+
+    modulus: ClassVar[float | None] = alias("_in_force.value")
+    """Modulus to use, Pa: fitted with the effects, or without them if `use` is ``do-not-use``;
+    None: none."""
+    modulus_interval: ClassVar[Interval | None] = alias("_in_force.interval")
+    """95 % interval of `modulus`, Pa; None: there is no modulus."""
+    equivalent_modulus: ClassVar[float | None] = alias("_in_force.equivalent")
+    """Modulus of the half-space that deflects as much under the plate, Pa, from the source of
+    `modulus`; None: none."""
+    equivalent_modulus_interval: ClassVar[Interval | None] = alias("_in_force.equivalent_interval")
+    """95 % interval of `equivalent_modulus`, Pa."""
+    modulus_source: ClassVar[str | None] = alias("_in_force.source")
+    """Source of `modulus`: ``diagnosed`` (with the effects) or ``fitted``; None: none."""
+
+    @property
+    def in_force(self) -> bool:
+        """True: the modulus fitted with the effects is the one to use."""
+        return self.modulus_source == "diagnosed"
 
     @property
     def equivalent_use(self) -> Use | None:
@@ -244,6 +307,100 @@ class DiagnosisResult(StoredRecord):
         if strongest is not None and strongest.scope == "drop" and strongest.advice:
             return f"measure again: {strongest.advice}"
         return default
+
+    def __repr__(self) -> str:
+        verdict, names = str(self.verdict), [effect.key for effect in self.effects or ()]
+        if names:
+            verdict += " by " if verdict == "explained" or self.corrected else ", found "
+            verdict += ", ".join(names)
+        file = text_of(os.path.basename(self.file or ""))
+        parts = [f"{file}, {count(len(self.drops or ()), 'drop')}: {verdict}"]
+        if self.before is not None and self.after is not None:
+            before, after = (
+                modulus_text(state.modulus_pa, state.modulus_interval_pa) or "none"
+                for state in (self.before, self.after)
+            )
+            use = f" before, {after} after: {self._use_words()}" if names else ""
+            parts += [f"E {before}{use}", _assumptions(self, self.after.model)]
+        return f"Diagnosis({'; '.join([*parts, warning_count(self.warnings)])})"
+
+    def _use_words(self) -> str:
+        """Return a phrase on the use of the modulus with effects, and on what to use instead."""
+        words = {"design": "design value", "with-care": "use with care"}
+        instead = "use none" if self.modulus is None else "use the one before"
+        return words.get(self.use, f"do not use ({self.use_reason}), {instead}")
+
+    def __str__(self) -> str:
+        line, *warnings = Displayable.__str__(self).splitlines()
+        return "\n".join([line, *(effect.line for effect in self.effects or ()), *warnings])
+
+    def rows(self) -> Sequence[Mapping[str, Any]]:
+        """Return a row for the fit before and one for the fit after the effects were added."""
+        values = self.to_dict()
+        names = tuple(effect.key for effect in self.effects or ())
+        return [
+            {
+                **{key: values.get(key) for key in ("file", "point", "verdict")},
+                "state": label,
+                "effects": names if label == "after" else (),
+                **values[label],
+                "in_force": self.modulus is not None and self.in_force == (label == "after"),
+                "use": self.use,
+                "use_reason": self.use_reason,
+                **{key: values.get(key) for key in ("plate", "plate_radius_m", "poisson_ratio")},
+                "warnings": values["warnings"],
+            }
+            for label in ("before", "after")
+            if values[label] is not None
+        ]
+
+    def predict(self, time: ArrayLike, load: ArrayLike) -> NDArray[Any]:
+        """Return the displacement that the instrument would record in the next drop.
+
+        The prediction uses the drops of the point, and all points of the same instrument that were
+        diagnosed in the same call: the hardening of the ground from drop to drop, and the effects
+        that the fits have in common. Mains hum is not predicted. The first call fits all these
+        points.
+
+        Parameters
+        ----------
+        time : (n,) s, uniform steps; 0 is the trigger, with some rest before it
+        load : (n,) N, downward positive
+
+        Returns
+        -------
+        (n_sensors, n) m, downward positive, 0 before the pulse
+            Displacement of the diagnosed sensors, in the order of the drop.
+
+        Raises
+        ------
+        SurveyError, InversionError
+            If no drop was diagnosed, or the arrays are not the load of a drop.
+        """
+        if self.predictor is None:
+            raise SurveyError(refusal(str(self.file), "a diagnosed drop to predict from", "none"))
+        from pfwd.files.arrays import time_and_load
+
+        predicted: NDArray[Any] = self.predictor(*time_and_load(time, load))
+        return predicted
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the residual before and after, in % of the peak over ms.
+
+        Parameters
+        ----------
+        ax : Axes of matplotlib, optional
+            None: a new figure is made.
+
+        Raises
+        ------
+        SurveyError
+            If the point has no measured drop, or the diagnosis is a stored one, without traces.
+        """
+        if not self.curves:
+            hint = "diagnose with refit=True" if self.stored else ""
+            raise SurveyError(refusal(str(self.file), "a diagnosed drop to draw", "none", hint))
+        return draw_residual(axes_or_new(ax), self.curves, repr(self))
 
 
 class _UseAssessment(NamedTuple):
@@ -342,9 +499,14 @@ class MeasuredFacts(StoredRecord):
     """Reason why the drop is rejected, in which case the other facts are None; None: it is not."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DropResult(InversionResult, StoredRecord):
-    """Result of one drop of a survey: the keys of ``pfwd invert --json``."""
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class DropResult(InversionResult, StoredRecord, Displayable):
+    """Properties of the ground under one drop, or the reason why the drop has none.
+
+    Each key of ``pfwd invert --json`` is an attribute, with its SI unit: ``result.viscosity_pa_s``.
+    The most used ones have a second name without the unit: ``result.viscosity``. ``result.history``
+    has measured and fitted traces; it is None for a rejected drop and for a stored result.
+    """
 
     OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset(
         {
@@ -391,6 +553,32 @@ class DropResult(InversionResult, StoredRecord):
     """True: the result comes from the survey; None: it was computed now."""
     diagnosis: DropDiagnosis | None = None
     """Diagnosis of the point; None: none was requested."""
+    in_force: bool = not_stored(False)
+    """True: the result is in force for its drop, or would be if it were stored; False: it has other
+    settings, its declarations have changed since, or there is no modulus."""
+    read_history: Callable[[], TimeHistories | None] | None = not_stored()
+    """Function that reads the traces of a stored drop, with the fit whose modulus is in force;
+    None: the result is not in force, or not from a survey."""
+
+    number: ClassVar[int | None] = alias("drop")
+    """Number of the drop within its point, also as ``drop``."""
+    modulus: ClassVar[float | None] = alias("modulus_pa")
+    """Young's modulus of the ground, Pa, also as ``modulus_pa``; None: no modulus."""
+    modulus_interval: ClassVar[Interval | None] = alias("modulus_interval_pa")
+    """95 % interval of the modulus, Pa, also as ``modulus_interval_pa``; None: no modulus."""
+    equivalent_modulus: ClassVar[float | None] = alias("equivalent_modulus_pa")
+    """Modulus of the half-space that deflects as much under the plate, Pa, also as
+    ``equivalent_modulus_pa``; None: no modulus, or no sensor on the plate."""
+    equivalent_modulus_interval: ClassVar[Interval | None] = alias("equivalent_modulus_interval_pa")
+    """95 % interval of the equivalent modulus, Pa."""
+    viscosity: ClassVar[float | None] = alias("viscosity_pa_s")
+    """Viscosity of the ground, Pa s, also as ``viscosity_pa_s``; None: not in the model."""
+    density: ClassVar[float | None] = alias("density_kg_m3")
+    """Density of the ground, kg/m3, also as ``density_kg_m3``; None: no modulus."""
+    bedrock_depth: ClassVar[float | None] = alias("bedrock_depth_m")
+    """Depth of the bedrock, m, also as ``bedrock_depth_m``; None: not in the model."""
+    plate_radius: ClassVar[float | None] = alias("plate_radius_m")
+    """Radius of the plate, m, also as ``plate_radius_m``; None: no modulus."""
 
     @property
     def is_trial(self) -> bool:
@@ -434,6 +622,63 @@ class DropResult(InversionResult, StoredRecord):
         if pressure is None or self.plate_radius_m is None:
             return None
         return pressure * math.pi * self.plate_radius_m**2
+
+    @property
+    def assumptions(self) -> str:
+        """Model, plate and Poisson's ratio of the modulus, as text."""
+        depth = "" if self.bedrock_depth_m is None else f" {self.bedrock_depth_m:.3g} m deep"
+        return _assumptions(self, f"{self.model}{depth}")
+
+    @property
+    def modulus_words(self) -> str:
+        """Modulus with its interval, or else with its standard deviation, as text."""
+        text = modulus_text(self.modulus_pa, self.modulus_interval_pa)
+        if self.modulus_interval_pa is None and self.modulus_sd_pa is not None:
+            return f"{text}, sd {significant(self.modulus_sd_pa / 1e6)} MPa"
+        return text
+
+    def __repr__(self) -> str:
+        return f"Result({': '.join(self._lines())})"
+
+    def _lines(self) -> tuple[str, str]:
+        """Return the name of the drop, and its modulus with what belongs to it."""
+        name = f"drop {self.drop}" + ("" if self.point is None else f" of {text_of(self.point)}")
+        if self.modulus_pa is None:
+            return name, f"{self.status}, {text_of(self.reason or 'no modulus')}"
+        warned = warning_count(self.warnings)
+        return name, f"E {self.modulus_words}; {self.assumptions}; {warned}"
+
+    def rows(self) -> Sequence[Mapping[str, Any]]:
+        """Return the row of the drop."""
+        return [{**self.to_dict(), "in_force": self.in_force}]
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the measured and the fitted displacement, in µm over ms.
+
+        For a result of a survey the fit is that whose modulus is in force; if it is a diagnosis,
+        the fit without effects is drawn in grey.
+
+        Parameters
+        ----------
+        ax : Axes of matplotlib, optional
+            None: a new figure is made.
+
+        Raises
+        ------
+        SurveyError
+            If the result has no traces.
+        """
+        history = self.history
+        if history is None and self.read_history is not None:
+            history = self.read_history()
+        if history is None:
+            hint = self.reason or "make a new one with pfwd.invert"
+            expected = "a result with traces to draw"
+            raise SurveyError(refusal(f"drop {self.drop}", expected, "one without", hint))
+        title = "\n".join(self._lines())
+        if history.before is not None:
+            title += "\nin force is the modulus of the diagnosis of the point, whose fit is drawn"
+        return draw_fit(axes_or_new(ax), history, title)
 
 
 _GROUND_FIELDS = (

@@ -18,6 +18,7 @@ from inversion.notices import Notice
 from pfwd.analysis.analyse import ASSUMED_POISSON_RATIO, analyse_drop
 from pfwd.analysis.drop_facts import judged_deflection
 from pfwd.analysis.drop_result import drop_result
+from pfwd.analysis.fits import curves_of
 from pfwd.analysis.options import (
     AnalysisOptions,
     Layers,
@@ -45,7 +46,6 @@ from pfwd.procedures import (
     find_procedure,
 )
 from pfwd.report.content import Report
-from pfwd.report.fits import curves_of
 from pfwd.spawning import WorkerPool
 from pfwd_device import Drop
 from pfwd_device.recording import DropRecord, Survey, SurveyPoint, read_survey

@@ -12,10 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from inversion import notices
 from inversion.notices import Notice
+from inversion.records import without_nan
+from pfwd import display
 from pfwd.analysis.drop_facts import unbroken_peaks
 from pfwd.analysis.options import OPTION_OF_KEY, AnalysisOptions
 from pfwd.errors import OptionError, TraceError, quote, refusal
-from pfwd.export.json_text import without_nan
+from pfwd.files.arrays import numbers, sensor_offsets, time_and_load
 from pfwd.files.header import PointSetup, setup_warnings
 from pfwd.files.importing import Kind, kind_of
 from pfwd.files.plausible_units import refuse_wrong_units
@@ -23,13 +25,10 @@ from pfwd.files.reading import read_points
 from pfwd.files.traces import (
     DROP_COLUMN,
     LOAD_COLUMN,
-    MIN_SAMPLES,
-    RELATIVE_STEP_TOLERANCE,
     TIME_COLUMN,
     TracePoint,
     sensor_name,
 )
-from pfwd.scripting import display
 from pfwd.scripting.options import Header, analysis_options, reading
 from pfwd_device.drop import Channel, Peaks
 from pfwd_device.drop import Drop as DeviceDrop
@@ -45,7 +44,7 @@ ARRAYS_FILE = "arrays"
 
 
 class Drop(display.Displayable):
-    """One impact with its recorded traces; returned by `read`, `open` and `drop`."""
+    """One impact with its recorded traces and the declarations of its point."""
 
     __slots__ = ("_drop", "_index", "_point")
 
@@ -109,18 +108,20 @@ class Drop(display.Displayable):
         return kind_of(self._drop, self.declared)
 
     def __repr__(self) -> str:
-        drop, load = self._drop, self.peak_load
         where = "" if self.point is None else f" of {display.text_of(self.point)}"
-        peak = "samples missing" if load is None else f"peak {load / 1e3:.3g} kN"
-        places = ", ".join(f"{offset:g}" for offset in self.offsets)
+        peak = "samples missing"
+        if self.peak_load is not None:
+            peak = f"peak {self.peak_load / 1e3:.3g} kN"
         length = "no time history"
-        if drop.only_peaks is None:
-            duration = 1e3 * (drop.time[-1] - drop.time[0])
-            length = f"{duration:.3g} ms at {drop.sampling_rate / 1e3:.3g} kHz"
+        if self.time.size:
+            rate = self._drop.sampling_rate / 1e3
+            length = f"{1e3 * np.ptp(self.time):.3g} ms at {rate:.3g} kHz"
+        places = ", ".join(f"{offset:g}" for offset in self.offsets)
         sensors = f"{display.count(len(self.offsets), 'sensor')} at {places} m"
         return f"Drop({self.number}{where}: {peak}, {length}, {sensors})"
 
-    def _rows(self) -> Sequence[Mapping[str, Any]]:
+    def rows(self) -> Sequence[Mapping[str, Any]]:
+        """Return one row with the declarations and the peaks."""
         row = {
             "file": self.file,
             "point": self.point,
@@ -128,26 +129,21 @@ class Drop(display.Displayable):
             "peak_load_n": self.peak_load,
             "peak_displacement_m": self.peak_displacement,
         }
-        return [row | {key: value for key, value in self.declared.items() if key != "point"}]
+        return [self.declared | row]
 
     def to_dict(self) -> dict[str, Any]:
         """Return declared values and traces (as lists), by header key and column name."""
-        values = {"file": self.file, **self.declared, DROP_COLUMN: self.number, **self._columns()}
-        record: dict[str, Any] = without_nan(values)
-        return record
+        values = {"file": self.file, **self.declared, **self._columns()}
+        return {key: without_nan(value) for key, value in values.items()}
 
-    def _columns(self) -> dict[str, NDArray[np.float64]]:
-        """Return the traces by the column names of a trace file."""
+    def _columns(self) -> dict[str, Any]:
+        """Return the columns of a trace file."""
         sensors = {sensor_name(c.quantity, c.offset): c.values for c in self._drop.channels}
-        return {TIME_COLUMN: self.time, LOAD_COLUMN: self.load, **sensors}
+        return {DROP_COLUMN: self.number, TIME_COLUMN: self.time, LOAD_COLUMN: self.load, **sensors}
 
     def to_dataframe(self) -> DataFrame:
         """Return the traces as a table with the columns of a trace file; needs pandas."""
-        names = (DROP_COLUMN, *self._columns())
-        rows = zip(*(values.tolist() for values in self._columns().values()), strict=True)
-        return display.data_frame(
-            dict(zip(names, (self.number, *row), strict=True)) for row in rows
-        )
+        return display.imported("pandas", "to_dataframe").DataFrame(self._columns())
 
     def to_xarray(self) -> Dataset:
         """Return the traces as an xarray Dataset.
@@ -161,20 +157,18 @@ class Drop(display.Displayable):
         OptionError
             If xarray is not installed.
         """
-        xarray = display.imported("xarray", "to_xarray")
-        traces = ("sensor", "time")
         is_velocity = np.array(self.quantities)[:, None] == "velocity"
-        variables = {
-            "load": ("time", self.load),
-            "displacement": (traces, self.displacement),
-            "velocity": (traces, np.where(is_velocity, self.values, np.nan)),
-        }
-        coordinates = {"time": self.time, "offset": ("sensor", np.array(self.offsets))}
-        attributes = {"file": self.file, **self.declared, DROP_COLUMN: self.number}
-        dataset: Dataset = xarray.Dataset(variables, coordinates, attributes)
-        units = {"load": "N", "displacement": "m", "velocity": "m/s", "time": "s", "offset": "m"}
-        for name, unit in units.items():
-            dataset[name].attrs["units"] = unit
+        velocity = np.where(is_velocity, self.values, np.nan)
+        axes, m, s = ("sensor", "time"), {"units": "m"}, {"units": "s"}
+        dataset: Dataset = display.imported("xarray", "to_xarray").Dataset(
+            {
+                "load": ("time", self.load, {"units": "N"}),
+                "displacement": (axes, self.displacement, m),
+                "velocity": (axes, velocity, {"units": "m/s"}),
+            },
+            {"time": ("time", self.time, s), "offset": ("sensor", np.array(self.offsets), m)},
+            {"file": self.file, **self.declared, DROP_COLUMN: self.number},
+        )
         return dataset
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -184,10 +178,6 @@ class Drop(display.Displayable):
         ----------
         ax : Axes of matplotlib, optional
             None: a new figure is made.
-
-        Returns
-        -------
-        Axes
         """
         return _plot([self], ax, "")
 
@@ -209,24 +199,21 @@ class Point(display.Displayable, tuple[Drop, ...]):
     """Path of the file or survey from which the point was read."""
     warnings: tuple[Notice, ...] = display.alias("_point.warnings")
     """Warnings that concern all drops of the point."""
-
     name: str | None = display.alias("_point.name")
     """Declared name; None: not declared."""
     declared: dict[str, Any] = display.alias("_point.declared")
     """Declared values of instrument and ground, by header key (docs/traces.md)."""
-
-    @property
-    def drops(self) -> tuple[Drop, ...]:
-        """Drops in the order of the file."""
-        return tuple(self)
+    drops: tuple[Drop, ...] = property(tuple)  # type: ignore[assignment]
+    """Drops in the order of the file."""
 
     def __repr__(self) -> str:
         name = display.text_of(self.name if self.name is not None else self.file)
         radius = self._point.setup.plate_radius
         return f"Point({name}: {display.count(len(self), 'drop')}, plate of radius {radius:g} m)"
 
-    def _rows(self) -> Iterable[Mapping[str, Any]]:
-        return (row for drop in self for row in drop._rows())
+    def rows(self) -> Iterable[Mapping[str, Any]]:
+        """Return the rows of the drops."""
+        return (row for drop in self for row in drop.rows())
 
     def to_dict(self) -> dict[str, Any]:
         """Return the declared values and warnings by their keys, and ``drops`` as `Drop.to_dict`
@@ -237,13 +224,11 @@ class Point(display.Displayable, tuple[Drop, ...]):
         return {**record, "drops": [drop.to_dict() for drop in self]}
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the displacements of all drops, in µm over ms; parameter and return as for
-        `Drop.plot`.
-        """
+        """Draw the displacements of all drops, in µm over ms, see `Drop.plot`."""
         return _plot(self, ax, repr(self))
 
 
-class Points(display.ObjectSequence[Point]):
+class Points(display.DisplayableList[Point]):
     """Test points of one file; a sequence of points, which can be chosen by name as well."""
 
     KEY, NAME = "points", "name"
@@ -268,9 +253,7 @@ class Points(display.ObjectSequence[Point]):
         return {"file": self.file, **super().to_dict()}
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the displacements of all drops, in µm over ms; parameter and return as for
-        `Drop.plot`.
-        """
+        """Draw the displacements of all drops, in µm over ms, see `Drop.plot`."""
         return _plot(self.drops, ax, repr(self))
 
 
@@ -279,6 +262,10 @@ class HasPoints(Protocol):
 
     @property
     def points(self) -> Points: ...
+
+
+Data = str | os.PathLike[str] | HasPoints | Sequence[Drop | Point]
+"""Data of several drops."""
 
 
 def read(
@@ -368,11 +355,11 @@ def drop(
     if quantity not in ("displacement", "velocity"):
         raise OptionError(refusal("quantity", "displacement or velocity", quote(quantity)))
     axis, force = time_and_load(time, load)
-    table = np.atleast_2d(_numbers("values", values))
+    table = np.atleast_2d(numbers("values", values))
     if table.ndim != 2 or table.shape[1] != axis.size:
         expected = f"({axis.size},) or (n_sensors, {axis.size})"
         raise TraceError(refusal("values", expected, f"shape {table.shape}"))
-    places = _offsets(offsets, len(table))
+    places = sensor_offsets(offsets, len(table))
     options = analysis_options(tuple(OPTION_OF_KEY.values()), declared)
     if options.plate_radius is None:
         raise OptionError(refusal("plate_radius", "a number > 0, in m", "none"))
@@ -387,60 +374,6 @@ def drop(
     hint = f"is the time in s, the load in N, and are the values in {unit}?"
     refuse_wrong_units([made], setup, "arrays", hint)
     return Drop(TracePoint(ARRAYS_FILE, setup, (made,), setup_warnings(setup, [made])), 0)
-
-
-def time_and_load(
-    time: ArrayLike, load: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Check the arrays of time and load and return them as (n,) float, s and N.
-
-    Raises
-    ------
-    TraceError
-        If they differ in length, have too few samples, or the time steps are not uniform.
-    """
-    axis, force = _numbers("time", time), _numbers("load", load)
-    for name, vector in (("time", axis), ("load", force)):
-        if vector.ndim != 1:
-            raise TraceError(refusal(name, "one dimension", f"shape {vector.shape}"))
-    if axis.size < MIN_SAMPLES:
-        raise TraceError(refusal("time", f"at least {MIN_SAMPLES} samples", str(axis.size)))
-    if force.size != axis.size:
-        raise TraceError(refusal("load", f"{axis.size} samples as in time", str(force.size)))
-    steps = np.diff(axis)
-    step = float(np.median(steps))
-    if not (step > 0 and np.all(np.abs(steps - step) <= RELATIVE_STEP_TOLERANCE * step)):
-        expected = "uniform, rising steps in s"
-        raise TraceError(refusal("time", expected, "other steps", "resample the record"))
-    return axis, force
-
-
-def _offsets(offsets: float | Sequence[float] | None, sensors: int) -> list[float]:
-    if offsets is None and sensors == 1:
-        return [0.0]
-    places = np.empty(0) if offsets is None else np.atleast_1d(_numbers("offsets", offsets))
-    if places.shape != (sensors,) or np.unique(places).size != sensors:
-        expected = f"the distances of {sensors} sensors from the plate centre, all different, in m"
-        got = "none" if offsets is None else quote(offsets)
-        raise OptionError(refusal("offsets", expected, got))
-    return [float(place) for place in places]
-
-
-def _numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    # A conversion would replace masked values by what lies under the mask, discard imaginary parts
-    # and turn dates into counts of their units.
-    if any(map(np.ma.is_masked, values if isinstance(values, list | tuple) else [values])):
-        hint = "interpolate the missing values"
-        raise TraceError(refusal(name, "numbers", "masked values", hint))
-    try:
-        array = np.asarray(values)
-        is_text = array.dtype.kind in "OSU"
-        numbers = array.astype(np.float64, casting="unsafe" if is_text else "same_kind")
-    except (TypeError, ValueError) as err:
-        raise TraceError(refusal(name, "real numbers", quote(values))) from err
-    if not np.all(np.isfinite(numbers)):
-        raise TraceError(refusal(name, "finite numbers", "NaN or infinity"))
-    return numbers
 
 
 def requested(
@@ -532,6 +465,4 @@ def _plot(drops: Sequence[Drop], ax: Axes | None, title: str) -> Axes:
         for offset, values in zip(drop_.offsets, drop_.displacement, strict=True):
             label = f"drop {drop_.number}, {offset:g} m"
             ax.plot(1e3 * drop_.time, 1e6 * values, label=label)
-    return display.label_axes(
-        ax, "time after the trigger, ms", "displacement, µm, downward positive", title
-    )
+    return display.label_axes(ax, display.TIME_LABEL, display.DISPLACEMENT_LABEL, title)

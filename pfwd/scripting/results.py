@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, ClassVar, Self, Unpack, overload
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Unpack, overload
 
 from numpy.typing import ArrayLike
 
 from inversion.notices import Notice
-from inversion.records import not_stored
+from pfwd import display
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.results import DropResult
-from pfwd.digits import modulus_text, significant
-from pfwd.errors import OptionError, SurveyError, refusal
-from pfwd.export.json_text import without_nan
-from pfwd.scripting import display
-from pfwd.scripting.measured import Drop, HasPoints, Point, points_of, requested
+from pfwd.analysis.results import DropResult as Result
+from pfwd.errors import OptionError, refusal
+from pfwd.scripting.measured import Data, Drop, Point, points_of, requested
 from pfwd.scripting.options import INVERT_OPTIONS, Header, InvertOptions
 
 if TYPE_CHECKING:
@@ -29,116 +26,7 @@ if TYPE_CHECKING:
     from pfwd.files.traces import TracePoint
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Result(display.Displayable, DropResult):
-    """Properties of the ground under one drop, or the reason why the drop has none.
-
-    Each key of ``pfwd invert --json`` is an attribute, with its SI unit: ``result.viscosity_pa_s``.
-    The most used ones have a second name without the unit: ``result.viscosity``. ``result.history``
-    has measured and fitted traces; it is None for a rejected drop and for a stored result.
-    """
-
-    in_force: bool = not_stored(False)
-    """True: the result is in force for its drop, or would be if it were stored; False: it has other
-    settings, its declarations have changed since, or there is no modulus."""
-
-    number: ClassVar[int | None] = display.alias("drop")
-    """Number of the drop within its point, also as ``drop``."""
-    modulus: ClassVar[float | None] = display.alias("modulus_pa")
-    """Young's modulus of the ground, Pa, also as ``modulus_pa``; None: no modulus."""
-    modulus_interval: ClassVar[tuple[float, float] | None] = display.alias("modulus_interval_pa")
-    """95 % interval of the modulus, Pa, also as ``modulus_interval_pa``; None: no modulus."""
-    equivalent_modulus: ClassVar[float | None] = display.alias("equivalent_modulus_pa")
-    """Modulus of the half-space that deflects as much under the plate, Pa, also as
-    ``equivalent_modulus_pa``; None: no modulus, or no sensor on the plate."""
-    equivalent_modulus_interval: ClassVar[tuple[float, float] | None] = display.alias(
-        "equivalent_modulus_interval_pa"
-    )
-    """95 % interval of the equivalent modulus, Pa."""
-    viscosity: ClassVar[float | None] = display.alias("viscosity_pa_s")
-    """Viscosity of the ground, Pa s, also as ``viscosity_pa_s``; None: not in the model."""
-    density: ClassVar[float | None] = display.alias("density_kg_m3")
-    """Density of the ground, kg/m3, also as ``density_kg_m3``; None: no modulus."""
-    bedrock_depth: ClassVar[float | None] = display.alias("bedrock_depth_m")
-    """Depth of the bedrock, m, also as ``bedrock_depth_m``; None: not in the model."""
-    plate_radius: ClassVar[float | None] = display.alias("plate_radius_m")
-    """Radius of the plate, m, also as ``plate_radius_m``; None: no modulus."""
-
-    @classmethod
-    def of(cls, record: DropResult, **changes: Any) -> Self:
-        """Return a result for scripts from that of an analysis, with some fields replaced."""
-        values = {field.name: getattr(record, field.name) for field in fields(record)}
-        return cls(**values | changes)
-
-    def __getitem__(self, key: str) -> Any:
-        record = self.to_dict()
-        if key not in record:
-            raise KeyError(f"expected one of {', '.join(record)}, got {key!r}")
-        return record[key]
-
-    def __repr__(self) -> str:
-        return f"Result({self._name()}: {self._line()})"
-
-    def _name(self) -> str:
-        return f"drop {self.drop}" + (
-            "" if self.point is None else f" of {display.text_of(self.point)}"
-        )
-
-    def _line(self) -> str:
-        if self.modulus is None:
-            return f"{self.status}, {display.text_of(self.reason or 'no modulus')}"
-        warned = display.warning_count(self.warnings or ())
-        return f"E {_with_interval(self)}; {_conditions(self)}; {warned}"
-
-    def _rows(self) -> Sequence[Mapping[str, Any]]:
-        return [{**self.to_dict(), "in_force": self.in_force}]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values of the result, with the keys of ``pfwd invert --json``."""
-        record: dict[str, Any] = without_nan(self.to_json())
-        return record
-
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the measured and the fitted displacement, in µm over ms.
-
-        For a stored result, which has no traces, the modulus is drawn with its 95 % interval, in
-        MPa.
-
-        Parameters
-        ----------
-        ax : Axes of matplotlib, optional
-            None: a new figure is made.
-
-        Returns
-        -------
-        Axes
-
-        Raises
-        ------
-        SurveyError
-            If the result has neither traces nor a modulus with its interval.
-        """
-        history = self.history
-        if history is None and self.modulus is not None and self.modulus_interval is not None:
-            return Results([self]).plot(ax)
-        if history is None:
-            hint = self.reason or "make a new one with pfwd.invert"
-            expected = "a result with traces to draw"
-            raise SurveyError(refusal(f"drop {self.drop}", expected, "one without", hint))
-        ax = display.axes_or_new(ax)
-        time = 1e3 * history.time
-        for row, offset in enumerate(history.offsets.tolist()):
-            style: dict[str, Any] = {"color": f"C{row}", "label": f"measured, {offset:g} m"}
-            ax.plot(time, 1e6 * history.observed[row], ".", markersize=6, alpha=0.4, **style)
-            style["label"] = f"fitted, {offset:g} m"
-            ax.plot(time, 1e6 * history.predicted[row], **style)
-        title = f"{self._name()}\n{self._line()}"
-        return display.label_axes(
-            ax, "time after the trigger, ms", "displacement, µm, downward positive", title
-        )
-
-
-class Results(display.ObjectSequence[Result]):
+class Results(display.DisplayableList[Result]):
     """Results of several drops, in the order of the drops."""
 
     KEY = "results"
@@ -157,17 +45,18 @@ class Results(display.ObjectSequence[Result]):
         used = self.measured
         parts = [f"{display.count(len(self), 'drop')}, {len(used)} measured"]
         if len(used) == 1:
-            parts.append(f"E {_with_interval(used[0])}")
+            parts.append(f"E {used[0].modulus_words}")
         elif used:
             moduli = [drop.modulus or 0.0 for drop in used]
             ends = [end for drop in used for end in drop.modulus_interval or ()]
             parts.append(f"E {_range(moduli)} MPa, 95 % intervals within {_range(ends)} MPa")
         if used:
-            parts += [
-                "; ".join(dict.fromkeys(map(_conditions, used))),
-                display.warning_count(self.warnings),
-            ]
+            parts += [*self._assumptions(), display.warning_count(self.warnings)]
         return f"Results({'; '.join(parts)})"
+
+    def _assumptions(self) -> list[str]:
+        """Return the assumptions of the moduli, equal ones once."""
+        return list(dict.fromkeys(r.assumptions for r in self if r.modulus is not None))
 
     def __str__(self) -> str:
         warnings = [f"  warning: {display.text_of(text)}" for text in self.warnings]
@@ -186,7 +75,7 @@ class Results(display.ObjectSequence[Result]):
         Axes
         """
         ax = display.axes_or_new(ax)
-        drawn = [drop for drop in self if drop.modulus is not None and drop.modulus_interval]
+        drawn = Results(drop for drop in self if drop.modulus is not None and drop.modulus_interval)
         for status, marker in (("measured", "o"), ("seating", "x")):
             values = {
                 place: (drop.modulus_pa or 0.0, drop.modulus_interval_pa)
@@ -197,29 +86,13 @@ class Results(display.ObjectSequence[Result]):
                 display.draw_values(ax, values, 1e-6, fmt=marker, label=status)
         places = (drop.point or os.path.basename(drop.file or "") for drop in drawn)
         names = [f"{place}, {drop.drop}" for place, drop in zip(places, drawn, strict=True)]
-        stated = [
-            *dict.fromkeys(map(_conditions, drawn)),
-            display.warning_count(Results(drawn).warnings),
-        ]
+        stated = [*drawn._assumptions(), display.warning_count(drawn.warnings)]
         title = "; ".join(stated) if drawn else "no modulus"
         return display.label_axes(ax, names, "modulus E with its 95 % interval, MPa", title)
 
 
 def _range(values: Sequence[float]) -> str:
     return f"{min(values) / 1e6:.4g} to {max(values) / 1e6:.4g}"
-
-
-def _with_interval(result: Result) -> str:
-    text = modulus_text(result.modulus, result.modulus_interval)
-    if result.modulus_interval is None and result.modulus_sd_pa is not None:
-        return f"{text}, sd {significant(result.modulus_sd_pa / 1e6)} MPa"
-    return text
-
-
-def _conditions(result: Result) -> str:
-    depth = "" if result.bedrock_depth is None else f" {result.bedrock_depth:.3g} m deep"
-    model = f"{result.model}{depth}"
-    return display.conditions(model, result.plate, result.plate_radius, result.poisson_ratio)
 
 
 @overload
@@ -229,11 +102,7 @@ def invert(
     time: ArrayLike, load: ArrayLike, values: ArrayLike, /, **options: Unpack[InvertOptions]
 ) -> Result: ...
 @overload
-def invert(
-    data: str | os.PathLike[str] | HasPoints | Sequence[Drop | Point],
-    /,
-    **options: Unpack[InvertOptions],
-) -> Results: ...
+def invert(data: Data, /, **options: Unpack[InvertOptions]) -> Results: ...
 def invert(data: Any, /, *arrays: Any, **options: Any) -> Result | Results:
     """Return the modulus of the ground under drops, with its uncertainty and assumptions.
 
@@ -317,7 +186,7 @@ def _result(point: TracePoint, index: int, analysis: DropAnalysis) -> Result:
     result = drop_result(point.file, analysis, point.warnings, point.setup.point)
     stored = point.survey_drops[index] if point.survey_drops else None
     in_force = result.modulus_pa is not None and counts(stored, result)
-    return Result.of(result, in_force=in_force)
+    return replace(result, in_force=in_force)
 
 
 @functools.cache

@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
+import functools
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args, overload
 
 import numpy as np
 
-from inversion.records import Interval
+from inversion.records import Interval, without_nan
+from pfwd import display
+from pfwd.analysis.results import DropResult
 from pfwd.errors import OptionError, quote, refusal
-from pfwd.export.json_text import without_nan
 from pfwd.export.rows import Order, Row, point_rows
 from pfwd.files.opening import survey_content
 from pfwd.procedures import Verdict, unit_of
-from pfwd.scripting import display
 from pfwd.scripting.measured import Drop, Points, read
-from pfwd.scripting.results import Result, Results
+from pfwd.scripting.results import Results, library
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
 
+    from inversion.result import TimeHistories
     from pfwd_device import recording
 
 Traces = Literal["half-space", "layer", "three-sensors", "unexplained"]
@@ -63,7 +66,52 @@ class Survey(display.Displayable):
     @cached_property
     def results(self) -> Results:
         """Last stored result of each drop that has one, without traces."""
-        return Results(_results(self.path, self._order.rows))
+        return Results(self._results())
+
+    def _results(self) -> Iterator[DropResult]:
+        """Yield the stored results of drops that have one and are not discarded.
+
+        A modulus without its uncertainty or assumptions is left out, as in exports, with a warning.
+        """
+        for row in self._order.rows:
+            record, modulus = row.drop.last_result, row.values["modulus_pa"]
+            if record is None or not row.used:
+                continue
+            in_force = modulus is not None and row.drop.result == record
+            changes = {
+                "file": self.path,
+                "point": row.point.title,
+                "drop": row.drop.number,
+                "modulus_pa": modulus,
+                "warnings": row.warnings,
+                "in_force": in_force,
+                "read_history": functools.partial(self._history, row) if in_force else None,
+            }
+            # `more` holds unreadable values, which must not replace those of `changes`.
+            more = {key: value for key, value in record.more.items() if key not in changes}
+            yield replace(record, more=more, **changes)
+
+    def _history(self, row: Row) -> TimeHistories | None:
+        """Return the traces of a stored drop, with the fit whose modulus is in force."""
+        from pfwd.analysis.fits import curves_of
+        from pfwd.analysis.screening.bad_sensors import leave_out_bad_sensors
+        from pfwd.analysis.screening.drops import screen_point
+
+        drop, result = row.drop, row.drop.result
+        stored = (
+            (drop_._point, drop_._index)
+            for drop_ in self.drops
+            if drop_._point.survey_drops[drop_._index].number == drop.record
+        )
+        point, index = next(stored, (None, 0))
+        if point is None or result is None:
+            return None
+        screening = leave_out_bad_sensors(point, screen_point(point))[index]
+        curves = curves_of(point.drops[index], point.setup, screening, result, library())
+        diagnosis = None if drop.has_layers else row.point.counting_diagnosis
+        if curves is None or diagnosis is None:
+            return curves
+        return diagnosis.fit_of(drop.number).drawn_on(curves) or curves
 
     def __repr__(self) -> str:
         name = display.text_of(os.path.basename(os.path.normpath(self.path)))
@@ -73,7 +121,8 @@ class Survey(display.Displayable):
         damage = f", {count(len(self.damage), 'damage')}" if self.damage else ""
         return f"Survey({name}: {points}, {drops}, {stored} with results{damage})"
 
-    def _rows(self) -> Sequence[Mapping[str, Any]]:
+    def rows(self) -> Sequence[Mapping[str, Any]]:
+        """Return a row for each point, as ``pfwd export --format points`` writes it."""
         return point_rows(self._order)
 
     def to_dict(self) -> dict[str, Any]:
@@ -94,7 +143,7 @@ class Survey(display.Displayable):
         The columns are those of ``pfwd export --format points``; discarded points are marked. The
         modulus to use is ``modulus_in_force_pa``; ``use`` and ``use_reason`` state what for.
         """
-        return display.data_frame(self._rows())
+        return display.data_frame(self.rows())
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the judged value of each point with its 95 % interval.
@@ -213,25 +262,3 @@ def example(name: str) -> Points | Survey:
         expected = f"one of {', '.join([*names, SURVEY])}"
         raise OptionError(refusal("example", expected, quote(name)))
     return read(DATA_FOLDER / f"{name}.csv")
-
-
-def _results(path: str, rows: Sequence[Row]) -> Iterator[Result]:
-    """Yield the stored results of drops that have one and are not discarded.
-
-    A modulus without its uncertainty or assumptions is left out, as in exports, with a warning.
-    """
-    for row in rows:
-        record, modulus = row.drop.last_result, row.values["modulus_pa"]
-        if record is None or not row.used:
-            continue
-        changes = {
-            "file": path,
-            "point": row.point.title,
-            "drop": row.drop.number,
-            "modulus_pa": modulus,
-            "warnings": row.warnings,
-            "in_force": modulus is not None and row.drop.result == record,
-        }
-        # `more` holds unreadable values, which must not replace those of `changes`.
-        more = {key: value for key, value in record.more.items() if key not in changes}
-        yield Result.of(record, more=more, **changes)

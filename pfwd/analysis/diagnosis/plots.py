@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from inversion.diagnosis import PointDiagnosis
 from inversion.diagnosis.findings import FittedState
 from inversion.records import known
 from pfwd.analysis.diagnosis.diagnose import Diagnosed
 from pfwd.digits import modulus_text, significant
+from pfwd.display import AFTER_COLOUR, BEFORE_COLOUR, draw_residual
 from pfwd.errors import SurveyError, refusal
 from pfwd.files.output_path import require_writable
 from pfwd.matplotlib_start import start_matplotlib
@@ -21,7 +21,7 @@ from pfwd.matplotlib_start import start_matplotlib
 _MAX_SHOWN_RATIO = 1000.0
 """Ratio of the ends of an interval from which they are not shown: they say nothing."""
 
-_BEFORE, _AFTER, _DATA = "#9a9a9a", "#2a6f97", "#222222"
+_DATA = "#222222"
 
 
 def plot_diagnoses(outcomes: Sequence[Diagnosed], path: str | os.PathLike[str]) -> Path:
@@ -56,10 +56,8 @@ def plot_diagnoses(outcomes: Sequence[Diagnosed], path: str | os.PathLike[str]) 
     for row, diagnosed in zip(axes, rows, strict=True):
         _draw_traces(row[0], diagnosed)
         assert diagnosed.diagnosis is not None
-        draw_residual(row[1], diagnosed.diagnosis)
-        row[1].set_title("residual: base model (grey), with all effects (blue)", fontsize=9)
-        row[1].set_ylabel("% of the peak", fontsize=8)
-        row[1].set_xlabel("ms", fontsize=8)
+        title = "residual: base model (grey), with all effects (blue)"
+        draw_residual(row[1], diagnosed.diagnosis.curves, title)
         _draw_spectrum(row[2], diagnosed)
         _draw_ladder(row[3], diagnosed)
     target = require_writable(path, "--plot")
@@ -74,9 +72,9 @@ def _draw_traces(axis: Any, diagnosed: Diagnosed) -> None:
         for observed, before, after in zip(
             curves.observed, curves.before, curves.after, strict=True
         ):
-            axis.plot(time, before * 1e6, color=_BEFORE, lw=0.8, ls="--")
+            axis.plot(time, before * 1e6, color=BEFORE_COLOUR, lw=0.8, ls="--")
             axis.plot(time, observed * 1e6, color=_DATA, lw=1.2)
-            axis.plot(time, after * 1e6, color=_AFTER, lw=0.9)
+            axis.plot(time, after * 1e6, color=AFTER_COLOUR, lw=0.9)
     axis.set_title(f"{_name(diagnosed)}: {diagnosed.diagnosis.verdict}", fontsize=9)
     axis.set_ylabel("displacement, µm (down +)", fontsize=8)
     if axis.lines:
@@ -85,34 +83,12 @@ def _draw_traces(axis: Any, diagnosed: Diagnosed) -> None:
     axis.set_xlabel("ms", fontsize=8)
 
 
-def draw_residual(axis: Any, diagnosis: PointDiagnosis) -> None:
-    """Draw the residuals of all drops and sensors before and after, in % of the peak over ms.
-
-    Parameters
-    ----------
-    axis : Axes of matplotlib
-    diagnosis : PointDiagnosis
-    """
-    labels = ("base model", "with all effects")
-    for curves in diagnosis.curves:
-        time = curves.time * 1e3
-        for row, observed in enumerate(curves.observed):
-            peak = np.abs(observed).max()
-            for fitted, colour, label in zip(
-                (curves.before[row], curves.after[row]), (_BEFORE, _AFTER), labels, strict=True
-            ):
-                residual = 100 * (fitted - observed) / peak
-                axis.plot(time, residual, color=colour, lw=0.9, label=label)
-            labels = ("_nolegend_", "_nolegend_")
-        axis.axvline(curves.contact_end * 1e3, color="0.7", lw=0.7)
-
-
 def _draw_spectrum(axis: Any, diagnosed: Diagnosed) -> None:
     assert diagnosed.diagnosis is not None
     for curves in diagnosed.diagnosis.curves:
         step = curves.time[1] - curves.time[0]
         taper = np.hanning(curves.time.size)
-        for values, colour in ((curves.before, _BEFORE), (curves.after, _AFTER)):
+        for values, colour in ((curves.before, BEFORE_COLOUR), (curves.after, AFTER_COLOUR)):
             residual = (values[0] - curves.observed[0]) * taper
             spectrum = np.abs(np.fft.rfft(residual, 4 * residual.size)) * step
             frequency = np.fft.rfftfreq(4 * residual.size, step)
@@ -134,7 +110,7 @@ def _draw_ladder(axis: Any, diagnosed: Diagnosed) -> None:
     ] or ["no effect"]
     evidence = [float(np.nan_to_num(known(effect.evidence))) for effect in effects]
     places = np.arange(len(names))
-    axis.barh(places, evidence or [0.0], color=_AFTER)
+    axis.barh(places, evidence or [0.0], color=AFTER_COLOUR)
     axis.set_yticks(places, names, fontsize=8)
     axis.invert_yaxis()
     axis.set_xlabel("evidence (log Bayes factor)", fontsize=8)

@@ -24,6 +24,7 @@ from inversion import SurrogateLibrary
 from inversion.notices import Notice, codes
 from pfwd.analysis.analyse import analyse_drop
 from pfwd.analysis.drop_result import drop_result
+from pfwd.analysis.fits import curves_of
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.result_store import basis_of, is_sound
 from pfwd.analysis.results import DiagnosisResult, DropResult
@@ -35,7 +36,6 @@ from pfwd.procedures import StressDependence, Verdict
 from pfwd.report import fonts
 from pfwd.report.content import Report
 from pfwd.report.drawing import draw_point
-from pfwd.report.fits import curves_of
 from pfwd.report.gathering import ReportOptions, gather
 from pfwd.report.point_blocks import _stress
 from pfwd.report.report import GC_THRESHOLD, _rare_garbage_collection, write_report

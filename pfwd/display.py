@@ -1,4 +1,4 @@
-"""Output that all objects for scripts share: text, table in a notebook, data frame, plot."""
+"""Output that the objects for scripts share: text, table in a notebook, data frame, plot."""
 
 from __future__ import annotations
 
@@ -12,12 +12,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Self, SupportsIndex, TypeVar, overload
 
 from pfwd.errors import OptionError, refusal
-from pfwd.matplotlib_start import start_matplotlib
 from pfwd_device.text import clean
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
+
+    from inversion.diagnosis.findings import DropCurves
+    from inversion.result import TimeHistories
 
 MAX_NOTEBOOK_ROWS = 20
 """Largest number of rows of a table in a notebook, so that it fits on a screen."""
@@ -33,30 +35,36 @@ NOTEBOOK_COLUMNS = (
 )
 """Columns of a table in a notebook, in their order; those without any value are omitted."""
 
-_NOTEBOOK_UNITS = {"_pa": (1e-6, "MPa"), "_n": (1e-3, "kN"), "displacement_m": (1e6, "µm")}
+_NOTEBOOK_UNITS = {
+    "_pa": (1e-6, "MPa"),
+    "_n": (1e-3, "kN"),
+    "displacement_m": (1e6, "µm"),
+    "radius_m": (1.0, "m"),
+    "": (1.0, ""),
+}
 """Factor and unit in which a column is shown, by the end of its name."""
+
+BEFORE_COLOUR, AFTER_COLOUR = "#9a9a9a", "#2a6f97"
+"""Colours of a fit without effects, and of the fit with effects."""
+
+TIME_LABEL = "time after the trigger, ms"
+DISPLACEMENT_LABEL = "displacement, µm, downward positive"
 
 
 class Displayable:
-    """Mix-in of objects that scripts and notebooks show as text and as table.
-
-    ``dir`` and completion list public names only.
-    """
+    """Mix-in of objects that scripts and notebooks show as text, table, values and picture."""
 
     __slots__ = ()
-
-    def __dir__(self) -> Iterable[str]:
-        return [name for name in super().__dir__() if not name.startswith("_")]
 
     def __str__(self) -> str:
         warnings = getattr(self, "warnings", None) or ()
         return "\n".join([repr(self), *(f"  warning: {text_of(text)}" for text in warnings)])
 
     def _repr_html_(self) -> str:
-        return html_table(repr(self), self._rows())
+        return html_table(repr(self), self.rows())
 
     @abstractmethod
-    def _rows(self) -> Iterable[Mapping[str, Any]]:
+    def rows(self) -> Iterable[Mapping[str, Any]]:
         """Return the rows of the table, by columns whose names end in their SI unit."""
 
     @abstractmethod
@@ -65,13 +73,13 @@ class Displayable:
 
     def to_dataframe(self) -> DataFrame:
         """Return a table with columns in SI units; needs pandas."""
-        return data_frame(self._rows())
+        return data_frame(self.rows())
 
 
 _Item = TypeVar("_Item", bound=Displayable)
 
 
-class ObjectSequence(Displayable, tuple[_Item, ...]):
+class DisplayableList(Displayable, tuple[_Item, ...]):
     """Sequence of objects of one class; a slice has the class of the sequence."""
 
     KEY: ClassVar[str]
@@ -93,9 +101,9 @@ class ObjectSequence(Displayable, tuple[_Item, ...]):
             raise KeyError(f"{self.KEY}: expected a name that occurs once of {listed}, got {key!r}")
         return self[names.index(key)]
 
-    def _rows(self) -> Iterator[Mapping[str, Any]]:
-        for item in self:
-            yield from item._rows()
+    def rows(self) -> Iterator[Mapping[str, Any]]:
+        """Return the rows of all objects."""
+        return itertools.chain.from_iterable(item.rows() for item in self)
 
     def to_dict(self) -> dict[str, Any]:
         """Return a dict with a list of the dicts of the objects."""
@@ -126,14 +134,9 @@ def count(number: int, noun: str) -> str:
     return f"{number} {noun}" + ("" if number == 1 else "s")
 
 
-def warning_count(warnings: Iterable[str]) -> str:
+def warning_count(warnings: Iterable[str] | None) -> str:
     """Return the number of different warnings as text: ``no warnings``, ``1 warning``."""
     return count(len(set(warnings)), "warning") if warnings else "no warnings"
-
-
-def conditions(model: object, plate: object, radius: float | None, ratio: float | None) -> str:
-    """Return the assumptions of a modulus as text: model, plate, its radius, Poisson's ratio."""
-    return f"{model}, {plate} plate of radius {radius:g} m, Poisson's ratio {ratio:g}"
 
 
 def html_table(caption: str, rows: Iterable[Mapping[str, Any]]) -> str:
@@ -143,38 +146,37 @@ def html_table(caption: str, rows: Iterable[Mapping[str, Any]]) -> str:
     of its file.
     """
     flat = list(map(flatten, itertools.islice(rows, MAX_NOTEBOOK_ROWS + 1)))
-    more = f"<p>first {MAX_NOTEBOOK_ROWS} rows</p>" if len(flat) > MAX_NOTEBOOK_ROWS else ""
     for row in flat:
         row["point"] = row.get("point") or os.path.basename(str(row.get("file") or ""))
     columns = [key for key in NOTEBOOK_COLUMNS if any(r.get(key) not in (None, "") for r in flat)]
-    head = "".join(f"<th>{html.escape(_heading(key))}</th>" for key in columns)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{html.escape(_cell(key, row))}</td>" for key in columns) + "</tr>"
-        for row in flat[:MAX_NOTEBOOK_ROWS]
-    )
+    shown = [[_cell(row.get(key), _unit(key)[0]) for key in columns] for row in flat]
+    head = _html_row("th", map(_heading, columns))
+    body = "".join(_html_row("td", cells) for cells in shown[:MAX_NOTEBOOK_ROWS])
+    more = f"<p>first {MAX_NOTEBOOK_ROWS} rows</p>" if len(flat) > MAX_NOTEBOOK_ROWS else ""
     return (
         f"<table><caption>{html.escape(caption)}</caption>"
-        f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{more}"
+        f"<thead>{head}</thead><tbody>{body}</tbody></table>{more}"
     )
 
 
-def _table_unit(key: str) -> tuple[float, str]:
-    ends = (factor_unit for end, factor_unit in _NOTEBOOK_UNITS.items() if key.endswith(end))
-    return next(ends, (1.0, "m" if key.endswith("_m") else ""))
+def _html_row(tag: str, cells: Iterable[str]) -> str:
+    return f"<tr>{''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in cells)}</tr>"
+
+
+def _unit(key: str) -> tuple[float, str]:
+    return next(unit for end, unit in _NOTEBOOK_UNITS.items() if key.endswith(end))
 
 
 def _heading(key: str) -> str:
-    unit = _table_unit(key)[1]
-    name = key.rpartition("_")[0] if unit else key
-    return name.replace("_", " ") + (f", {unit}" if unit else "")
+    unit = _unit(key)[1]
+    return f"{key.rpartition('_')[0]}, {unit}".replace("_", " ") if unit else key.replace("_", " ")
 
 
-def _cell(key: str, row: Mapping[str, Any]) -> str:
-    value = row.get(key)
+def _cell(value: Any, factor: float) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return "" if math.isnan(value) else f"{_table_unit(key)[0] * value:.4g}"
+        return "" if math.isnan(value) else f"{factor * value:.4g}"
     return "" if value is None else text_of(value)
 
 
@@ -233,25 +235,23 @@ def imported(package: str, method: str) -> Any:
 def axes_or_new(ax: Axes | None) -> Axes:
     """Return the given axes; for None, those of a new figure.
 
-    Parameters
-    ----------
-    ax : Axes of matplotlib, or None
-
     Raises
     ------
     OptionError
         If `ax` is no axes object, or matplotlib is not installed.
     """
-    if ax is not None:
-        if not hasattr(ax, "plot"):
-            expected = "axes of matplotlib, or nothing for a new figure"
-            raise OptionError(refusal("ax", expected, type(ax).__name__))
-        return ax
-    start_matplotlib()
-    imported("matplotlib", "plot")
-    from matplotlib import pyplot
+    if ax is None:
+        from pfwd.matplotlib_start import start_matplotlib
 
-    return pyplot.subplots(layout="constrained")[1]
+        start_matplotlib()
+        imported("matplotlib", "plot")
+        from matplotlib import pyplot
+
+        return pyplot.subplots(layout="constrained")[1]
+    if not hasattr(ax, "plot"):
+        expected = "axes of matplotlib, or nothing for a new figure"
+        raise OptionError(refusal("ax", expected, type(ax).__name__))
+    return ax
 
 
 def draw_values(
@@ -261,11 +261,10 @@ def draw_values(
     **style: Any,
 ) -> None:
     """Draw values with their intervals, by their places on the axis, multiplied by a factor."""
-    pairs = [(value, interval or (value, value)) for value, interval in values.values()]
-    heights = [factor * value for value, _ in pairs]
-    below = [factor * (value - low) for value, (low, _) in pairs]
-    above = [factor * (high - value) for value, (_, high) in pairs]
-    ax.errorbar(list(values), heights, [below, above], capsize=3, **style)
+    ends = [(value, interval or (value, value)) for value, interval in values.values()]
+    below = [factor * (value - low) for value, (low, _) in ends]
+    above = [factor * (high - value) for value, (_, high) in ends]
+    ax.errorbar(list(values), [factor * v for v, _ in ends], [below, above], capsize=3, **style)
 
 
 def label_axes(ax: Axes, x: str | Sequence[str], y: str, title: str) -> Axes:
@@ -286,3 +285,54 @@ def label_axes(ax: Axes, x: str | Sequence[str], y: str, title: str) -> Axes:
     if ax.get_legend_handles_labels()[0]:
         ax.legend(fontsize="small")
     return ax
+
+
+def draw_fit(ax: Axes, history: TimeHistories, title: str) -> Axes:
+    """Draw measured and fitted displacements, in µm over ms, and return the axes.
+
+    The fit without effects is grey, if the other one is that of a diagnosis.
+
+    Parameters
+    ----------
+    ax : Axes of matplotlib
+    history : TimeHistories
+    title : str
+    """
+    time = 1e3 * history.time
+    for row, offset in enumerate(history.offsets.tolist()):
+        colour = f"C{row}"
+        label = f"measured, {offset:g} m"
+        ax.plot(
+            time, 1e6 * history.observed[row], ".", markersize=6, alpha=0.4, c=colour, label=label
+        )
+        if history.before is not None:
+            label = f"before, {offset:g} m"
+            ax.plot(time, 1e6 * history.before[row], c=BEFORE_COLOUR, label=label, zorder=1.5)
+        ax.plot(time, 1e6 * history.predicted[row], c=colour, label=f"fitted, {offset:g} m")
+    return label_axes(ax, TIME_LABEL, DISPLACEMENT_LABEL, title)
+
+
+def draw_residual(ax: Axes, all_curves: Sequence[DropCurves], title: str) -> Axes:
+    """Draw the residuals of all drops and sensors before and after, and return the axes.
+
+    Residuals are in % of the peak over ms.
+
+    Parameters
+    ----------
+    ax : Axes of matplotlib
+    all_curves : sequence of DropCurves
+    title : str
+    """
+    for curves in all_curves:
+        for row, observed in enumerate(curves.observed):
+            is_first = row == 0 and curves is all_curves[0]
+            for fitted, colour, label in (
+                (curves.before[row], BEFORE_COLOUR, "base model"),
+                (curves.after[row], AFTER_COLOUR, "with all effects"),
+            ):
+                residual = 100 * (fitted - observed) / abs(observed).max()
+                name = label if is_first else None
+                ax.plot(1e3 * curves.time, residual, color=colour, lw=0.9, label=name)
+        ax.axvline(curves.contact_end * 1e3, color="0.7", lw=0.7)
+    x = "time, ms; the grey line ends the contact"
+    return label_axes(ax, x, "fitted - measured, % of the peak", title)
