@@ -149,9 +149,9 @@ def html_table(caption: str, rows: Iterable[Mapping[str, Any]]) -> str:
     for row in flat:
         row["point"] = row.get("point") or os.path.basename(str(row.get("file") or ""))
     columns = [key for key in NOTEBOOK_COLUMNS if any(r.get(key) not in (None, "") for r in flat)]
-    shown = [[_cell(row.get(key), _unit(key)[0]) for key in columns] for row in flat]
+    cells = [[_cell(row.get(key), _unit(key)[0]) for key in columns] for row in flat]
     head = _html_row("th", map(_heading, columns))
-    body = "".join(_html_row("td", cells) for cells in shown[:MAX_NOTEBOOK_ROWS])
+    body = "".join(_html_row("td", line) for line in cells[:MAX_NOTEBOOK_ROWS])
     more = f"<p>first {MAX_NOTEBOOK_ROWS} rows</p>" if len(flat) > MAX_NOTEBOOK_ROWS else ""
     return (
         f"<table><caption>{html.escape(caption)}</caption>"

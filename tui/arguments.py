@@ -6,6 +6,12 @@ import is imported here.
 """
 
 import argparse
+import os
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pfwd.analysis.options import AnalysisOptions
 
 Arguments = argparse._ActionsContainer
 """Parser, or a group of options of a parser."""
@@ -43,37 +49,6 @@ def not_negative(text: str) -> float:
     if not 0 <= value < float("inf"):
         raise _refused("a number >= 0", text)
     return value
-
-
-def depth(text: str) -> float | str:
-    """Convert a text to a depth in m, or return ``none`` (also for infinity) or ``unknown``."""
-    if text in ("unknown", "none"):
-        return text
-    try:
-        value = float(text)
-    except ValueError:
-        raise _refused("a depth in m, unknown or none", text) from None
-    return "none" if value == float("inf") else value
-
-
-def layers(text: str) -> int | str:
-    """Convert a text to a number of layers, or return ``auto``."""
-    if text == "auto":
-        return text
-    try:
-        return int(text)
-    except ValueError:
-        raise _refused("a whole number from 1 to 4, or auto", text) from None
-
-
-def thickness(text: str) -> tuple[float, ...] | str:
-    """Convert numbers separated by commas to thicknesses in m, or return ``unknown``."""
-    if text == "unknown":
-        return text
-    try:
-        return tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise _refused("numbers in m with commas between, or unknown", text) from None
 
 
 def report_file(text: str) -> str:
@@ -186,7 +161,7 @@ def add_analysis(parser: Arguments, expert: Arguments, *, diagnose: bool) -> Non
         help="diagnose each point in the background, seconds after its drops, and store the result "
         f"(default: {'yes' if diagnose else 'no'})",
     )
-    add_layers(expert, "default: 1")
+    add_options(expert, "layers", "thickness")
     add_seed(expert)
     add_spare(expert)
 
@@ -201,40 +176,75 @@ def add_spare(parser: Arguments) -> None:
     )
 
 
+_METAVARS = {
+    "bedrock_depth": "M",
+    "layers": "N",
+    "thickness": "M[,M...]",
+    "header": "FILE.toml",
+    "plate_radius": "M",
+    "poisson_ratio": "NU",
+    "density": "RHO",
+    "plate_mass": "KG",
+}
+"""Names of the values of the options of an analysis in the help."""
+
+
+def add_options(parser: Arguments, *names: str, **help_texts: str) -> None:
+    """Add options of an analysis.
+
+    Parameters
+    ----------
+    parser : Arguments
+    *names : str
+        Fields of AnalysisOptions.
+    **help_texts : str
+        Help of a field, in place of its own one.
+    """
+    from pfwd.analysis.options import OPTIONS, flag_of, parse_option
+    from pfwd.errors import OptionError
+
+    def parser_of(name: str) -> Callable[[str], Any]:
+        def parse(text: str) -> Any:
+            try:
+                return parse_option(name, text)
+            except OptionError as err:
+                raise argparse.ArgumentTypeError(str(err)) from None
+
+        return parse
+
+    for name in names:
+        schema = OPTIONS[name].value.json_schema()
+        kinds: dict[str, Any] = {"type": parser_of(name), "metavar": _METAVARS.get(name)}
+        if schema.get("type") == "boolean":
+            kinds = {"action": "store_false" if name == "priors" else "store_true", "dest": name}
+        elif "enum" in schema:
+            kinds = {"choices": schema["enum"]}
+        text = help_texts.get(name, OPTIONS[name].meaning)
+        parser.add_argument(flag_of(name), help=text, **kinds)
+
+
 def add_declared(parser: argparse.ArgumentParser) -> None:
     """Add the options that replace declarations in the headers of files."""
     group = parser.add_argument_group("declared values, in place of those in the files")
-    group.add_argument("--header", metavar="FILE.toml", help="header keys in a file of their own")
-    group.add_argument(
-        "--plate-radius", type=number, metavar="M", help="radius of the load plate, m"
-    )
-    group.add_argument(
-        "--poisson-ratio", type=number, metavar="NU", help="of the soil, 0 <= NU < 0.5"
-    )
-    group.add_argument("--density", type=number, metavar="RHO", help="of the soil, kg/m3")
-    group.add_argument(
-        "--plate-mass", type=number, metavar="KG", help="mass below the load cell, kg"
-    )
+    add_options(group, "header", "plate_radius", "poisson_ratio", "density", "plate_mass")
 
 
-def add_layers(parser: Arguments, default: str) -> None:
-    """Add the options for number and thickness of the layers of the ground; `default` is for the
-    help.
+def analysis_options(args: argparse.Namespace) -> "AnalysisOptions":
+    """Return the options of an analysis that the command line states.
+
+    Raises
+    ------
+    OptionError
+        If an option is outside its range, or options contradict each other.
     """
-    parser.add_argument(
-        "--layers",
-        type=layers,
-        metavar="N",
-        help=f"number of layers, the ground below them included, 1 to 4 ({default}), or auto: as "
-        "many as the record supports",
-    )
-    parser.add_argument(
-        "--thickness",
-        type=thickness,
-        metavar="M[,M...]",
-        help="thickness of all layers but the lowest, from the top, m, or unknown (default: "
-        "fitted)",
-    )
+    from pfwd.analysis.options import OPTIONS, AnalysisOptions
+    from pfwd.errors import OptionError, refusal
+
+    stated = {name: value for name, value in vars(args).items() if name in OPTIONS}
+    header = stated.get("header")
+    if header is not None and not os.path.isfile(header):
+        raise OptionError(refusal(f"--header {header}", "a TOML file", "no such file"))
+    return AnalysisOptions(**stated)
 
 
 def add_stored(parser: Arguments) -> None:

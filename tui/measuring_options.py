@@ -18,6 +18,7 @@ from pfwd.judging.stations import read_stations
 from pfwd.judging.view import job_of_folder
 from pfwd.procedures import NO_PROCEDURE, Procedure, find_procedure
 from pfwd.session.setup_file import MeasuringSetup, read_setup_file, with_procedure
+from tui.arguments import analysis_options
 from tui.output import on_terminal, say
 
 
@@ -36,9 +37,7 @@ def measuring_options(args: argparse.Namespace) -> AnalysisOptions | None:
         )
     if args.no_invert:
         return None
-    return AnalysisOptions(
-        seed=args.seed, layers=args.layers, thickness=args.thickness, diagnose=args.diagnose
-    )
+    return replace(analysis_options(args), diagnose=args.diagnose)
 
 
 def measuring_setup(args: argparse.Namespace) -> MeasuringSetup:

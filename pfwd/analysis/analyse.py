@@ -104,12 +104,12 @@ def settings_of(options: AnalysisOptions, setup: PointSetup) -> Settings:
         # The published method needs a known depth, and assumes a half-space without one.
         depth = math.inf
     return Settings(
-        plate=choices.plate,
-        load="half-sine-equal-area" if options.published else choices.load,
-        all_sensors=choices.sensors == "all",
+        plate=choices["plate"],
+        load="half-sine-equal-area" if options.published else choices["load"],
+        all_sensors=choices["sensors"] == "all",
         bedrock_depth=depth,
         elastic=options.elastic,
-        method="published" if options.published else choices.method,
+        method="published" if options.published else choices["method"],
         seed=options.seed,
         layers=options.layers or 1,
         thickness=None if options.thickness == "unknown" else options.thickness,

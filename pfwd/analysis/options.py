@@ -3,11 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from pfwd.errors import OptionError, TraceError, refusal
-from pfwd.files.header import MAX_BEDROCK_DEPTH_M, MIN_BEDROCK_DEPTH_M, check_value
+from pfwd.errors import OptionError, refusal
+from pfwd.files.header import HEADER_KEYS, MAX_BEDROCK_DEPTH_M, MIN_BEDROCK_DEPTH_M
+from pfwd_device.schema import (
+    AnyOf,
+    Array,
+    Choice,
+    Flag,
+    Integer,
+    Key,
+    Number,
+    Text,
+    declared,
+    keys_of,
+)
+from pfwd_device.text import clean
 
 if TYPE_CHECKING:
     from pfwd.analysis.results import DropResult
@@ -48,31 +63,64 @@ OPTION_OF_KEY = {
 }
 """Field of AnalysisOptions that overrides a key of a header, by the key."""
 
+DEFAULT = {"load": "measured", "plate": "rigid-rough", "sensors": "all", "method": "mpga"}
+"""Load, plate, sensors and method with the smallest error of the modulus."""
 
-@dataclass(frozen=True, slots=True)
-class Choices:
-    """Choices that determine the load, the contact, the sensors and the search, all of them set."""
-
-    load: Load
-    """"measured": the measured load; "half-sine": a half-sine fitted to it."""
-    plate: Plate
-    """Contact of plate and ground: stiffness of the plate, friction."""
-    sensors: Sensors
-    """"all": all sensors are fitted; "centre": the centre sensor only."""
-    method: Method
-    """Method of the search for the parameters."""
+PUBLISHED = {"load": "half-sine", "plate": "published", "sensors": "centre", "method": "mpga"}
+"""Those of the published method, doi 10.11835/j.issn.2096-6717.2022.021."""
 
 
-DEFAULT = Choices("measured", "rigid-rough", "all", "mpga")
-"""Choices with the smallest error of the modulus."""
+_LABELS = {
+    "published": "published method",
+    "model": "{}",
+    "bedrock_depth": "bedrock {}{}",
+    "layers": "{} layers",
+    "thickness": "thickness {}{}",
+    "elastic": "elastic",
+    "priors": "no priors",
+    "joint": "one ground for the drops of a point",
+    "load": "{} load",
+    "plate": "{} plate",
+    "sensors": "{} sensors",
+    "method": "{}",
+    "poisson_ratio": "Poisson's ratio {}",
+    "density": "density {} kg/m3",
+    "plate_mass": "plate mass {} kg",
+    "plate_radius": "plate radius {} m",
+    "header": "a header file",
+    "seed": "seed {}",
+}
+"""Text of each option in a label, for a value that is not the default."""
 
-PUBLISHED = Choices("half-sine", "published", "centre", "mpga")
-"""Choices of the method of doi 10.11835/j.issn.2096-6717.2022.021."""
+
+class _Numbers(Array):
+    """Array whose items are checked together with it."""
+
+    def accepts(self, value: Any) -> bool:
+        return super().accepts(value) and all(map(self.item.accepts, value))
+
+
+_DEPTH = AnyOf(
+    (
+        Number(minimum=MIN_BEDROCK_DEPTH_M, maximum=MAX_BEDROCK_DEPTH_M),
+        Choice(("unknown", "none")),
+    ),
+    f"a number from {MIN_BEDROCK_DEPTH_M:g} to {MAX_BEDROCK_DEPTH_M:g}, in m, or unknown or none",
+)
+_LAYERS = AnyOf(
+    (Integer(1, MOST_LAYERS), Choice(("auto",))), f"a whole number from 1 to {MOST_LAYERS}, or auto"
+)
+_THICKNESS = AnyOf(
+    (_Numbers(Number(above=0.0, maximum=MAX_BEDROCK_DEPTH_M), 1), Choice(("unknown",))),
+    f"a list of numbers > 0 up to {MAX_BEDROCK_DEPTH_M:g}, in m, or unknown",
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnalysisOptions:
     """Options of an analysis as the user stated them; None: not stated.
+
+    Each field has its accepted values and its help on the command line, see `OPTIONS`.
 
     Raises
     ------
@@ -80,85 +128,109 @@ class AnalysisOptions:
         If a value is outside of its range, or two options contradict each other.
     """
 
-    model: Model | None = None
+    model: Model | None = declared(
+        None,
+        Choice(get_args(Model)),
+        "soil on bedrock, or soil without end (default: layer, unless --bedrock-depth none)",
+    )
     """"layer": layer on a rigid base; "half-space"; None: decided by the declared depth of the
     base."""
-    bedrock_depth: Depth | None = None
+    bedrock_depth: Depth | None = declared(
+        None,
+        _DEPTH,
+        "depth of bedrock in m, or unknown, or none (default: as declared, else fitted)",
+    )
     """Depth of the rigid base, m; "unknown": fitted; "none": there is no rigid base."""
-    layers: Layers | None = None
+    layers: Layers | None = declared(
+        None,
+        _LAYERS,
+        "number of layers, the ground below them included, 1 to 4 (default: 1), or auto: as many "
+        "as the record supports",
+    )
     """Number of layers with a modulus; "auto": as many as the record supports; None: 1."""
-    thickness: Thickness | None = None
+    thickness: Thickness | None = declared(
+        None,
+        _THICKNESS,
+        "thickness of all layers but the lowest, from the top, m, or unknown (default: fitted)",
+    )
     """Thickness of each layer but the lowest, from the top, m; "unknown" or None: fitted."""
-    elastic: bool = False
+    elastic: bool = declared(False, Flag(), "model of the soil without viscosity")
     """True: the model of the ground has no viscosity."""
-    load: Load | None = None
+    load: Load | None = declared(
+        None, Choice(get_args(Load)), "load in the model (default: measured)"
+    )
     """"measured": the measured load; "half-sine": a half-sine fitted to it."""
-    plate: Plate | None = None
+    plate: Plate | None = declared(
+        None,
+        Choice(get_args(Plate)),
+        "contact of plate and ground: a rigid plate that sticks to it or slides on it, the static "
+        "pressure of the published method, or an even pressure (default: rigid-rough)",
+    )
     """Contact of plate and ground: stiffness of the plate, friction."""
-    sensors: Sensors | None = None
+    sensors: Sensors | None = declared(
+        None, Choice(get_args(Sensors)), "sensors that are fitted (default: all)"
+    )
     """"all": all sensors are fitted; "centre": the centre sensor only."""
-    joint: bool = False
+    joint: bool = declared(False, Flag(), "fit all drops of a point with the same soil")
     """True: one ground is fitted to all drops of a point."""
-    method: Method | None = None
+    method: Method | None = declared(
+        None,
+        Choice(get_args(Method)),
+        "search of the parameters: by a genetic algorithm and from several starting points (mpga), "
+        "or from these alone (posterior; least-squares is another name) (default: mpga)",
+    )
     """Method of the search for the parameters; "least-squares" is another name of "posterior"."""
-    published: bool = False
+    published: bool = declared(
+        False, Flag(), "the published method as a whole (doi 10.11835/j.issn.2096-6717.2022.021)"
+    )
     """True: the published method, see `PUBLISHED`."""
     diagnose: bool = False
     """True: points are diagnosed; while measuring in addition to the inversion, for an archive in
     its place."""
-    priors: bool = True
+    priors: bool = declared(
+        True, Flag(), "do not prefer usual soils where the record leaves the depth of bedrock open"
+    )
     """True: prior knowledge of soils decides between parameters that fit equally well."""
-    seed: int = 0
+    seed: int = declared(0, Integer(0), "seed of random numbers (default: 0)")
     """Seed of all random numbers, >= 0."""
-    header: str | None = None
+    header: str | None = declared(None, Text(), "header keys in a file of their own")
     """TOML file whose keys override those of the trace files."""
-    plate_radius: float | None = None
+    plate_radius: float | None = declared(
+        None, HEADER_KEYS["plate_radius_m"].value, "radius of the load plate, m"
+    )
     """Radius of the load plate, m; this field and the following override every header."""
-    poisson_ratio: float | None = None
+    poisson_ratio: float | None = declared(
+        None,
+        HEADER_KEYS["poisson_ratio"].value,
+        "of the soil, 0 <= NU < 0.5",
+        hint=HEADER_KEYS["poisson_ratio"].hint,
+    )
     """Poisson's ratio of the ground."""
-    density: float | None = None
+    density: float | None = declared(None, HEADER_KEYS["density_kg_m3"].value, "of the soil, kg/m3")
     """Density of the ground, kg/m3."""
-    plate_mass: float | None = None
+    plate_mass: float | None = declared(
+        None, HEADER_KEYS["plate_mass_kg"].value, "mass below the load cell, kg"
+    )
     """Mass between load cell and ground, kg."""
 
     def __post_init__(self) -> None:
         if self.method == "least-squares":
             object.__setattr__(self, "method", "posterior")
-        for key, value in self.overrides().items():
-            where = "--" + OPTION_OF_KEY[key].replace("_", "-")
-            try:
-                check_value(key, value, where)
-            except TraceError as err:
-                raise OptionError(str(err)) from err
-        depth = self.bedrock_depth
-        if not isinstance(depth, str | None) and not (
-            MIN_BEDROCK_DEPTH_M <= depth <= MAX_BEDROCK_DEPTH_M
-        ):
-            expected = (
-                f"a number from {MIN_BEDROCK_DEPTH_M:g} to {MAX_BEDROCK_DEPTH_M:g}, in m, or "
-                "unknown or none"
-            )
-            raise OptionError(refusal("--bedrock-depth", expected, f"{depth:g}"))
-        if self.seed < 0:
-            raise OptionError(refusal("--seed", "a whole number >= 0", str(self.seed)))
+        for name, option in OPTIONS.items():
+            value = getattr(self, name)
+            if value is not None:
+                option.check(value, flag_of(name), OptionError)
         self._check_layers()
         self._refuse_contradictions()
 
     def _check_layers(self) -> None:
-        layers = self.layers
-        if layers not in (None, "auto", *range(1, MOST_LAYERS + 1)):
-            expected = f"a whole number from 1 to {MOST_LAYERS}, or auto"
-            raise OptionError(refusal("--layers", expected, str(layers)))
         if self.thickness is None or self.thickness == "unknown":
             return
         listed = ",".join(f"{value:g}" for value in self.thickness)
-        if not all(0.0 < value <= MAX_BEDROCK_DEPTH_M for value in self.thickness):
-            expected = f"numbers > 0 up to {MAX_BEDROCK_DEPTH_M:g}, in m, or unknown"
-            raise OptionError(refusal("--thickness", expected, listed))
-        n_thicknesses = None if layers == "auto" else (layers or 1) - 1
-        if n_thicknesses is None or len(self.thickness) != n_thicknesses:
+        n_thicknesses = None if self.layers == "auto" else (self.layers or 1) - 1
+        if len(self.thickness) != n_thicknesses:
             expected = "a value for each layer but the lowest, from the top, with --layers"
-            got = f"--thickness {listed} and --layers {layers or 1}"
+            got = f"--thickness {listed} and --layers {self.layers or 1}"
             raise OptionError(refusal("--thickness", expected, got))
         depth = self.bedrock_depth
         if isinstance(depth, float | int) and sum(self.thickness) >= depth:
@@ -177,7 +249,7 @@ class AnalysisOptions:
             raise _contradiction("--model layer", "--bedrock-depth none")
         if not self.published:
             return
-        for name, published in dataclasses.asdict(PUBLISHED).items():
+        for name, published in PUBLISHED.items():
             if getattr(self, name) not in (None, published):
                 raise _contradiction("--published", f"--{name} {getattr(self, name)}")
         if self.joint:
@@ -196,45 +268,59 @@ class AnalysisOptions:
         >>> AnalysisOptions(elastic=True, layers=2).label, AnalysisOptions().label
         ('2 layers, elastic', 'as declared')
         """
+        defaults = {item.name: item.default for item in dataclasses.fields(self)}
         parts = []
-        if self.published:
-            parts.append("published method")
-        if self.model:
-            parts.append(self.model)
-        if self.bedrock_depth is not None:
-            depth = self.bedrock_depth
-            parts.append(f"bedrock {depth}" if isinstance(depth, str) else f"bedrock {depth:g} m")
-        parts += [f"{self.layers} layers"] if self.layers else []
-        if self.thickness is not None and self.thickness != "unknown":
-            parts.append("thickness " + ", ".join(f"{value:g}" for value in self.thickness) + " m")
-        parts += ["elastic"] if self.elastic else []
-        parts += [] if self.priors else ["no priors"]
-        parts += ["one ground for the drops of a point"] if self.joint else []
-        parts += [f"{self.load} load"] if self.load else []
-        parts += [f"{self.plate} plate"] if self.plate else []
-        parts += [f"{self.sensors} sensors"] if self.sensors else []
-        parts += [self.method] if self.method else []
-        parts += [f"Poisson's ratio {self.poisson_ratio:g}"] if self.poisson_ratio else []
-        parts += [f"density {self.density:g} kg/m3"] if self.density else []
-        parts += [f"plate mass {self.plate_mass:g} kg"] if self.plate_mass is not None else []
-        parts += [f"plate radius {self.plate_radius:g} m"] if self.plate_radius else []
-        parts += ["a header file"] if self.header is not None else []
-        parts += [f"seed {self.seed}"] if self.seed else []
+        for name, text in _LABELS.items():
+            value = getattr(self, name)
+            if value != defaults[name] and (name, value) != ("thickness", "unknown"):
+                numbers = value if isinstance(value, tuple) else (value,)
+                words = ", ".join(n if isinstance(n, str) else f"{n:.10g}" for n in numbers)
+                parts.append(text.format(words, "" if isinstance(value, str) else " m"))
         return ", ".join(parts) or AS_DECLARED
 
     @property
-    def choices(self) -> Choices:
-        """Stated choices, completed by those of the published method or by the default."""
+    def choices(self) -> dict[str, Any]:
+        """Load, plate, sensors and method as stated, completed as published or by default."""
         base = PUBLISHED if self.published else DEFAULT
-        declared = {name: getattr(self, name) for name in dataclasses.asdict(base)}
-        return dataclasses.replace(
-            base, **{name: value for name, value in declared.items() if value is not None}
-        )
+        return {name: getattr(self, name) or word for name, word in base.items()}
 
     def overrides(self) -> dict[str, float]:
         """Return the keys of a header that are given as options, with their values in SI units."""
         declared = {key: getattr(self, name) for key, name in OPTION_OF_KEY.items()}
         return {key: value for key, value in declared.items() if value is not None}
+
+
+OPTIONS: Mapping[str, Key] = keys_of(AnalysisOptions)
+"""Accepted values of each option, and as ``meaning`` its help on the command line."""
+
+
+def flag_of(name: str) -> str:
+    """Return the flag of an option on the command line, such as ``--no-priors``."""
+    return ("--no-" if name == "priors" else "--") + name.replace("_", "-")
+
+
+def parse_option(name: str, text: str) -> Any:
+    """Return the value of an option that a text of the command line stands for.
+
+    AnalysisOptions checks whether a number is within its range.
+
+    Raises
+    ------
+    OptionError
+        If it is not a number, or no word that the option accepts.
+    """
+    kind = OPTIONS[name].value
+    if kind.accepts(text):
+        return text
+    try:
+        numbers = tuple(map(float, text.split(",")))
+    except ValueError:
+        raise OptionError(f"expected {kind.expected}, got {clean(text, limit=40)}") from None
+    if len(numbers) > 1 or kind.accepts(numbers):
+        return numbers
+    if numbers == (math.inf,) and kind.accepts("none"):
+        return "none"
+    return int(text) if text.isdecimal() and not kind.accepts(numbers[0]) else numbers[0]
 
 
 def with_layers_of(options: AnalysisOptions, result: DropResult | None) -> AnalysisOptions:

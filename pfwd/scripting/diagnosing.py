@@ -9,7 +9,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Unpack, overload
+from typing import TYPE_CHECKING, Any, overload
 
 from numpy.typing import ArrayLike
 
@@ -18,7 +18,7 @@ from pfwd.analysis.results import DiagnosisResult as Diagnosis
 from pfwd.errors import OptionError, SurveyError, refusal
 from pfwd.judging.view import moduli_in_force
 from pfwd.scripting.measured import Data, Drop, Point, points_of, requested
-from pfwd.scripting.options import DIAGNOSE_OPTIONS, DiagnoseOptions
+from pfwd.scripting.options import DIAGNOSE_OPTIONS
 
 if TYPE_CHECKING:
     from pfwd.analysis.diagnosis.entries import DiagnosisPoint
@@ -41,16 +41,13 @@ class Diagnoses(display.DisplayableList[Diagnosis]):
         return "\n".join(map(str, self))
 
 
+# A point is a sequence of drops, too: the first overload counts.
 @overload
-def diagnose(  # type: ignore[overload-overlap]  # a point is a sequence of drops: the first counts
-    data: Drop | Point, /, **options: Unpack[DiagnoseOptions]
-) -> Diagnosis: ...
+def diagnose(data: Drop | Point, /, **options: Any) -> Diagnosis: ...
 @overload
-def diagnose(
-    time: ArrayLike, load: ArrayLike, values: ArrayLike, /, **options: Unpack[DiagnoseOptions]
-) -> Diagnosis: ...
+def diagnose(time: ArrayLike, load: ArrayLike, values: Any, /, **options: Any) -> Diagnosis: ...
 @overload
-def diagnose(data: Data, /, **options: Unpack[DiagnoseOptions]) -> Diagnoses: ...
+def diagnose(data: Data, /, **options: Any) -> Diagnoses: ...
 def diagnose(
     data: Any,
     /,

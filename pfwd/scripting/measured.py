@@ -29,7 +29,7 @@ from pfwd.files.traces import (
     TracePoint,
     sensor_name,
 )
-from pfwd.scripting.options import Header, analysis_options, reading
+from pfwd.scripting.options import DECLARED_OPTIONS, Header, analysis_options, reading
 from pfwd_device.drop import Channel, Peaks
 from pfwd_device.drop import Drop as DeviceDrop
 from pfwd_device.signals import displacement_of
@@ -310,7 +310,7 @@ def read(
         raise OptionError(refusal("path", "the path of a file or folder", type(path).__name__))
     if channels not in (None, "raw", "stored"):
         raise OptionError(refusal("channels", "raw or stored", quote(channels)))
-    options = analysis_options(tuple(OPTION_OF_KEY.values()), declared)
+    options = analysis_options(DECLARED_OPTIONS, declared)
     file, overrides = reading(header, options)
     points = read_points(path, file, overrides, column_map=map, channels=channels)
     return Points(Point(point) for point in points)
@@ -360,11 +360,11 @@ def drop(
         expected = f"({axis.size},) or (n_sensors, {axis.size})"
         raise TraceError(refusal("values", expected, f"shape {table.shape}"))
     places = sensor_offsets(offsets, len(table))
-    options = analysis_options(tuple(OPTION_OF_KEY.values()), declared)
+    options = analysis_options(DECLARED_OPTIONS, declared)
     if options.plate_radius is None:
         raise OptionError(refusal("plate_radius", "a number > 0, in m", "none"))
     setup = PointSetup(
-        **{name: getattr(options, name) for name in OPTION_OF_KEY.values()},
+        **{name: getattr(options, name) for name in DECLARED_OPTIONS},
         geophone_natural_frequency=geophone_natural_frequency,
         geophone_damping=geophone_damping,
     )
@@ -413,7 +413,7 @@ def requested(
         raise OptionError(refusal("arrays", "three: time, load, values", got))
     if header is not None:
         raise OptionError(refusal("header", "none for arrays", "one", "give plate_radius=..."))
-    declared = {name: getattr(settings, name) for name in OPTION_OF_KEY.values()}
+    declared = {name: getattr(settings, name) for name in DECLARED_OPTIONS}
     return drop(data, arrays[0], arrays[1], **of_arrays, **declared), settings, None
 
 

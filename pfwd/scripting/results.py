@@ -6,7 +6,7 @@ import functools
 import os
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Unpack, overload
+from typing import TYPE_CHECKING, Any, overload
 
 from numpy.typing import ArrayLike
 
@@ -16,7 +16,7 @@ from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult as Result
 from pfwd.errors import OptionError, refusal
 from pfwd.scripting.measured import Data, Drop, Point, points_of, requested
-from pfwd.scripting.options import INVERT_OPTIONS, Header, InvertOptions
+from pfwd.scripting.options import INVERT_OPTIONS, Header
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -96,13 +96,11 @@ def _range(values: Sequence[float]) -> str:
 
 
 @overload
-def invert(data: Drop, /, **options: Unpack[InvertOptions]) -> Result: ...
+def invert(data: Drop, /, **options: Any) -> Result: ...
 @overload
-def invert(
-    time: ArrayLike, load: ArrayLike, values: ArrayLike, /, **options: Unpack[InvertOptions]
-) -> Result: ...
+def invert(time: ArrayLike, load: ArrayLike, values: Any, /, **options: Any) -> Result: ...
 @overload
-def invert(data: Data, /, **options: Unpack[InvertOptions]) -> Results: ...
+def invert(data: Data, /, **options: Any) -> Results: ...
 def invert(data: Any, /, *arrays: Any, **options: Any) -> Result | Results:
     """Return the modulus of the ground under drops, with its uncertainty and assumptions.
 

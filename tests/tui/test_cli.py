@@ -18,9 +18,9 @@ import pytest
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult, FileOutcome
+from tui.arguments import analysis_options
 from tui.cli import main
 from tui.commands import bench, completion
-from tui.commands.invert import options_from
 from tui.parser import CommandParser, build_parser, command_module
 
 TOP = Path(__file__).resolve().parents[2]
@@ -141,7 +141,7 @@ def test_every_option_reaches_the_analysis(tmp_path: Path) -> None:
         "--plate rigid-smooth --sensors centre --joint --method posterior --seed 7 "
         "--plate-radius 0.1 --poisson-ratio 0.3 --density 1900 --plate-mass 12 --header"
     )
-    options = options_from(build_parser().parse_args([*line.split(), str(header)]))
+    options = analysis_options(build_parser().parse_args([*line.split(), str(header)]))
     assert options == AnalysisOptions(
         model="layer",
         bedrock_depth=1.5,

@@ -15,8 +15,10 @@ from tui.arguments import (
     add_expert_group,
     add_jobs,
     add_json,
+    add_options,
     add_plot,
     add_stored,
+    analysis_options,
 )
 from tui.output import clean, say
 from tui.progress import diagnosis_progress
@@ -61,12 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("stiffness",),
         help="with --leave-out next or drop: fit this one number to the predicted drop",
     )
-    expert.add_argument(
-        "--elastic", action="store_true", help="base model without viscosity of the soil"
-    )
-    expert.add_argument(
-        "--load", choices=("measured", "half-sine"), help="load in the model (default: measured)"
-    )
+    add_options(expert, "elastic", "load", elastic="base model without viscosity of the soil")
     add_archive(expert)
     add_stored(expert)
 
@@ -76,23 +73,13 @@ def run(args: argparse.Namespace) -> int:
     from pfwd.files.output_path import require_writable
     from tui.archive import has_folder_of_files
 
-    if args.header is not None and not os.path.isfile(args.header):
-        raise OptionError(refusal(f"--header {args.header}", "a TOML file", "no such file"))
     if args.allow is not None and args.leave_out not in ("next", "drop"):
         mode = args.leave_out or "none"
         raise OptionError(refusal(f"--allow {args.allow}", "--leave-out next or drop", mode))
     for option, path in (("--plot", args.plot), ("--write-device", args.write_device)):
         if path:
             require_writable(path, option)
-    options = AnalysisOptions(
-        header=args.header,
-        plate_radius=args.plate_radius,
-        poisson_ratio=args.poisson_ratio,
-        density=args.density,
-        plate_mass=args.plate_mass,
-        elastic=args.elastic,
-        load=args.load,
-    )
+    options = analysis_options(args)
     if args.archive is not None or args.scheduler is not None or has_folder_of_files(args.files):
         return _over_archive(args, options)
     from pfwd.analysis.diagnosis.device_file import device_of, read_device, write_device_file

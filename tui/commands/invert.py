@@ -6,18 +6,17 @@ import os
 from typing import TYPE_CHECKING
 
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.errors import OptionError, refusal
 from tui.arguments import (
     add_archive,
     add_declared,
     add_expert_group,
     add_jobs,
     add_json,
-    add_layers,
+    add_options,
     add_plot,
     add_seed,
     add_stored,
-    depth,
+    analysis_options,
 )
 from tui.output import say
 from tui.progress import ProgressBars, diagnosis_progress
@@ -38,13 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "files", nargs="+", metavar="FILE", help="survey, drop or trace file, or a folder of them"
     )
-    parser.add_argument(
-        "--bedrock-depth",
-        type=depth,
-        metavar="M",
-        help="depth of bedrock in m, or unknown, or none (default: as declared, else fitted)",
-    )
-    add_layers(parser, "default: 1")
+    add_options(parser, "bedrock_depth", "layers", "thickness")
     parser.add_argument(
         "--diagnose",
         action="store_true",
@@ -61,45 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser, "drop")
     add_declared(parser)
     expert = add_expert_group(parser)
-    expert.add_argument(
-        "--model",
-        choices=["layer", "half-space"],
-        help="soil on bedrock, or soil without end (default: layer, unless --bedrock-depth none)",
-    )
-    expert.add_argument(
-        "--elastic", action="store_true", help="model of the soil without viscosity"
-    )
-    expert.add_argument(
-        "--load", choices=["measured", "half-sine"], help="load in the model (default: measured)"
-    )
-    expert.add_argument(
-        "--plate",
-        choices=["rigid-rough", "rigid-smooth", "published", "uniform"],
-        help="contact of plate and ground: a rigid plate that sticks to it or slides on it, the "
-        "static pressure of the published method, or an even pressure (default: rigid-rough)",
-    )
-    expert.add_argument(
-        "--sensors", choices=["all", "centre"], help="sensors that are fitted (default: all)"
-    )
-    expert.add_argument(
-        "--joint", action="store_true", help="fit all drops of a point with the same soil"
-    )
-    expert.add_argument(
-        "--method",
-        choices=["mpga", "posterior", "least-squares"],
-        help="search of the parameters: by a genetic algorithm and from several starting points "
-        "(mpga), or from these alone (posterior; least-squares is another name) (default: mpga)",
-    )
-    expert.add_argument(
-        "--published",
-        action="store_true",
-        help="the published method as a whole (doi 10.11835/j.issn.2096-6717.2022.021)",
-    )
-    expert.add_argument(
-        "--no-priors",
-        action="store_true",
-        help="do not prefer usual soils where the record leaves the depth of bedrock open",
-    )
+    add_options(expert, "model", "elastic", "load", "plate", "sensors", "joint", "method")
+    add_options(expert, "published", "priors")
     add_seed(expert)
     add_archive(expert)
     add_stored(expert)
@@ -110,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     from pfwd.files.output_path import require_writable
     from tui.archive import has_folder_of_files, run_over_archive
 
-    options = options_from(args)
+    options = analysis_options(args)
     if args.plot:
         require_writable(args.plot, "--plot")
     if args.archive is not None or args.scheduler is not None or has_folder_of_files(args.files):
@@ -202,38 +158,6 @@ def _report_diagnoses(diagnosed: "list[Diagnosed]", *, as_json: bool, store: boo
     else:
         show_all(diagnosed, as_json=False)
     store_all(diagnosed, store=store)
-
-
-def options_from(args: argparse.Namespace) -> AnalysisOptions:
-    """Return the options of the command line as those of an analysis.
-
-    Raises
-    ------
-    OptionError
-        If an option is outside its range, or options contradict each other.
-    """
-    if args.header is not None and not os.path.isfile(args.header):
-        raise OptionError(refusal(f"--header {args.header}", "a TOML file", "no such file"))
-    return AnalysisOptions(
-        model=args.model,
-        bedrock_depth=args.bedrock_depth,
-        layers=args.layers,
-        thickness=args.thickness,
-        elastic=args.elastic,
-        load=args.load,
-        plate=args.plate,
-        sensors=args.sensors,
-        joint=args.joint,
-        method=args.method,
-        published=args.published,
-        priors=not args.no_priors,
-        seed=args.seed,
-        header=args.header,
-        plate_radius=args.plate_radius,
-        poisson_ratio=args.poisson_ratio,
-        density=args.density,
-        plate_mass=args.plate_mass,
-    )
 
 
 def show(outcome: "FileOutcome", *, as_json: bool, by: "By" = "drop") -> None:

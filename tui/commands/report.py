@@ -9,7 +9,7 @@ from tui.arguments import (
     add_expert_group,
     add_jobs,
     add_json,
-    add_layers,
+    add_options,
     add_seed,
     add_stored,
     number,
@@ -84,7 +84,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="MM",
         help="the same as --target, refused if the procedure judges no deflection",
     )
-    add_layers(expert, "computes all drops again; default: as stored")
+    add_options(
+        expert,
+        "layers",
+        "thickness",
+        layers="number of layers, the ground below them included, 1 to 4 (computes all drops "
+        "again; default: as stored), or auto: as many as the record supports",
+    )
     add_stored(expert)
     add_seed(expert)
 

@@ -11,7 +11,7 @@ from pfwd.analysis.options import (
     MOST_LAYERS,
     PUBLISHED,
     AnalysisOptions,
-    Choices,
+    parse_option,
     with_layers_of,
 )
 from pfwd.analysis.results import DropResult, LayerResult
@@ -22,24 +22,35 @@ from pfwd.files.header import PointSetup
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"plate_radius": 0.0}, "--plate-radius, plate_radius_m: expected a number from 0.01 to"),
-        ({"poisson_ratio": 0.5}, "--poisson-ratio, .* got 0.5; 0.5 is an incompressible"),
-        ({"density": -1.0}, "--density, density_kg_m3: expected"),
-        ({"plate_mass": float("nan")}, "--plate-mass, plate_mass_kg: expected"),
+        ({"plate_radius": 0.0}, "--plate-radius: expected a number from 0.01 to"),
+        ({"poisson_ratio": 0.5}, "--poisson-ratio: .* got 0.5; 0.5 is an incompressible"),
+        ({"density": -1.0}, "--density: expected"),
+        ({"plate_mass": float("nan")}, "--plate-mass: expected"),
         ({"bedrock_depth": 0.0}, "--bedrock-depth: expected a number from 0.01 .* got 0"),
         ({"bedrock_depth": 1e300}, r"--bedrock-depth: expected .* to 10000, .* got 1e\+300"),
-        ({"layers": 2, "thickness": (1e300,)}, "--thickness: expected numbers > 0 up to 10000"),
+        (
+            {"layers": 2, "thickness": (1e300,)},
+            "--thickness: expected a list of numbers > 0 up to 10000",
+        ),
         ({"bedrock_depth": float("nan")}, "--bedrock-depth"),
         ({"seed": -1}, "--seed: expected a whole number >= 0, got -1"),
         ({"layers": 0}, "--layers: expected a whole number from 1 to 4, or auto, got 0"),
+        ({"layers": 2.0}, "--layers: expected a whole number from 1 to 4, or auto, got 2.0"),
+        ({"plate_radius": (1.0, 5.0)}, r"--plate-radius: expected a number .* got \(1.0, 5.0\)"),
         ({"layers": 5}, "--layers: expected a whole number from 1 to 4, or auto, got 5"),
-        ({"layers": "many"}, "--layers: expected a whole number from 1 to 4, or auto, got many"),
+        ({"layers": "many"}, "--layers: expected a whole number from 1 to 4, or auto, got 'many'"),
         (
             {"layers": 2, "thickness": (0.0,)},
-            "--thickness: expected numbers > 0 up to 10000, in m, or unknown, got 0",
+            r"--thickness: expected a list of numbers > 0 up to 10000, in m, .*, got \(0.0,\)",
         ),
-        ({"layers": 2, "thickness": (float("nan"),)}, "--thickness: expected numbers > 0"),
-        ({"layers": 2, "thickness": (float("inf"),)}, "--thickness: expected numbers > 0"),
+        (
+            {"layers": 2, "thickness": (float("nan"),)},
+            "--thickness: expected a list of numbers > 0",
+        ),
+        (
+            {"layers": 2, "thickness": (float("inf"),)},
+            "--thickness: expected a list of numbers > 0",
+        ),
         (
             {"layers": 3, "thickness": (0.2,)},
             "--thickness: expected a value for each layer but the lowest, from the top, with "
@@ -100,11 +111,68 @@ def test_an_agreeing_pair_is_accepted(options: dict[str, Any]) -> None:
     AnalysisOptions(**options)
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "value"),
+    [
+        ("bedrock_depth", "unknown", "unknown"),
+        ("bedrock_depth", "inf", "none"),
+        ("bedrock_depth", "0.9", 0.9),
+        ("layers", "3", 3),
+        ("layers", "auto", "auto"),
+        ("thickness", "0.2", (0.2,)),
+        ("thickness", "0.2,0.35", (0.2, 0.35)),
+        ("thickness", "unknown", "unknown"),
+        ("header", "12", "12"),
+        ("layers", "7", 7),
+        ("layers", "2.0", 2.0),
+        ("plate_radius", "1", 1.0),
+    ],
+)
+def test_a_text_of_the_command_line_is_a_value(name: str, text: str, value: object) -> None:
+    assert parse_option(name, text) == value
+    assert type(parse_option(name, text)) is type(value)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("bedrock_depth", "deep"),
+        ("layers", "two"),
+        ("thickness", "0.2;0.3"),
+        ("thickness", ""),
+        ("plate_radius", "wide"),
+    ],
+)
+def test_a_wrong_text_of_the_command_line_is_refused(name: str, text: str) -> None:
+    with pytest.raises(OptionError, match=f"^expected .*, got {text}$"):
+        parse_option(name, text)
+
+
+def test_the_label_names_what_differs_from_the_default() -> None:
+    options = AnalysisOptions(
+        bedrock_depth=1.25,
+        layers=3,
+        thickness=(0.2, 0.5),
+        plate="uniform",  # type: ignore[arg-type]
+        plate_mass=0.0,
+        density=1800.0,
+        seed=2,
+    )
+    assert options.label == (
+        "bedrock 1.25 m, 3 layers, thickness 0.2, 0.5 m, uniform plate, density 1800 kg/m3, "
+        "plate mass 0 kg, seed 2"
+    )
+    assert AnalysisOptions(priors=False, bedrock_depth="none", thickness="unknown").label == (
+        "bedrock none, no priors"
+    )
+    assert AnalysisOptions(method="mpga", published=True).label == "published method, mpga"
+
+
 def test_what_is_not_said_is_the_default() -> None:
     assert AnalysisOptions().choices == DEFAULT
     assert AnalysisOptions(published=True).choices == PUBLISHED
-    said = AnalysisOptions(load="half-sine", sensors="centre").choices
-    assert said == Choices("half-sine", DEFAULT.plate, "centre", DEFAULT.method)
+    stated = {"load": "half-sine", "sensors": "centre"}
+    assert AnalysisOptions(**stated).choices == {**DEFAULT, **stated}  # type: ignore[arg-type]
 
 
 def test_overrides_carry_the_names_of_the_header() -> None:

@@ -1,6 +1,7 @@
 """Dialogs on top of a page: a line of text, a question, the settings of a fit."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, ClassVar
 
 from textual.app import ComposeResult
@@ -10,7 +11,7 @@ from textual.content import Content
 from textual.screen import ModalScreen
 from textual.widgets import Button, Input, Label, Select
 
-from pfwd.analysis.options import PLATE_WORDS, AnalysisOptions
+from pfwd.analysis.options import PLATE_WORDS, AnalysisOptions, parse_option
 from pfwd.errors import OptionError
 from tui.format import word
 from tui.output import clean
@@ -189,7 +190,7 @@ _CHOICE_WORDS = {**MODEL_TEXTS, **PLATE_WORDS, **METHOD_TEXTS}
 _AS_DECLARED = "as declared"
 _CONVERSIONS: dict[str, Callable[[str], Any]] = {
     "elastic": lambda value: value.startswith("none"),
-    "layers": lambda value: value if value == "auto" else int(value),
+    "layers": partial(parse_option, "layers"),
 }
 """Conversions from a choice to the value of the option, where they differ."""
 
@@ -243,10 +244,10 @@ class RefitDialog(ModalScreen[AnalysisOptions | None]):
             chosen[name] = _CONVERSIONS[name](str(value)) if name in _CONVERSIONS else value
         depth = self.query_one("#depth", Input).value.strip()
         if depth:
-            chosen["bedrock_depth"] = depth if depth in ("unknown", "none") else _number(depth)
+            chosen["bedrock_depth"] = parse_option("bedrock_depth", depth)
         ratio = self.query_one("#ratio", Input).value.strip()
         if ratio:
-            chosen["poisson_ratio"] = _number(ratio)
+            chosen["poisson_ratio"] = parse_option("poisson_ratio", ratio)
         return AnalysisOptions(**chosen)
 
     def _check(self) -> AnalysisOptions | None:
@@ -284,10 +285,3 @@ class RefitDialog(ModalScreen[AnalysisOptions | None]):
     def action_cancel(self) -> None:
         """Close without a fit."""
         self.dismiss(None)
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise OptionError(f"expected a number, got {ascii(text)[:20]}") from None
