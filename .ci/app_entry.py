@@ -1,13 +1,11 @@
 """What the one-folder program begins with: the command, or a module for a process beside it."""
 
-import multiprocessing
 import runpy
 import sys
 
 
 def main() -> int:
     """Run ``pfwd``; ``-m MODULE ARGS`` runs a module, as Python does for the program's helpers."""
-    multiprocessing.freeze_support()
     if sys.argv[1:2] == ["-m"]:
         module = sys.argv[2]
         sys.argv = sys.argv[2:]

@@ -52,7 +52,7 @@ from inversion.result import InversionResult
 from inversion.threads import single_threaded_blas
 from pfwd.analysis.analyse import record_of
 from pfwd.files.traces import read_traces
-from pfwd.spawning import WorkerPool
+from pfwd.jobs import Jobs
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Ground, Layer, Plate
 
@@ -462,11 +462,8 @@ def _inverted_finite_elements(report: Reporter, count: int, seed: int, jobs: int
         f"{100 * _NOISE:g} %, true number of media (%)"
     )
     drawn = cases(count, seed)
-    if jobs > 1:
-        with WorkerPool(jobs) as pool:
-            solved = list(pool.map(_solved, drawn))
-    else:
-        solved = [_solved(case) for case in drawn]
+    with Jobs.for_calls(jobs, count) as pool:
+        solved = list(pool.map(_solved, drawn))
     for quantity, place in (("subgrade", -1), ("top", 0)):
         errors, inside, widths, alone = [], [], [], []
         for case, every, centre, _ in solved:

@@ -122,10 +122,7 @@ def remark(group: str, name: str, mismatch: str) -> None:
     if text in _remarks:
         return
     _remarks[text] = None
-    from multiprocessing import parent_process
-
-    if parent_process() is None:  # a worker process would repeat the warning
-        warnings.warn(text, PluginWarning, stacklevel=2)
+    warnings.warn(text, PluginWarning, stacklevel=2)
 
 
 def remarks() -> tuple[str, ...]:

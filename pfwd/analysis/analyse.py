@@ -32,11 +32,12 @@ from pfwd.analysis.result_store import question_of, software_name, stored_answer
 from pfwd.analysis.results import AnalysisRequest, DropAnalysis, DropResult, FileOutcome
 from pfwd.analysis.screening.bad_sensors import leave_out_bad_sensors
 from pfwd.analysis.screening.drops import Screening, duplicate_drops, screen_point, unbroken_part
+from pfwd.analysis.tasks import library_of_process
 from pfwd.errors import SurveyError
 from pfwd.files.header import PointSetup
 from pfwd.files.reading import read_points
 from pfwd.files.traces import TracePoint
-from pfwd.spawning import WorkerPool
+from pfwd.jobs import Jobs
 from pfwd_device import Drop
 from pfwd_device.recording import SurveyDrop
 
@@ -325,26 +326,20 @@ def analyse_files(
         they have no fitted traces.
     """
     library = SurrogateLibrary(progress=progress)
-    if jobs <= 1 or len(paths) < 2:
+    with Jobs.for_calls(jobs, len(paths)) as pool:
+        if pool.count == 0:
+            for path in paths:
+                yield analyse_file(path, options, library, use_stored=use_stored)
+            return
+        # Build the tables once, so that the workers find them in the cache.
         for path in paths:
-            yield analyse_file(path, options, library, use_stored=use_stored)
-        return
-    # Build the tables once, so that the workers find them in the cache.
-    for path in paths:
-        _build_surrogate_of(path, options, library)
-    with WorkerPool(min(jobs, len(paths))) as pool:
+            _build_surrogate_of(path, options, library)
         work = partial(_analyse_in_worker, options=options, use_stored=use_stored)
         yield from pool.map(work, paths)
 
 
-_worker_library: SurrogateLibrary | None = None
-
-
 def _analyse_in_worker(path: str, options: AnalysisOptions, use_stored: bool) -> FileOutcome:
-    global _worker_library
-    if _worker_library is None:
-        _worker_library = SurrogateLibrary()
-    return analyse_file(path, options, _worker_library, use_stored=use_stored)
+    return analyse_file(path, options, library_of_process(), use_stored=use_stored)
 
 
 def _read(path: str, options: AnalysisOptions) -> list[TracePoint]:

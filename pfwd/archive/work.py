@@ -7,18 +7,18 @@ cluster and the substitute in the tests share the protocol :class:`Workers`.
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Literal, Protocol
 
-from inversion import InversionError, SurrogateLibrary
+from inversion import InversionError
 from pfwd.analysis.analyse import analyse_point
 from pfwd.analysis.diagnosis.diagnose import diagnose_entries
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint, entry_of
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DiagnosisResult, DropResult
+from pfwd.analysis.tasks import library_of_process
 from pfwd.archive.sources import Source, is_unchanged
 from pfwd.errors import SurveyError, refusal
 from pfwd.files.folders import is_survey_file
@@ -26,7 +26,7 @@ from pfwd.files.header import Declaration, read_header_file
 from pfwd.files.opening import survey_content
 from pfwd.files.reading import points_of, read_points
 from pfwd.files.traces import TracePoint
-from pfwd.spawning import WorkerPool
+from pfwd.jobs import Jobs, WorkerDied
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Survey
 
@@ -35,10 +35,6 @@ FailureKind = Literal["refused", "damage", "unforeseen", "worker", "changed"]
 TRANSIENT_FAILURES: frozenset[FailureKind] = frozenset({"worker", "changed"})
 """Kinds of failures that have no cause in the source; it is tried again when the archive is
 continued."""
-
-_MAX_RESPONSE_TABLES = 100
-"""Largest number of response tables in memory, 0.1 to 2 MB each; the sources of an archive may
-declare any number of bedrock depths."""
 
 MAX_CONSECUTIVE_DEATHS = 20
 """Processes that may die without a completed batch in between; more have a cause in the computer
@@ -144,13 +140,7 @@ class LocalWorkers:
     def __init__(self, options: AnalysisOptions, count: int = 1) -> None:
         self._options = options
         self._max_batches = 2 * count
-        self._pool = WorkerPool(count)
-
-    @property
-    def processes(self) -> list[int]:
-        """Process ids of the running workers."""
-        processes = self._pool.processes
-        return [process.pid for process in processes if process.pid and process.is_alive()]
+        self._jobs = Jobs(count, attempts=1)
 
     def run(self, batches: Iterator[Batch]) -> Iterator[list[SourceOutcome]]:
         """Yield the outcomes of each batch when it is complete, in any order.
@@ -168,15 +158,15 @@ class LocalWorkers:
                 batch = waiting.pop() if waiting else next(batches, None)
                 if batch is None:
                     break
-                request = self._pool.submit(invert_batch, list(batch.sources), self._options)
-                submitted[request] = batch
+                task = self._jobs.submit(invert_batch, list(batch.sources), self._options)
+                submitted[task] = batch
             if not submitted:
                 return
             for request in wait(submitted, return_when=FIRST_COMPLETED).done:
                 batch = submitted.pop(request)
                 try:
                     outcomes = request.result()
-                except BrokenProcessPool as err:
+                except WorkerDied as err:
                     deaths += 1
                     if deaths >= MAX_CONSECUTIVE_DEATHS:
                         expected, actual = "processes that stay alive", f"{deaths} that ended"
@@ -191,8 +181,7 @@ class LocalWorkers:
 
     def close(self) -> None:
         """End the processes; outcomes that they have not returned are lost."""
-        self._pool.kill()
-        self._pool.shutdown(cancel_futures=True)
+        self._jobs.close()
 
 
 def invert_batch(sources: list[Source], options: AnalysisOptions) -> list[SourceOutcome]:
@@ -307,11 +296,5 @@ def _results(source: Source, point: TracePoint, options: AnalysisOptions) -> lis
     declared = {key: value for key, value in values.items() if value is not None}
     return [
         replace(drop_result(source.path, analysis, point.warnings, setup.point), more=declared)
-        for analysis in analyse_point(point, options, _tables())
+        for analysis in analyse_point(point, options, library_of_process())
     ]
-
-
-@cache
-def _tables() -> SurrogateLibrary:
-    """Return the response tables of this process."""
-    return SurrogateLibrary(max_surrogates=_MAX_RESPONSE_TABLES)

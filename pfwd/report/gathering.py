@@ -34,6 +34,7 @@ from pfwd.files.editing import choose_point
 from pfwd.files.folders import refuse_no_survey
 from pfwd.files.header import PointSetup, declared_values, setup_warnings
 from pfwd.files.traces import TracePoint
+from pfwd.jobs import Jobs
 from pfwd.judging import DropView, Job, PointView, job_of, point_view, point_views
 from pfwd.judging.job import target_text
 from pfwd.judging.view import NO_SETUP, place_of_point
@@ -46,7 +47,6 @@ from pfwd.procedures import (
     find_procedure,
 )
 from pfwd.report.content import Report
-from pfwd.spawning import WorkerPool
 from pfwd_device import Drop
 from pfwd_device.recording import DropRecord, Survey, SurveyPoint, read_survey
 
@@ -376,14 +376,14 @@ def _gather_points(gatherer: "_Gatherer", jobs: int) -> Iterator[list[PointView]
     points: Sequence[SurveyPoint] = gatherer.survey.points
     if gatherer.options.point is not None:
         points = [choose_point(gatherer.survey, gatherer.options.point)]
-    if jobs < 2 or len(points) < 2:
-        yield from map(gatherer.points, points)
-        return
     folder = str(gatherer.survey.folder)
     task = partial(
         _gather_in_worker, folder, gatherer.options, gatherer.job, gatherer.new_diagnoses
     )
-    with WorkerPool(min(jobs, len(points))) as pool:
+    with Jobs.for_calls(jobs, len(points)) as pool:
+        if pool.count == 0:
+            yield from map(gatherer.points, points)
+            return
         for sentences, instruments, damage, parts in pool.map(task, range(len(points))):
             for sentence in sentences:
                 gatherer.tell(sentence)

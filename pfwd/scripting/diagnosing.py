@@ -68,7 +68,7 @@ def diagnose(
     device : path of a TOML file that ``pfwd diagnose --write-device`` wrote, optional
         Known device effects, which are not fitted.
     jobs : int
-        Number of processes; a script with more than one needs ``if __name__ == "__main__":``.
+        Number of processes.
     refit : bool
         False: a diagnosis that the survey stores for the same request is returned, as by
         ``pfwd diagnose``. True: all are computed again.

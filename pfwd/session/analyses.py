@@ -1,7 +1,7 @@
 """Inversion of the drops of a session: a quick fit first, then the full search.
 
-The quick fit starts from the preceding result of the point, if there is one. Both run in another
-process, the worker, so that recording never waits for them.
+The quick fit starts from the preceding result of the point, if there is one. Both run in a worker
+process, so that recording never waits for them.
 """
 
 import contextlib
@@ -9,15 +9,17 @@ import queue
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from pfwd.analysis import tasks
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropAnalysis, DropResult
-from pfwd.analysis.worker.tasks import Building, Urgency
-from pfwd.analysis.worker.worker import InversionWorker, TaskResponse
+from pfwd.analysis.tasks import Urgency
 from pfwd.files.header import PointSetup
+from pfwd.jobs import Jobs, Task, TaskProgress
 from pfwd.session.events import DropAnalysed, Notice, SavedDrop, TableBuilding
 from pfwd_device.calibration import calibrate
 from pfwd_device.identity import Identity
@@ -25,7 +27,7 @@ from pfwd_device.identity import Identity
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _PendingAnalysis:
-    """Analysis that was requested from the worker and has no result yet."""
+    """Analysis that was requested and has no result yet."""
 
     saved: SavedDrop
     urgency: Urgency
@@ -60,9 +62,10 @@ class Analyses:
         self._options = options
         self._report = report
         self._keep_result = keep_result
-        self._responses: queue.SimpleQueue[TaskResponse | Building] = queue.SimpleQueue()
-        self._worker = InversionWorker(self._responses.put)
-        self._pending: dict[int, _PendingAnalysis] = {}
+        self._responses: queue.SimpleQueue[Task[Any] | TaskProgress] = queue.SimpleQueue()
+        self._jobs = Jobs()
+        self._jobs.submit(tasks.load_solvers, priority=Urgency.PREPARE)
+        self._pending: dict[Task[Any], _PendingAnalysis] = {}
         self._behind = False
         self._preceding: dict[str, DropResult] = {}
         """Last result of the present point, by its name."""
@@ -77,7 +80,8 @@ class Analyses:
     def prepare(self, identity: Identity, setup: PointSetup) -> None:
         """Compute the response tables of the model in advance, for the drops of this instrument."""
         counts = np.zeros((64, len(identity.channels)), np.int32)
-        self._worker.prepare(calibrate(1, counts, (), 32, identity), setup, self._options)
+        drop = calibrate(1, counts, (), 32, identity)
+        self._submit(Urgency.PREPARE, tasks.load_tables, drop, setup, self._options)
 
     def request(self, saved: SavedDrop) -> None:
         """Request the inversion of a drop, unless the drop is rejected."""
@@ -112,10 +116,13 @@ class Analyses:
         final: bool = True,
         preceding: DropResult | None = None,
     ) -> None:
-        number = self._worker.analyse(
-            urgency, saved.drop, saved.setup, saved.screening, options, saved.file, preceding
-        )
-        self._pending[number] = _PendingAnalysis(saved, urgency, final)
+        request = (saved.drop, saved.setup, saved.screening, options, saved.file, preceding)
+        task = self._submit(urgency, tasks.invert_drop, *request)
+        self._pending[task] = _PendingAnalysis(saved, urgency, final)
+
+    def _submit(self, urgency: Urgency, function: Callable[..., Any], *args: Any) -> Task[Any]:
+        put = self._responses.put
+        return self._jobs.submit(function, *args, priority=urgency, on_progress=put, on_finish=put)
 
     def take_responses(self) -> None:
         """Report the results that the worker has returned so far."""
@@ -146,27 +153,31 @@ class Analyses:
 
     def close(self) -> None:
         """End the worker process; drops with a pending analysis get no result."""
-        self._worker.close()
+        self._jobs.close()
 
-    def _take(self, response: TaskResponse | Building) -> None:
-        if isinstance(response, Building):
-            self._report(TableBuilding(response.what, response.fraction))
+    def _take(self, response: Task[Any] | TaskProgress) -> None:
+        if isinstance(response, TaskProgress):
+            self._report(TableBuilding(response.item, response.count / response.total))
             return
-        if response.fault is not None:
-            self._report(Notice(response.fault, serious=True, details=response.details))
-        pending = self._pending.pop(response.task.number, None)
+        error = response.exception()
+        if error is not None:
+            details = tasks.failure_details(error)
+            self._report(Notice(tasks.failure_text(error), serious=True, details=details))
+        pending = self._pending.pop(response, None)
         if pending is None:
             return
         saved, full = pending.saved, pending.urgency is Urgency.FULL
-        result = response.result
-        if result is None:
-            result = _failed(saved, str(response.fault))
-        elif saved.record is not None:
-            self._keep_result(saved.record, result)
+        curves = None
+        if error is not None:
+            result = _failed(saved, tasks.failure_text(error))
+        else:
+            result, curves = response.result()
+            if saved.record is not None:
+                self._keep_result(saved.record, result)
         if result.structures:
             self._preceding = {saved.point: result}
         delay = None if saved.received is None else time.monotonic() - saved.received
-        self._report(DropAnalysed(saved, delay, result, response.curves, full, pending.final))
+        self._report(DropAnalysed(saved, delay, result, curves, full, pending.final))
 
 
 def _failed(saved: SavedDrop, fault: str) -> DropResult:

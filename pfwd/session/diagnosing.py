@@ -10,12 +10,12 @@ import statistics
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from pfwd.analysis import tasks
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DiagnosisResult
-from pfwd.analysis.worker.tasks import Building
-from pfwd.analysis.worker.worker import InversionWorker, TaskResponse
 from pfwd.files.header import PointSetup
 from pfwd.files.traces import TracePoint
+from pfwd.jobs import Jobs, Task
 from pfwd.procedures import Kind
 from pfwd.session.events import DiagnosisAwaited, Notice, PointDiagnosed, SavedDrop
 
@@ -41,8 +41,8 @@ class _Point:
     setup: PointSetup
     drops: dict[int, SavedDrop]
     """Saved drops by their number within the point."""
-    task: int | None = None
-    """Number of the waiting or running diagnosis; None: there is none."""
+    task: Task[DiagnosisResult] | None = None
+    """Waiting or running diagnosis; None: there is none."""
 
     @property
     def has_measured_drop(self) -> bool:
@@ -82,10 +82,10 @@ class PointDiagnoses:
     ) -> None:
         self._options = options
         self._report, self._keep, self._earlier = report, keep, earlier
-        self._responses: queue.SimpleQueue[TaskResponse | Building] = queue.SimpleQueue()
-        self._worker = InversionWorker(self._responses.put)
+        self._responses: queue.SimpleQueue[Task[DiagnosisResult]] = queue.SimpleQueue()
+        self._jobs = Jobs()
         self._points: dict[str, _Point] = {}
-        self._pending: dict[int, tuple[str, int | None]] = {}
+        self._pending: dict[Task[DiagnosisResult], tuple[str, int | None]] = {}
         self._device_effects: dict[str, DeviceEffects] = {}
 
     @property
@@ -125,11 +125,13 @@ class PointDiagnoses:
                 self._request(name, point)
 
     def _request(self, name: str, point: _Point) -> None:
-        if point.task is not None and self._worker.forget(point.task):
+        if point.task is not None and point.task.cancel():
             self._pending.pop(point.task, None)
         drops = [point.drops[number] for number in sorted(point.drops)]
         traces = TracePoint(name, point.setup, tuple(drop.drop for drop in drops))
-        point.task = self._worker.diagnose(traces, self._options, self._device(name))
+        request = (traces, self._options, self._device(name))
+        put = self._responses.put
+        point.task = self._jobs.submit(tasks.diagnose_single, *request, on_finish=put)
         self._pending[point.task] = name, drops[-1].record
         self._report(DiagnosisAwaited(name, True))
 
@@ -152,9 +154,7 @@ class PointDiagnoses:
     def take_responses(self) -> None:
         """Report the diagnoses that the process has returned so far."""
         while not self._responses.empty():
-            response = self._responses.get()
-            if not isinstance(response, Building):
-                self._take(response)
+            self._take(self._responses.get())
 
     def give_up(self) -> None:
         """Report that the remaining diagnoses are awaited no longer."""
@@ -164,22 +164,24 @@ class PointDiagnoses:
 
     def close(self) -> None:
         """End the process; waiting requests are dropped."""
-        self._worker.close()
+        self._jobs.close()
 
-    def _take(self, response: TaskResponse) -> None:
-        name, record = self._pending.pop(response.task.number, (None, None))
+    def _take(self, task: Task[DiagnosisResult]) -> None:
+        name, record = self._pending.pop(task, (None, None))
         if name is None:
             return
-        if response.fault is not None:
-            self._report(Notice(f"point {name}: {response.fault}", details=response.details))
-        for diagnosis in response.diagnoses:
-            result = replace(diagnosis, point=name)
+        error = task.exception()
+        if error is not None:
+            text = f"point {name}: {tasks.failure_text(error)}"
+            self._report(Notice(text, details=tasks.failure_details(error)))
+        else:
+            result = replace(task.result(), point=name)
             self._note_device(name, result)
             if record is not None:
                 self._keep(record, result)
             self._report(PointDiagnosed(name, result))
         point = self._points.get(name)
-        if point is not None and point.task == response.task.number:
+        if point is not None and point.task is task:
             point.task = None
         if name not in {point_name for point_name, _ in self._pending.values()}:
             self._report(DiagnosisAwaited(name, False))

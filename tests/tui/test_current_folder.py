@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from pfwd.spawning import spawn_context
 from simulators.demo import demo_drops
 from simulators.instrument import serve
 from tests.tui.console import PATIENCE, PLAIN, RATE, TOP
@@ -178,10 +177,9 @@ import sys
 from pfwd.analysis.analyse import analyse_files
 from pfwd.analysis.options import AnalysisOptions
 
-if __name__ == "__main__":
-    options = AnalysisOptions(method="posterior", sensors="centre", bedrock_depth=1.2)
-    for outcome in analyse_files(sys.argv[1:], options, jobs=2):
-        print(outcome.results[0].modulus_pa)
+options = AnalysisOptions(method="posterior", sensors="centre", bedrock_depth=1.2)
+for outcome in analyse_files(sys.argv[1:], options, jobs=2):
+    print(outcome.results[0].modulus_pa)
 """
 
 
@@ -201,19 +199,8 @@ def test_a_script_that_inverts_by_processes_runs_nothing_of_the_folder(planted: 
     assert len(done.stdout.splitlines()) == 2, done.stderr
 
 
-def test_a_process_started_meanwhile_leaves_the_variables_as_they_were(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
-    process = spawn_context().Process(target=os.getpid)
-    process.start()
-    process.join()
-    assert process.exitcode == 0
-    assert "PYTHONSAFEPATH" not in os.environ
-
-
 def test_there_is_one_place_that_says_how_a_python_process_is_started() -> None:
-    # sys.executable is how one is started by hand, get_context how multiprocessing is asked to.
+    # sys.executable starts one by hand, the others by multiprocessing.
     places = {"executable": set(), "get_context": set(), "Pool": set()}
     for package in ("pfwd_device", "inversion", "pfwd", "tui", "simulators"):
         for path in (TOP / package).rglob("*.py"):

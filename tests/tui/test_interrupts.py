@@ -8,6 +8,7 @@ import textwrap
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 
 from pfwd.files.importing import import_files
@@ -138,11 +139,10 @@ def surveys(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return top / "surveys"
 
 
-def processes_of(group: int) -> list[str]:
-    """The command lines of the processes of a group."""
-    listed = subprocess.run(["ps", "-Aww", "-o", "pgid=,args="], capture_output=True, text=True)
-    rows = (line.strip().partition(" ") for line in listed.stdout.splitlines())
-    return [words for number, _, words in rows if number == str(group)]
+def workers_of(command: subprocess.Popen[str]) -> list[psutil.Process]:
+    """The worker processes of a command."""
+    children = psutil.Process(command.pid).children()
+    return [child for child in children if "pfwd.jobs" in child.cmdline()]
 
 
 @pytest.mark.posix
@@ -160,7 +160,7 @@ def processes_of(group: int) -> list[str]:
 def test_a_command_with_workers_ends_soon(
     words: tuple[str, ...], to_group: bool, surveys: Path
 ) -> None:
-    """Signals as ``timeout`` sends them: to the command, and then to it and its workers."""
+    """Signals as ``timeout`` sends them: to the command, and then to its process group."""
     command = [*PFWD, *(word.format(surveys) for word in words)]
     with subprocess.Popen(
         command, cwd=TOP, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
@@ -168,7 +168,7 @@ def test_a_command_with_workers_ends_soon(
     ) as process:  # fmt: skip
         try:
             until = time.monotonic() + 3 * PATIENCE
-            while not any("spawn_main" in each for each in processes_of(process.pid)):
+            while not (workers := workers_of(process)):
                 assert process.poll() is None, "it has ended before the signal"
                 assert time.monotonic() < until
                 time.sleep(0.05)
@@ -183,6 +183,4 @@ def test_a_command_with_workers_ends_soon(
     assert err.splitlines()[-1] == "pfwd: stopped"
     assert process.returncode == 0
     assert took < END_S * max(1.0, os.getloadavg()[0] / 10)
-    while rest := [each for each in processes_of(process.pid) if "spawn_main" in each]:
-        assert time.monotonic() < sent + PATIENCE, rest
-        time.sleep(0.05)
+    assert psutil.wait_procs(workers, PATIENCE)[1] == []

@@ -225,8 +225,8 @@ class PfwdApp(App[int]):
 
     def busy_text(self) -> str:
         """Return what runs in the background, a diagnosis or a fit, in words; empty: nothing."""
-        if self.diagnoses.file:
-            return diagnosis_text(self.diagnoses.file, self.diagnoses.progress, time.monotonic())
+        if self.diagnoses.task is not None:
+            return diagnosis_text(self.diagnoses.file, self.diagnoses.task, time.monotonic())
         return "fitting ..." if self.fits.n_running else ""
 
     def show_message(self, text: str) -> None:
@@ -543,7 +543,7 @@ class PfwdApp(App[int]):
         self._finish()
 
     def _finish(self) -> None:
-        self.diagnoses.stop()
+        self.diagnoses.close()
         self.fits.close()
         for event in self.runner.take():
             self.state.take(event)

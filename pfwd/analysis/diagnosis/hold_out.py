@@ -34,9 +34,9 @@ from pfwd.analysis.diagnosis.points import (
     DiagnosisByPoint,
     ProgressCounter,
     Workers,
-    library_of_process,
     successful,
 )
+from pfwd.analysis.tasks import library_of_process
 
 # Number of neighbours on either side of a point in the survey whose summaries are used.
 _MAX_NEIGHBOURS = 50

@@ -9,14 +9,14 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar
 
 import numpy as np
 
-from inversion import InversionError, SurrogateLibrary
+from inversion import InversionError
 from inversion.diagnosis import (
     PointDiagnosis,
     PointRecords,
@@ -26,8 +26,9 @@ from inversion.inference.diagnose import diagnose_point
 from inversion.inference.instrument import InstrumentKnowledge
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint
 from pfwd.analysis.result_store import software_name
+from pfwd.analysis.tasks import library_of_process
 from pfwd.files.output_path import replaced_at_once
-from pfwd.spawning import WorkerPool
+from pfwd.jobs import Jobs
 
 # Number of devices that are diagnosed at the same time, for each process.
 _AT_ONCE = 2
@@ -125,19 +126,17 @@ class Workers:
         self._count = count
         self._requests = requests or {}
         self._files: set[Path] = set()
-        self._pool: WorkerPool | None = None
+        self._jobs = Jobs(count if count > 1 else 0)
         self._waiting: ThreadPoolExecutor | None = None
 
     def __enter__(self) -> Workers:
-        if self._count > 1:
-            self._pool = WorkerPool(self._count)
         return self
 
     def __exit__(self, *error: Any) -> None:
-        # Threads that wait for a process end when the processes end.
-        for pool in (self._pool, self._waiting):
-            if pool is not None:
-                pool.__exit__(*error)
+        self._jobs.close()
+        # Threads that wait for a process have ended with it.
+        if self._waiting is not None:
+            self._waiting.shutdown()
 
     def file_of(self, name: str, step: str) -> Path | None:
         """Return the file for the diagnosis of a point in a step of its request; None: no file."""
@@ -157,7 +156,7 @@ class Workers:
 
     def map(self, function: Callable[..., _R], *columns: Sequence[Any]) -> Iterator[_R]:
         """Yield the results of a function for rows of the columns, in order."""
-        return map(function, *columns) if self._pool is None else self._pool.map(function, *columns)
+        return self._jobs.map(function, *columns)
 
     def at_once(self, function: Callable[[_G], _R], groups: Sequence[_G]) -> Iterator[_R]:
         """Yield the results of a function for groups of points, in order.
@@ -165,7 +164,7 @@ class Workers:
         The function runs in a thread and waits for the processes. While one group waits for its
         last point, the processes work on another one.
         """
-        if self._pool is None or len(groups) < 2:
+        if self._jobs.count == 0 or len(groups) < 2:
             return map(function, groups)
         self._waiting = ThreadPoolExecutor(_AT_ONCE * self._count)
         return self._waiting.map(function, groups)
@@ -235,9 +234,3 @@ def _diagnose(
         reason = f"the fit broke down ({err}): check the header, and the unit of the times"
         return DiagnosisFailure(reason)
     return replace(diagnosis, elapsed=time.perf_counter() - start)
-
-
-@cache
-def library_of_process() -> SurrogateLibrary:
-    """Return the response tables of this process, created at the first call."""
-    return SurrogateLibrary()

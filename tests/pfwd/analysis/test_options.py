@@ -218,3 +218,12 @@ def test_the_media_of_a_result_are_asked_for_again(
     assert with_layers_of(options, too_many) is options
     published = AnalysisOptions(published=True)
     assert with_layers_of(published, result) is published
+
+
+def test_labels_name_the_changed_options() -> None:
+    assert AnalysisOptions().label == "as declared"
+    assert AnalysisOptions(published=True).label == "published method"
+    options = AnalysisOptions(bedrock_depth=1.2, elastic=True, plate="rigid-smooth")
+    assert options.label == "bedrock 1.2 m, elastic, rigid-smooth plate"
+    assert AnalysisOptions(layers="auto").label == "auto layers"
+    assert AnalysisOptions(layers=2, elastic=True).label == "2 layers, elastic"

@@ -34,8 +34,8 @@ def test_a_killed_worker_costs_nothing_but_time(
         def tell(summary: Summary, failures: Sequence[Failure]) -> None:
             if not killed:
                 # All of them: whoever has work is among them.
-                for process in workers.processes:
-                    psutil.Process(process).kill()
+                for process in workers._jobs.processes:
+                    process.kill()
                     killed.append(process)
 
         summary = invert_archive([str(drops)], tmp_path / "out", options, workers, tell)
@@ -87,14 +87,13 @@ from pfwd.archive import run
 from pfwd.archive.work import LocalWorkers
 from pfwd.analysis.options import AnalysisOptions
 
-if __name__ == "__main__":
-    run.BATCH_SOURCES = 1
-    options = AnalysisOptions(method="posterior", sensors="centre", bedrock_depth=1.2)
-    with contextlib.closing(LocalWorkers(options, 2)) as workers:
-        run.invert_archive(
-            [sys.argv[1]], sys.argv[2], options, workers,
-            lambda summary, failures: print(summary.parts, flush=True), part_rows=2,
-        )
+run.BATCH_SOURCES = 1
+options = AnalysisOptions(method="posterior", sensors="centre", bedrock_depth=1.2)
+with contextlib.closing(LocalWorkers(options, 2)) as workers:
+    run.invert_archive(
+        [sys.argv[1]], sys.argv[2], options, workers,
+        lambda summary, failures: print(summary.parts, flush=True), part_rows=2,
+    )
 """
 
 

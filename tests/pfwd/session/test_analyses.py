@@ -1,86 +1,179 @@
-"""What a session asks of its inversion when answers do not come."""
+"""What a session requests of its inversion, and what it reports when results do not come."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
 from inversion.result import StructureResult
+from pfwd.analysis import tasks
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult
-from pfwd.analysis.worker.tasks import Task, Urgency
-from pfwd.analysis.worker.worker import TaskResponse
+from pfwd.analysis.tasks import Urgency
 from pfwd.files.header import PointSetup
+from pfwd.jobs import Task, WorkerDied
 from pfwd.judging import drop_from_traces
 from pfwd.session import analyses as module
 from pfwd.session.analyses import Analyses
-from pfwd.session.events import Notice, SavedDrop
+from pfwd.session.events import DropAnalysed, Notice, SavedDrop
 from pfwd_device import Drop
+from tests.pfwd.scripted_feed import IDENTITY
+
+PATIENCE = 60.0
+SETUP = PointSetup(plate_radius=0.15, plate_mass=10.0, bedrock_depth=float("inf"))
+OPTIONS = AnalysisOptions(seed=3)
 
 
-class SilentWorker:
-    """Takes every task and answers none, as a computer that is far too slow."""
+class SilentJobs:
+    """Accepts every call and has no result, as a computer that is far too slow."""
 
-    asked: list[Urgency]
-
-    def __init__(self, _listener: Callable[[Any], None]) -> None:
-        self.asked = []
-
-    def analyse(self, urgency: Urgency, *_task: Any) -> int:
-        self.asked.append(urgency)
-        return len(self.asked)
-
-    def close(self) -> None:
-        """Nothing runs."""
-
-
-class PromptWorker(SilentWorker):
-    """Answers every task at once."""
-
-    def __init__(self, listener: Callable[[Any], None]) -> None:
-        super().__init__(listener)
-        self._listener = listener
+    def __init__(self) -> None:
+        self.requested: list[Urgency] = []
         self.preceding: list[DropResult | None] = []
 
-    def analyse(self, urgency: Urgency, *task: Any) -> int:
-        number = super().analyse(urgency)
-        self.preceding.append(task[-1])
-        work = Task(number, urgency, *task)
-        result = DropResult(drop=number, structures=(StructureResult(name="half-space"),))
-        self._listener(TaskResponse(work, result))
-        return number
+    def submit(self, function: Any, *args: Any, priority: Urgency, **_callbacks: Any) -> Task[Any]:
+        if function is tasks.invert_drop:
+            self.requested.append(priority)
+            self.preceding.append(args[-1])
+        return Task()
+
+
+class PromptJobs(SilentJobs):
+    """Has the result of every call at once."""
+
+    def submit(self, function: Any, *args: Any, priority: Urgency, **callbacks: Any) -> Task[Any]:
+        task = super().submit(function, *args, priority=priority)
+        if function is tasks.invert_drop:
+            structures = (StructureResult(name="half-space"),)
+            task.set_result((DropResult(drop=len(self.requested), structures=structures), None))
+            callbacks["on_finish"](task)
+        return task
+
+
+def saved_drop(drop: Drop, setup: PointSetup = SETUP, point: str = "1", record: int = 1) -> Any:
+    return SavedDrop(point, drop_from_traces(drop, setup, record=record), drop, "f")
 
 
 def test_a_quick_fit_starts_from_the_preceding_result_of_its_point(
     monkeypatch: pytest.MonkeyPatch, make_drop: Callable[..., Drop]
 ) -> None:
-    monkeypatch.setattr(module, "InversionWorker", PromptWorker)
+    jobs = PromptJobs()
+    monkeypatch.setattr(module, "Jobs", lambda: jobs)
     analyses = Analyses(AnalysisOptions(), lambda _: None, lambda *_: None)
-    drop = make_drop()
     for point in "A", "A", "B":
-        view = drop_from_traces(drop, PointSetup(plate_radius=0.15), record=1)
-        analyses.request(SavedDrop(point, view, drop, "f"))
+        analyses.request(saved_drop(make_drop(), point=point))
         analyses.take_responses()
-    preceding = analyses._worker.preceding  # type: ignore[attr-defined]
     # A quick fit and a full search for each drop; the second result is the last of drop 1.
-    assert [result and result.drop for result in preceding] == [None, None, 2, None, None, None]
+    drops = [result and result.drop for result in jobs.preceding]
+    assert drops == [None, None, 2, None, None, None]
 
 
-def test_full_searches_that_do_not_keep_up_are_left_out_and_said_once(
+def test_full_searches_that_do_not_keep_up_are_left_out_and_reported_once(
     monkeypatch: pytest.MonkeyPatch, make_drop: Callable[..., Drop]
 ) -> None:
-    monkeypatch.setattr(module, "InversionWorker", SilentWorker)
-    told: list[Any] = []
-    analyses = Analyses(AnalysisOptions(), told.append, lambda *_: None)
+    jobs = SilentJobs()
+    monkeypatch.setattr(module, "Jobs", lambda: jobs)
+    events: list[Any] = []
+    analyses = Analyses(AnalysisOptions(), events.append, lambda *_: None)
     drop = make_drop()
-    setup = PointSetup(plate_radius=0.15)
     for number in range(1, 201):
-        stored = SavedDrop("1", drop_from_traces(drop, setup, record=number), drop, "f")
-        analyses.request(stored)
-    asked = analyses._worker.asked  # type: ignore[attr-defined]
-    # Every drop has its first modulus; sixty tasks, that is thirty drops, are waited for in full.
-    assert asked.count(Urgency.QUICK) == 200
-    assert asked.count(Urgency.FULL) == 30
-    notices = [event.text for event in told if isinstance(event, Notice)]
+        analyses.request(saved_drop(drop, record=number))
+    # Every drop has its first modulus; sixty tasks, that is thirty drops, are awaited in full.
+    assert jobs.requested.count(Urgency.QUICK) == 200
+    assert jobs.requested.count(Urgency.FULL) == 30
+    notices = [event.text for event in events if isinstance(event, Notice)]
     assert len(notices) == 1
     assert notices[0].startswith("this computer is too slow for a full search of every drop")
+
+
+class FailingJobs(SilentJobs):
+    """Every call fails with an error."""
+
+    error: Exception
+
+    def submit(
+        self, function: Any, *_args: Any, on_finish: Any = None, **_options: Any
+    ) -> Task[Any]:
+        task: Task[Any] = Task()
+        task.set_exception(self.error)
+        if function is tasks.invert_drop:
+            on_finish(task)
+        return task
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (AttributeError("no screening"), "the analysis failed: AttributeError: no screening"),
+        (WorkerDied("worker process: it died"), "the drop is safe, invert it again later"),
+    ],
+)
+def test_an_inversion_that_fails_is_a_result_with_the_reason(
+    error: Exception, reason: str, monkeypatch: pytest.MonkeyPatch, drop: Drop, events: list[Any]
+) -> None:
+    jobs = FailingJobs()
+    error.add_note("Traceback ...")
+    jobs.error = error
+    monkeypatch.setattr(module, "Jobs", lambda: jobs)
+    analyses = Analyses(OPTIONS, events.append, lambda *_: None)
+    analyses.request(saved_drop(drop))
+    analyses.take_responses()
+    notice, failed = events[:2]
+    assert reason in notice.text
+    assert notice.details == "Traceback ..."
+    assert failed.result.reason == notice.text
+    assert analyses.n_pending == 0
+
+
+@pytest.fixture
+def events() -> list[Any]:
+    return []
+
+
+@pytest.fixture
+def analyses(events: list[Any]) -> Iterator[Analyses]:
+    """Analyses with their real worker process."""
+    analyses = Analyses(OPTIONS, events.append, lambda *_: None)
+    yield analyses
+    analyses.close()
+
+
+@pytest.fixture
+def drop(make_drop: Callable[..., Drop]) -> Drop:
+    return make_drop(pre_trigger=0.02, window=0.1)
+
+
+def test_a_quick_result_then_the_full_one(
+    analyses: Analyses, events: list[Any], drop: Drop
+) -> None:
+    analyses.prepare(IDENTITY, SETUP)
+    analyses.request(saved_drop(drop))
+    analyses.wait_for_responses(PATIENCE)
+    quick, full = (event for event in events if isinstance(event, DropAnalysed))
+    assert (quick.full, quick.final, full.full, full.final) == (False, False, True, True)
+    assert (quick.result.method, full.result.method) == ("posterior", "mpga")
+    assert quick.result.modulus_pa == pytest.approx(full.result.modulus_pa, rel=1e-3)
+    assert quick.result.history is None
+    assert np.isfinite(quick.curves.predicted).all()
+    assert not [event for event in events if isinstance(event, Notice)]
+
+
+def test_what_is_not_finished_in_time_is_reported_and_has_its_keys(
+    analyses: Analyses, events: list[Any], drop: Drop
+) -> None:
+    analyses.prepare(IDENTITY, SETUP)
+    analyses.request(saved_drop(drop))
+    assert analyses.n_pending == 2
+    analyses.wait_for_responses(0.0)
+    assert analyses.n_pending == 0
+    (unfinished,) = [event for event in events if isinstance(event, DropAnalysed)]
+    assert unfinished.final
+    assert unfinished.result.reason.startswith("the analysis did not end in time")
+    assert unfinished.result.modulus_pa is None
+    assert [event.serious for event in events if isinstance(event, Notice)] == [True]
+
+
+def test_a_rejected_drop_is_not_analysed(analyses: Analyses, drop: Drop) -> None:
+    analyses.request(saved_drop(Drop(1, drop.time, np.zeros_like(drop.load), drop.channels)))
+    assert analyses.n_pending == 0

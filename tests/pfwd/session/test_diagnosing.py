@@ -1,6 +1,5 @@
 """Points are diagnosed while they are measured; the process is a stand-in, but for one test."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -13,10 +12,10 @@ from pfwd.analysis.results import (
     EffectResult,
 )
 from pfwd.analysis.screening.drops import Screening
-from pfwd.analysis.worker.process import outcome_of
-from pfwd.analysis.worker.tasks import DiagnosisTask
-from pfwd.analysis.worker.worker import TaskResponse
+from pfwd.analysis.tasks import diagnose_single
+from pfwd.errors import SurveyError
 from pfwd.files.traces import TracePoint
+from pfwd.jobs import Task
 from pfwd.judging import drop_from_traces
 from pfwd.session import diagnosing
 from pfwd.session.diagnosing import MAX_POINTS, PointDiagnoses
@@ -24,29 +23,24 @@ from pfwd.session.events import DiagnosisAwaited, Notice, PointDiagnosed, SavedD
 from tests.pfwd.report.surveys import SETUP, half_sine_drop
 
 
-class Worker:
-    """Remembers what it is asked; answers when a test says so."""
+class ScriptedJobs:
+    """Stores the calls; a test sets their results."""
 
-    def __init__(self, listener: Any) -> None:
-        self.listener = listener
-        self.tasks: dict[int, DiagnosisTask] = {}
-        self.count = 0
+    def __init__(self) -> None:
+        self.all: dict[int, tuple[Task[Any], tuple[Any, ...]]] = {}
 
-    def diagnose(
-        self,
-        point: TracePoint,
-        options: AnalysisOptions,
-        device: Mapping[str, Mapping[str, float]],
-    ) -> int:
-        self.count += 1
-        self.tasks[self.count] = DiagnosisTask(self.count, point, options, device)
-        return self.count
+    def submit(self, _function: Any, *args: Any, on_finish: Any) -> Task[Any]:
+        task: Task[Any] = Task()
+        task.add_done_callback(on_finish)
+        self.all[len(self.all) + 1] = task, args
+        return task
 
-    def forget(self, number: int) -> bool:
-        return self.tasks.pop(number, None) is not None
+    @property
+    def open(self) -> list[int]:
+        return [number for number, (task, _) in self.all.items() if not task.done()]
 
-    def answer(self, number: int, **said: Any) -> None:
-        self.listener(TaskResponse(self.tasks.pop(number), **said))
+    def finish(self, number: int, result: DiagnosisResult) -> None:
+        self.all[number][0].set_result(result)
 
     def close(self) -> None:
         pass
@@ -56,7 +50,8 @@ class Session:
     """What a session sees."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(diagnosing, "InversionWorker", Worker)
+        self.jobs = ScriptedJobs()
+        monkeypatch.setattr(diagnosing, "Jobs", lambda: self.jobs)
         self.told: list[PointDiagnosed | DiagnosisAwaited | Notice] = []
         self.kept: list[tuple[int, DiagnosisResult]] = []
         self.before: dict[str, list[SavedDrop]] = {}
@@ -67,12 +62,6 @@ class Session:
             lambda point, _number: self.before.get(point, []),
         )
 
-    @property
-    def worker(self) -> Worker:
-        found = self.diagnoses._worker
-        assert isinstance(found, Worker)
-        return found
-
     def drop(self, point: str, number: int, record: int, status: str = "measured") -> None:
         screening = Screening(status)  # type: ignore[arg-type]
         drop = half_sine_drop(number, 8000.0)
@@ -80,7 +69,11 @@ class Session:
         self.diagnoses.request(SavedDrop(point, replace(view, screening=screening), drop))
 
     def drops_of(self, task: int) -> list[int]:
-        return [drop.number for drop in self.worker.tasks[task].source.drops]
+        point: TracePoint = self.jobs.all[task][1][0]
+        return [drop.number for drop in point.drops]
+
+    def device(self, task: int) -> object:
+        return self.jobs.all[task][1][2]
 
 
 @pytest.fixture
@@ -101,10 +94,10 @@ def lag(value: float, evidence: float | None = 50.0) -> EffectResult:
 
 def test_a_point_is_diagnosed_with_all_of_its_drops(session: Session) -> None:
     session.drop("A", 1, 11)
-    session.worker.answer(1, diagnoses=(found(),))
+    session.jobs.finish(1, found())
     session.drop("A", 2, 12)
     assert session.drops_of(2) == [1, 2]
-    session.worker.answer(2, diagnoses=(found(),))
+    session.jobs.finish(2, found())
     session.diagnoses.take_responses()
     assert [number for number, _ in session.kept] == [11, 12]
     points = [event.point for event in session.told if isinstance(event, PointDiagnosed)]
@@ -128,33 +121,33 @@ def test_an_older_question_that_waits_is_dropped(session: Session) -> None:
     session.drop("A", 1, 11)
     session.drop("A", 2, 12)
     session.drop("B", 1, 13)
-    assert sorted(session.worker.tasks) == [2, 3]
+    assert session.jobs.open == [2, 3]
     assert session.diagnoses.n_pending == 2
 
 
 def test_a_rejected_drop_asks_nothing(session: Session) -> None:
     session.drop("A", 1, 11, "rejected")
-    assert not session.worker.tasks
+    assert not session.jobs.open
 
 
 def test_nothing_is_asked_before_a_drop_is_measured(session: Session) -> None:
     session.drop("A", 1, 11, "seating")
-    assert not session.worker.tasks, "there is nothing to diagnose: it would be called unexplained"
+    assert not session.jobs.open, "there is nothing to diagnose: it would be called unexplained"
     session.drop("A", 2, 12)
     assert session.drops_of(1) == [1, 2]
     session.diagnoses.discard(12)
-    assert list(session.worker.tasks) == [1], "the seating drop alone"
+    assert session.jobs.open == [1], "the seating drop alone"
 
 
 def test_a_discarded_drop_counts_no_more(session: Session) -> None:
     session.drop("A", 1, 11)
     session.drop("A", 2, 12)
     session.diagnoses.discard(11)
-    (task,) = session.worker.tasks
+    (task,) = session.jobs.open
     assert session.drops_of(task) == [2]
     session.diagnoses.discard(12)
     session.diagnoses.discard(99)
-    assert list(session.worker.tasks) == [task]
+    assert session.jobs.open == [task]
 
 
 def test_drops_of_a_former_session_count(session: Session) -> None:
@@ -170,51 +163,46 @@ def test_traces_of_early_points_leave_memory(session: Session) -> None:
     for number in range(MAX_POINTS + 1):
         session.drop(str(number), 1, number + 1)
     session.drop("1", 2, 100)
-    assert session.drops_of(session.worker.count) == [1, 2]
+    assert session.drops_of(len(session.jobs.all)) == [1, 2]
     session.drop("0", 2, 101)
-    assert session.drops_of(session.worker.count) == [2], "the survey is asked for the others"
+    assert session.drops_of(len(session.jobs.all)) == [2], "the survey is asked for the others"
 
 
 def test_the_device_learnt_so_far_is_given_to_the_next_point(session: Session) -> None:
     for name, delay in (("A", 4e-4), ("B", 6e-4)):
         session.drop(name, 1, 11)
-        session.worker.answer(session.worker.count, diagnoses=(found(lag(delay)),))
+        session.jobs.finish(len(session.jobs.all), found(lag(delay)))
         session.diagnoses.take_responses()
     session.drop("C", 1, 13)
-    assert session.worker.tasks[3].device == {"sensor_lag": {"delay": pytest.approx(5e-4)}}
+    assert session.device(3) == {"sensor_lag": {"delay": pytest.approx(5e-4)}}
     # What was given is no finding of the point.
-    session.worker.answer(3, diagnoses=(found(lag(5e-4, None)),))
+    session.jobs.finish(3, found(lag(5e-4, None)))
     session.diagnoses.take_responses()
     session.drop("D", 1, 14)
-    assert session.worker.tasks[4].device == {"sensor_lag": {"delay": pytest.approx(5e-4)}}
+    assert session.device(4) == {"sensor_lag": {"delay": pytest.approx(5e-4)}}
 
 
 def test_one_point_says_nothing_of_the_device(session: Session) -> None:
     session.drop("A", 1, 11)
-    session.worker.answer(1, diagnoses=(found(lag(4e-4)),))
+    session.jobs.finish(1, found(lag(4e-4)))
     session.diagnoses.take_responses()
     session.drop("B", 1, 12)
-    assert session.worker.tasks[2].device == {}
+    assert session.device(2) == {}
 
 
 def test_a_fault_is_told(session: Session) -> None:
     session.drop("A", 1, 11)
-    session.worker.answer(1, fault="the analysis failed")
+    session.jobs.all[1][0].set_exception(SurveyError("no pulse"))
     session.diagnoses.take_responses()
     requested, notice, ended = session.told
     assert (requested, ended) == (DiagnosisAwaited("A", True), DiagnosisAwaited("A", False))
     assert isinstance(notice, Notice)
-    assert "point A" in notice.text
+    assert notice.text == "point A: no pulse"
     assert not session.kept
 
 
 def test_the_process_diagnoses_a_point() -> None:
-    from inversion import SurrogateLibrary
-
     drops = tuple(half_sine_drop(n, 8000.0) for n in (1, 2))
-    task = DiagnosisTask(1, TracePoint("A", SETUP, drops), AnalysisOptions(), {})
-    outcome = outcome_of(task, SurrogateLibrary())
-    assert outcome.fault is None
-    (diagnosis,) = outcome.diagnoses
+    diagnosis = diagnose_single(TracePoint("A", SETUP, drops), AnalysisOptions(), {})
     assert (diagnosis.left_out, diagnosis.drops) == ((1,), (2,))  # one seats
     assert diagnosis.basis

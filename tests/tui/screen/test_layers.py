@@ -10,7 +10,6 @@ import pytest
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult
-from pfwd.session.events import SavedDrop
 from pfwd.session.plan import SessionPlan
 from pfwd_device import Drop
 from tests.tui.screen.scripted import (
@@ -29,7 +28,7 @@ from tui.screen.drawing.lines import text_of, width_of
 from tui.screen.pages.drop import DropPage
 from tui.screen.pages.drop_view import DropPageState, drop_lines, text_lines
 from tui.screen.pages.layer_texts import layer_lines, sensor_lines
-from tui.screen.session.drop_fits import DropFits, RefitWorker
+from tui.screen.session.drop_fits import DropFits
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.screen_events import SessionStarted
 from tui.screen.session.state import SessionState
@@ -141,31 +140,21 @@ def test_residuals_by_sensor_name_excluded_sensors(
     assert sensor_lines(None, OFFSETS, SI) == []
 
 
-class Asking(RefitWorker):
-    """Keeps the options of what is asked for."""
-
-    def __init__(self) -> None:
-        super().__init__(lambda _: None)
-        self.options: list[AnalysisOptions] = []
-
-    def start(self, stored: SavedDrop, options: AnalysisOptions, label: str) -> None:
-        self.options.append(options)
-
-
 def test_curves_are_fetched_with_the_layers_of_the_result(make_drop: Callable[..., Drop]) -> None:
     """Curves of homogeneous ground beside a profile of layers would be those of another fit."""
-    asking = Asking()
+    requested: list[AnalysisOptions] = []
     source: Any = SimpleNamespace(plan=SessionPlan(options=AnalysisOptions(seed=4)))
     no_session: Any = SimpleNamespace(put=lambda _: None)
     fits = DropFits(source, no_session, no_session, no_session, no_session)
-    fits._refits = asking
+    jobs: Any = SimpleNamespace(submit=lambda *args, **_: requested.append(args[4]))
+    fits._jobs = jobs
     fits.fetch(DropState("7", 1, saved=saved_drop(), results=[result(**LAYERS)]))
     fixed = TOP | {"thickness_sd_m": None, "thickness_interval_m": None}
     fields = result(**LAYERS | {"layers": [fixed, BELOW]})
     fits.fetch(DropState("7", 1, saved=saved_drop(), results=[fields]))
     fits.fetch(DropState("7", 1, saved=saved_drop(), results=[result()]))
     quick = AnalysisOptions(seed=4, method="posterior")
-    assert asking.options == [
+    assert requested == [
         replace(quick, layers=2),
         replace(quick, layers=2, thickness=(0.25,)),
         quick,

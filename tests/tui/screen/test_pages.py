@@ -3,7 +3,6 @@
 import dataclasses
 import inspect
 import re
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +10,8 @@ import pytest
 from textual.widgets import Input, Label, Select
 
 from pfwd.analysis.results import DiagnosisResult
-from pfwd.analysis.worker.tasks import DiagnosisProgress, TaskOutcome
 from pfwd.files.moving import MOVED_TO
+from pfwd.jobs import Jobs, Task, TaskProgress
 from pfwd.judging import Job, PointView, Station
 from pfwd.procedures import find_procedure, plain_procedure
 from pfwd.session.events import (
@@ -551,18 +550,12 @@ def test_the_diagnosis_page_shows_the_table_and_the_device(
 def test_the_diagnosis_page_shows_progress(
     size: tuple[int, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    resume = threading.Event()
-
-    def request(_process: Any, _task: Any, report: Any) -> TaskOutcome:
-        report(DiagnosisProgress("each point by itself", "12+320", 4, 12))
-        assert resume.wait(60)
-        return TaskOutcome()
-
-    monkeypatch.setattr("tui.screen.session.diagnosis.request", request)
+    task = Task[Any]()
+    monkeypatch.setattr(Jobs, "submit", lambda *_, **__: task)
 
     async def script(app: App, pilot: Any) -> None:
         await pilot.press("4", "enter")
-        await until(pilot, lambda: app.diagnoses.progress is not None)
+        task.take_progress(TaskProgress("each point by itself", "12+320", 4, 12))
         await until(pilot, lambda: "4 of 12 points" in app.text)
         page = " ".join(app.text.split())
         assert "point 12+320" in page
@@ -570,7 +563,6 @@ def test_the_diagnosis_page_shows_progress(
         assert "s so far" in page
         assert "k stops the diagnosis" in page
         assert "███" in page
-        resume.set()
 
     play(App(QuietSource(tmp_path)), script, size)
 

@@ -8,6 +8,7 @@ from typing import ClassVar
 from textual.binding import Binding, BindingType
 
 from pfwd.analysis.results import DiagnosisResult, FittedState
+from pfwd.analysis.tasks import BUILDING
 from pfwd.digits import read_in, rounded
 from pfwd.judging.verdicts import modulus_in_force
 from pfwd.procedures import PointModulus
@@ -95,10 +96,12 @@ class DiagnosisPage(Page):
 
     def _body(self, width: int, room: int) -> list[Line]:
         results = self.results
-        running = self.pfwd.diagnoses.progress
-        if running is not None and not results:
-            step = running.step
-            bar = () if step is None else (progress_bar(step.count, step.total, width - 2),)
+        task = self.pfwd.diagnoses.task
+        if task is not None and not results:
+            step = task.progress
+            bar: tuple[Line, ...] = ()
+            if step is not None and step.work != BUILDING:
+                bar = (progress_bar(step.count, step.total, width - 2),)
             return [(), *bar, (), line(" Measuring goes on; k stops the diagnosis.")]
         if not results:
             diagnosis = self.pfwd.state.diagnoses.get(str(self.pfwd.source.survey))

@@ -3,114 +3,21 @@
 The diagnosis runs in a process of its own, so that the screen never waits for it.
 """
 
-import contextlib
 import os
-import subprocess
-import threading
-import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis import tasks
 from pfwd.analysis.results import DiagnosisResult, FittedState
-from pfwd.analysis.worker.tasks import Building, DiagnosisProgress, DiagnosisTask, TaskOutcome
-from pfwd.analysis.worker.worker import end_process, request, start_process
+from pfwd.jobs import Jobs, Task
 from tui.diagnosis_lines import USES, unexplained_text
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.screen_events import DiagnosisFinished
 from tui.screen.session.sources import SessionSource
 from tui.screen.session.state import SessionState
 from tui.screen.units import Units
-
-
-@dataclass(frozen=True, slots=True)
-class RunningDiagnosis:
-    """Progress of a diagnosis under way, by the monotonic clock, s."""
-
-    start: float
-    """Start of the diagnosis."""
-    step: DiagnosisProgress | None = None
-    """Last report; None: the files are being read."""
-    kind_start: float = 0.0
-    """Start of the kind of work of the last report."""
-
-    def at(self, step: DiagnosisProgress, now: float) -> "RunningDiagnosis":
-        """Return the progress with this report as the last one, received at `now`."""
-        is_same = self.step is not None and self.step.kind == step.kind
-        return RunningDiagnosis(self.start, step, self.kind_start if is_same else now)
-
-    def remaining(self, now: float) -> float | None:
-        """Estimate the time for the rest of this kind of work, s; None: no point is complete."""
-        step = self.step
-        if step is None or step.count < 1:
-            return None
-        return max(0.0, (now - self.kind_start) / step.count * (step.total - step.count))
-
-
-class Diagnoser:
-    """Runs one diagnosis at a time, each in a new process.
-
-    Parameters
-    ----------
-    on_result : callable
-        Receives `DiagnosisFinished`, in a thread of its own.
-    """
-
-    def __init__(self, on_result: Callable[[DiagnosisFinished], None]) -> None:
-        self._on_result = on_result
-        self._process: subprocess.Popen[bytes] | None = None
-        self._lock = threading.Lock()
-        self._is_stopped = False
-        self.file = ""
-        """Path of the survey or drop file that is being diagnosed; empty: none."""
-        self.progress: RunningDiagnosis | None = None
-        """Progress of the diagnosis that runs; None: there is none."""
-
-    def start(self, file: str) -> bool:
-        """Diagnose a survey or a drop file; False while another diagnosis runs."""
-        with self._lock:
-            if self.file:
-                return False
-            self.file = file
-            self.progress = RunningDiagnosis(time.monotonic())
-            self._is_stopped = False
-        threading.Thread(target=self._run, args=(file,), name="diagnosis", daemon=True).start()
-        return True
-
-    def stop(self) -> None:
-        """Stop the diagnosis that runs."""
-        process = self._process
-        if process is not None:
-            self._is_stopped = True
-            with contextlib.suppress(OSError):
-                process.kill()
-
-    def _run(self, file: str) -> None:
-        outcome = self._outcome(DiagnosisTask(0, file, AnalysisOptions()))
-        self._process, self.file, self.progress = None, "", None
-        error = ""
-        if self._is_stopped:
-            error = f"the diagnosis of {Path(file).name} was stopped"
-        elif outcome.fault is not None and not outcome.diagnoses:
-            error = f"the diagnosis of {file} failed: {outcome.fault}"
-        self._on_result(DiagnosisFinished(file, outcome.diagnoses, error))
-
-    def _outcome(self, task: DiagnosisTask) -> TaskOutcome:
-        try:
-            process = self._process = start_process()
-        except OSError as err:
-            return TaskOutcome(fault=str(err))
-        outcome = None
-        with contextlib.suppress(EOFError, OSError):
-            outcome = request(process, task, self._on_progress)
-        end_process(process)
-        return outcome or TaskOutcome(fault=f"status {process.returncode}")
-
-    def _on_progress(self, message: Building | DiagnosisProgress) -> None:
-        running = self.progress
-        if running is not None and isinstance(message, DiagnosisProgress):
-            self.progress = running.at(message, time.monotonic())
 
 
 class Diagnoses:
@@ -134,33 +41,48 @@ class Diagnoses:
         show_message: Callable[[str], None],
     ) -> None:
         self._source, self._state, self._show_message = source, state, show_message
-        self._diagnoser = Diagnoser(runner.put)
+        self._runner = runner
+        self._jobs = Jobs()
+        self.task: Task[tuple[DiagnosisResult, ...]] | None = None
+        """Diagnosis that runs; None: there is none."""
+        self.file = ""
+        """Path of the file that is being diagnosed, or was the last one."""
         self.verdicts: dict[str, str] = {}
         """Sentence of the diagnosis by point."""
 
-    @property
-    def file(self) -> str:
-        """Path of the file that is being diagnosed; empty: none."""
-        return self._diagnoser.file
-
-    @property
-    def progress(self) -> RunningDiagnosis | None:
-        """Progress of the diagnosis that runs; None: there is none."""
-        return self._diagnoser.progress
-
     def start(self, file: str) -> None:
         """Diagnose a survey or a drop file; the result comes as an event."""
-        if self._diagnoser.start(file):
-            self._show_message("the diagnosis runs; measuring goes on")
-        else:
+        if self.task is not None:
             self._show_message("a diagnosis is under way; 4 and k stop it")
+            return
+        self.file = file
+        self.task = self._jobs.submit(
+            tasks.diagnose_file, file, on_finish=partial(self._finish, file)
+        )
+        self._show_message("the diagnosis runs; measuring goes on")
 
     def stop(self) -> None:
         """Stop the diagnosis that runs."""
-        self._diagnoser.stop()
+        if self.task is not None:
+            self._jobs.stop(self.task)
+
+    def close(self) -> None:
+        """Stop the process that diagnoses."""
+        self._jobs.close()
+
+    def _finish(self, file: str, task: Task[Any]) -> None:
+        results, text = (), ""
+        if task.is_stopped:
+            text = f"the diagnosis of {Path(file).name} was stopped"
+        elif (error := task.exception()) is not None:
+            text = f"the diagnosis of {file} failed: {tasks.failure_text(error)}"
+        else:
+            results = task.result()
+        self._runner.put(DiagnosisFinished(file, results, text))
 
     def on_diagnosed(self, event: DiagnosisFinished, units: Units) -> None:
         """Show that the diagnosis has ended, and store the verdicts."""
+        self.task = None
         if event.error:
             self._show_message(event.error)
             return
@@ -203,20 +125,20 @@ def verdict_text(result: DiagnosisResult, units: Units) -> str:
     return f"UNEXPLAINED: {unexplained}{hint}; {result.remedy or 'repeat the drop'}"
 
 
-def diagnosis_text(file: str, running: RunningDiagnosis | None, now: float) -> str:
+def diagnosis_text(file: str, task: Task[Any], now: float) -> str:
     """Return file, point, kind of work and times of a diagnosis under way in one sentence."""
     text = f"diagnosing {Path(file).name}"
-    if running is None:
-        return text
-    step = running.step
+    step = task.progress
     if step is None:
         text += ", reading the drops"
+    elif step.work == tasks.BUILDING:
+        text += f", {step.work} of {step.item}"
     else:
-        name = os.path.basename(step.point.rpartition(", point ")[2])
+        name = os.path.basename(step.item.rpartition(", point ")[2])
         point = f"point {name}, " if name else ""
-        text += f": {point}{step.count} of {step.total} points done, {step.kind}"
-    text += f"; {_duration(now - running.start)} so far"
-    remaining = running.remaining(now)
+        text += f": {point}{step.count} of {step.total} points done, {step.work}"
+    text += f"; {_duration(now - task.start)} so far"
+    remaining = task.remaining_s(now)
     return text if remaining is None else f"{text}, about {_duration(remaining)} to go"
 
 

@@ -1,16 +1,17 @@
 """Traces, curves and further fits of single drops, in a process besides the session."""
 
 import dataclasses
-import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
+from pfwd.analysis import tasks
 from pfwd.analysis.options import AnalysisOptions, with_layers_of
 from pfwd.analysis.results import DropResult
-from pfwd.analysis.worker.tasks import Building, Urgency
-from pfwd.analysis.worker.worker import InversionWorker, TaskResponse
+from pfwd.analysis.tasks import Urgency
 from pfwd.errors import DeviceError, SurveyError
+from pfwd.jobs import Jobs, Task, TaskProgress
 from pfwd.session.events import Notice, SavedDrop, TableBuilding
 from pfwd.session.stored_drops import add_result, recorded_drop, stored_results
 from tui.screen.session.drop_state import DropState
@@ -19,70 +20,6 @@ from tui.screen.session.screen_events import DropRead, Refit
 from tui.screen.session.sources import SessionSource
 from tui.screen.session.state import SessionState
 from tui.screen.units import Units
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class _PendingFit:
-    """Drop that is being fitted, and the settings of the fit in words."""
-
-    saved: SavedDrop
-    label: str
-
-
-class RefitWorker:
-    """Fits single drops, one after the other, in a process of their own.
-
-    Parameters
-    ----------
-    on_result : callable
-        Receives each fit and the progress of tables, in a thread of its own.
-    """
-
-    def __init__(self, on_result: Callable[[Refit | TableBuilding], None]) -> None:
-        self._on_result = on_result
-        self._worker: InversionWorker | None = None
-        self._lock = threading.Lock()
-        self._pending: dict[int, _PendingFit] = {}
-
-    @property
-    def n_running(self) -> int:
-        """Number of fits under way."""
-        return len(self._pending)
-
-    def start(self, saved: SavedDrop, options: AnalysisOptions, label: str) -> None:
-        """Fit a drop; with an empty label only to get its curves."""
-        if self._worker is None:
-            self._worker = InversionWorker(self._take)
-        urgency = Urgency.FULL if label else Urgency.QUICK
-        with self._lock:  # the result must not come before its number is stored
-            number = self._worker.analyse(
-                urgency,
-                saved.drop,
-                saved.setup,
-                saved.screening,
-                options,
-                saved.file,
-            )
-            self._pending[number] = _PendingFit(saved, label)
-
-    def close(self) -> None:
-        """Stop the process."""
-        if self._worker is not None:
-            self._worker.close()
-
-    def _take(self, answer: TaskResponse | Building) -> None:
-        if isinstance(answer, Building):
-            self._on_result(TableBuilding(answer.what, answer.fraction))
-            return
-        with self._lock:
-            fit = self._pending.pop(answer.task.number)
-        label = fit.label
-        result = answer.result
-        if result is not None and label:
-            result = dataclasses.replace(result, refit=label)
-        fault = answer.fault or ""
-        point, number = fit.saved.point, fit.saved.number
-        self._on_result(Refit(point, number, label, result, answer.curves, fault))
 
 
 class DropFits:
@@ -110,17 +47,17 @@ class DropFits:
     ) -> None:
         self._source, self._runner, self._state = source, runner, state
         self._show_message, self._in_thread = show_message, in_thread
-        self._refits = RefitWorker(runner.put)
+        self._jobs = Jobs()
         self._reading: set[str] = set()
 
     @property
     def n_running(self) -> int:
         """Number of fits under way."""
-        return self._refits.n_running
+        return self._jobs.n_open
 
     def close(self) -> None:
         """Stop the process that fits."""
-        self._refits.close()
+        self._jobs.close()
 
     def fetch(self, drop: DropState) -> None:
         """Read the traces of a drop, or compute its curves; both come as events."""
@@ -130,7 +67,7 @@ class DropFits:
                 options = dataclasses.replace(options, method="posterior")
             # The curves belong to the result on the screen, not to the options of new drops.
             options = with_layers_of(options, drop.result)
-            self._refits.start(drop.saved, options, "")
+            self._start(drop.saved, options, "")
             return
         folder, record = self._source.survey, drop.record
         key = f"{drop.point}/{drop.number}"
@@ -155,7 +92,37 @@ class DropFits:
     def refit(self, saved: SavedDrop, options: AnalysisOptions, label: str) -> None:
         """Fit a drop with other settings; the result in force stays."""
         self._show_message(f"fitting drop {saved.number}: {label}")
-        self._refits.start(saved, options, label)
+        self._start(saved, options, label)
+
+    def _start(self, saved: SavedDrop, options: AnalysisOptions, label: str) -> None:
+        """Fit a drop; with an empty label only to get its curves."""
+        self._jobs.submit(
+            tasks.invert_drop,
+            saved.drop,
+            saved.setup,
+            saved.screening,
+            options,
+            saved.file,
+            priority=Urgency.FULL if label else Urgency.QUICK,
+            on_progress=self._show_progress,
+            on_finish=partial(self._take, saved, label),
+        )
+
+    def _show_progress(self, progress: TaskProgress) -> None:
+        self._runner.put(TableBuilding(progress.item, progress.count / progress.total))
+
+    def _take(self, saved: SavedDrop, label: str, task: Task[Any]) -> None:
+        if task.is_stopped:
+            return
+        result, curves, fault = None, None, ""
+        error = task.exception()
+        if error is None:
+            result, curves = task.result()
+            if label:
+                result = dataclasses.replace(result, refit=label)
+        else:
+            fault = tasks.failure_text(error)
+        self._runner.put(Refit(saved.point, saved.number, label, result, curves, fault))
 
     def on_refitted(self, number: int, label: str, result: DropResult | None, units: Units) -> None:
         """Show and store the result of a fit with other settings."""

@@ -8,16 +8,14 @@ import numpy as np
 import pytest
 
 import pfwd
-from inversion import InversionError, SurrogateLibrary
+from inversion import InversionError
 from pfwd.analysis.diagnosis import points
 from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_files
 from pfwd.analysis.diagnosis.entries import entry_of, questions_of
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.result_store import last_diagnosis, store_diagnoses
 from pfwd.analysis.results import DiagnosisResult, TimeHistories
-from pfwd.analysis.worker.process import outcome_of
-from pfwd.analysis.worker.tasks import DiagnosisTask
-from pfwd.analysis.worker.worker import end_process, request, start_process
+from pfwd.analysis.tasks import diagnose_file
 from pfwd.errors import SurveyError
 from pfwd.export.export import export_survey
 from pfwd.export.json_text import json_text
@@ -25,6 +23,7 @@ from pfwd.files.editing import Edit, edit_survey
 from pfwd.files.importing import import_files
 from pfwd.files.opening import survey_content
 from pfwd.files.reading import points_of
+from pfwd.jobs import Jobs
 from pfwd.judging import point_views
 from pfwd.report.gathering import ReportOptions, gather
 from pfwd.scripting.measured import points_of as points_of_data
@@ -42,9 +41,7 @@ def made(files: list[str], computed_once: None, tmp_path_factory: pytest.TempPat
     """A survey of two points of a device, with their diagnoses."""
     folder = tmp_path_factory.mktemp("kept") / "survey"
     list(import_files(files, folder))
-    outcome = outcome_of(DiagnosisTask(1, str(folder), AnalysisOptions()), SurrogateLibrary())
-    assert (outcome.fault, outcome.details) == (None, "")
-    assert len(outcome.diagnoses) == 2
+    assert len(diagnose_file(str(folder))) == 2
     return folder
 
 
@@ -158,15 +155,11 @@ def test_the_next_run_goes_on_where_one_was_stopped(
 
 
 def test_another_process_answers_from_the_survey_with_the_same_records(survey: Path) -> None:
-    process = start_process()
-    task = DiagnosisTask(1, str(survey), AnalysisOptions())
-    outcome = request(process, task, lambda _building: None)
-    end_process(process)
+    with Jobs() as jobs:
+        diagnoses = jobs.submit(diagnose_file, str(survey)).result()
     here = [it.result for it in diagnose_files([str(survey)], use_stored=True) if it.result]
-    assert [json_text(it.to_json()) for it in outcome.diagnoses] == [
-        json_text(it.to_json()) for it in here
-    ]
-    assert [diagnosis.stored for diagnosis in outcome.diagnoses] == [True, True]
+    assert [json_text(it.to_json()) for it in diagnoses] == [json_text(it.to_json()) for it in here]
+    assert [diagnosis.stored for diagnosis in diagnoses] == [True, True]
 
 
 def test_a_kept_diagnosis_says_what_made_it(survey: Path) -> None:

@@ -1,0 +1,161 @@
+"""Work on drops and points that a session or a screen gives to a worker process of `pfwd.jobs`.
+
+The modules that compute are imported in the worker alone.
+"""
+
+import dataclasses
+import os
+from collections.abc import Mapping
+from enum import IntEnum
+from functools import cache
+from typing import TYPE_CHECKING
+
+from inversion.result import TimeHistories
+from pfwd.analysis.drop_result import drop_result
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.results import DiagnosisResult, DropResult
+from pfwd.analysis.screening.drops import Screening
+from pfwd.errors import SurveyError
+from pfwd.files.header import PointSetup, setup_warnings
+from pfwd.files.traces import TracePoint
+from pfwd.jobs import TaskProgress, WorkerDied, report
+from pfwd_device import Drop
+
+if TYPE_CHECKING:
+    from inversion import SurrogateLibrary
+
+MAX_RESPONSE_TABLES = 100
+"""Largest number of response tables in memory, 0.1 to 2 MB each; the sources of an archive may
+declare any number of bedrock depths."""
+
+BUILDING = "building the response table"
+"""Kind of work of a progress in percent of a response table."""
+
+
+class Urgency(IntEnum):
+    """Priority of a task; the smallest number is done first."""
+
+    PREPARE = 0
+    """Load the response table before the first drop."""
+    QUICK = 1
+    """Compute the first modulus of a new drop."""
+    FULL = 2
+    """Invert a drop with the full search."""
+
+
+@cache
+def library_of_process() -> "SurrogateLibrary":
+    """Return the response tables of this process, created at the first call."""
+    from inversion import SurrogateLibrary
+
+    def progress(table: str, fraction: float) -> None:
+        report(TaskProgress(BUILDING, table, round(100 * fraction), 100))
+
+    return SurrogateLibrary(progress=progress, max_surrogates=MAX_RESPONSE_TABLES)
+
+
+def load_solvers() -> None:
+    """Load the modules of the inversion, while the instrument is being connected."""
+    import pfwd.analysis.analyse  # noqa: F401
+
+    library_of_process()
+
+
+def load_tables(drop: Drop, setup: PointSetup, options: AnalysisOptions) -> None:
+    """Load the tables for drops of a setup; the samples of the drop are not used."""
+    from pfwd.analysis.analyse import rehearse
+
+    rehearse(drop, setup, options, library_of_process())
+
+
+def invert_drop(
+    drop: Drop,
+    setup: PointSetup,
+    screening: Screening,
+    options: AnalysisOptions,
+    file: str,
+    preceding: DropResult | None = None,
+) -> tuple[DropResult, TimeHistories | None]:
+    """Return the result of a drop without its traces, and the measured and fitted traces.
+
+    The caller keeps the results of all drops in memory.
+
+    Parameters
+    ----------
+    drop : Drop
+    setup : PointSetup
+    screening : Screening
+    options : AnalysisOptions
+    file : str
+        Path of the file with the drop, for the result.
+    preceding : DropResult, optional
+        Result from which a preliminary fit starts; None: the inversion is a full one.
+    """
+    from pfwd.analysis.analyse import analyse_drop
+
+    analysis = analyse_drop(drop, setup, screening, options, library_of_process(), preceding)
+    result = drop_result(file, analysis, setup_warnings(setup, [drop]))
+    return dataclasses.replace(result, history=None), result.history
+
+
+def diagnose_single(
+    point: TracePoint, options: AnalysisOptions, device: Mapping[str, Mapping[str, float]]
+) -> DiagnosisResult:
+    """Return the diagnosis of a point.
+
+    Parameters
+    ----------
+    point : TracePoint
+    options : AnalysisOptions
+    device : mapping
+        Parameters of device effects estimated at other points, by effect and parameter, in SI
+        units.
+    """
+    from pfwd.analysis.diagnosis.diagnose import diagnose_entries
+    from pfwd.analysis.diagnosis.entries import entry_of
+
+    entry = entry_of(point.file, point, options)
+    values = {name: dict(parameters) for name, parameters in device.items()}
+    (diagnosed,) = diagnose_entries([entry], values or None)
+    if diagnosed.result is None:
+        raise SurveyError(str(diagnosed.error))
+    return diagnosed.result
+
+
+def diagnose_file(file: str) -> tuple[DiagnosisResult, ...]:
+    """Return the diagnoses of the points of a survey or drop file; a survey stores them.
+
+    Raises
+    ------
+    SurveyError
+        If no point could be diagnosed.
+    """
+    from pfwd.analysis.diagnosis.diagnose import diagnose_files
+    from pfwd.analysis.result_store import store_diagnoses
+
+    def progress(work: str, point: str, count: int, total: int) -> None:
+        report(TaskProgress(work, point, count, total))
+
+    points = list(diagnose_files([file], use_stored=True, progress=progress))
+    if os.path.isdir(file):
+        new = [(p.number, p.result) for p in points if p.number is not None and p.result]
+        store_diagnoses(file, new)
+    results = tuple(point.result for point in points if point.result is not None)
+    errors = [point.error for point in points if point.error is not None]
+    if errors and not results:
+        raise SurveyError(errors[0])
+    return results
+
+
+def failure_text(error: BaseException) -> str:
+    """Return why a task has no result, in one line."""
+    if isinstance(error, WorkerDied):
+        return f"{error}; the drop is safe, invert it again later"
+    if isinstance(error, SurveyError):
+        return str(error)
+    return f"the analysis failed: {type(error).__name__}: {error}"
+
+
+def failure_details(error: BaseException) -> str:
+    """Return the traceback of the worker, for the log."""
+    return "\n".join(getattr(error, "__notes__", ()))

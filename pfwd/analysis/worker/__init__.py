@@ -1,1 +1,0 @@
-"""Inversion of drops during the acquisition, in a process of its own."""
