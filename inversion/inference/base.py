@@ -119,7 +119,7 @@ class BaseFit:
     def state(self) -> FittedState:
         """Moduli with their intervals over all fits, and the residuals of the best one."""
         state = fitted_state(self.best, self._mixture)
-        return with_discrepancy_error(state, is_base=True) if self.reasons else state
+        return with_discrepancy_error(state) if self.reasons else state
 
     @cached_property
     def structures(self) -> tuple[StructureResult, ...]:
@@ -171,7 +171,7 @@ class BaseFit:
         prefix = layer_prefix(number)
         ratio: Key = (_LAYER, prefix + "modulus_ratio", None)
         thickness: Key = (_LAYER, prefix + "thickness", None)
-        error = discrepancy_error(self.state, is_base=True) if self.reasons else 0.0
+        error = discrepancy_error(self.state) if self.reasons else 0.0
         low, _, high = quantiles(
             [
                 Component(weight, _log_modulus_of(fit, ratio), self._modulus_deviation(fit, ratio))
@@ -232,7 +232,7 @@ class BaseFit:
             return effective_estimate(fit, plate)
 
         low, median, high = quantiles(self._mixture(estimate))
-        error = discrepancy_error(self.state, is_base=True) if self.reasons else 0.0
+        error = discrepancy_error(self.state) if self.reasons else 0.0
         return median, wider(median, (low, high), error)
 
     def transfer(self, place: int, s: ComplexArray) -> ComplexArray:

@@ -30,7 +30,7 @@ from inversion.forward.library import SurrogateLibrary
 from inversion.inference.base import BaseFit, fit_base
 from inversion.inference.effect_results import effect_results
 from inversion.inference.held_out import last_drop_error
-from inversion.inference.modulus import Component, ModulusOf
+from inversion.inference.modulus import NORMAL_95, Component, ModulusOf
 from inversion.inference.point_model import PointModel
 from inversion.inference.population import InstrumentKnowledge, summarise
 from inversion.inference.posterior import PointFit, Posterior
@@ -45,7 +45,6 @@ from inversion.inference.state import (
     doubtful_weights,
     fitted_state,
     unexplained_reasons,
-    with_discrepancy_error,
     without_modulus,
 )
 from inversion.inference.structures import effects_of
@@ -67,6 +66,10 @@ _MAX_CORRECTED_RESIDUAL_RATIO = 0.8
 # Ratio of the ends of the modulus interval, without the error of the instrument, from which a
 # notice on ambiguous effects states it.
 _NOTICED_INTERVAL_RATIO = 1.1
+# Factor on the standard deviation of a modulus by a structure, unless no effect is needed: the
+# posterior omits what effects of no catalogue change in the modulus. Chosen on the blind campaign
+# of seed 640127 (29 November 2026), shown on another one, see docs/blind-campaign.md.
+CALIBRATED_FACTOR = 4.0
 
 
 def diagnose_point(
@@ -190,9 +193,6 @@ def _point_diagnosis(
     objections : notices about the records that rule out any explanation
     """
     effects = effect_results(best, *choice) if choice else ()
-    after = base.state
-    if choice:
-        after = fitted_state(best, partial(_components, best, choice[0]))
     reasons = unexplained_reasons(best)
     warnings = [*objections, *reasons]
     if choice and choice[0].is_overparameterised:
@@ -200,8 +200,10 @@ def _point_diagnosis(
     verdict: Verdict = "unexplained"
     if not warnings:
         verdict = "explained" if best.model.effects or effects else "clean"
-    if warnings and choice:
-        after = with_discrepancy_error(after)
+    after = base.state
+    if choice:
+        factor = 1.0 if verdict == "clean" else CALIBRATED_FACTOR
+        after = fitted_state(best, partial(_components, best, choice[0], factor))
     return PointDiagnosis(
         name=point.records.name,
         numbers=point.records.numbers,
@@ -226,17 +228,26 @@ def _point_diagnosis(
     )
 
 
-def _components(posterior: Posterior, selection: Selection, of: ModulusOf) -> list[Component]:
+def _components(
+    posterior: Posterior, selection: Selection, factor: float, of: ModulusOf
+) -> list[Component]:
     """Return a modulus by the chosen and by each of the other structures, with its weight.
 
     Parameters
     ----------
     posterior : Posterior, final fit of the chosen structure
     selection : Selection
+    factor : float, on each standard deviation without the error of the instrument
     of : ModulusOf
     """
+    instrument = posterior.model.point.modulus_error / NORMAL_95
+
+    def calibrated(deviation: float) -> float:
+        of_fit = math.sqrt(max(deviation**2 - instrument**2, 0.0))
+        return math.hypot(factor * of_fit, instrument)
+
     log_modulus, deviation = of(posterior)
-    components = [Component(1.0, log_modulus, deviation)]
+    components = [Component(1.0, log_modulus, calibrated(deviation))]
     best = selection.fits[selection.best]
     weights = selection.weights()
     if best.discrepancy.scale > EXPLAINED_TO or selection.is_overparameterised:
@@ -251,7 +262,9 @@ def _components(posterior: Posterior, selection: Selection, of: ModulusOf) -> li
             continue
         alternative, deviation = of(fit)
         components.append(
-            Component(weight, log_modulus + alternative - log_modulus_of_best, deviation)
+            Component(
+                weight, log_modulus + alternative - log_modulus_of_best, calibrated(deviation)
+            )
         )
     return components
 

@@ -30,14 +30,14 @@ from inversion.records import Interval, known
 from inversion.result import is_open
 
 Mixture = Callable[[ModulusOf], Sequence[Component]]
-"""Function that returns a modulus by each of the structures that an interval covers."""
+"""Function that returns a modulus by each structure that an interval covers, the best first."""
 
 # Contact pressure at which moduli of different drops are compared, Pa.
 _REFERENCE_PA = 100e3
-# Relative error (95 %) of the modulus over the discrepancy of an unexplained record, with effects
-# and by the base model. It exceeds 1 because parameters imitate part of the model error, and that
-# part does not show as discrepancy. The base model imitates the response of the instrument, too.
-_MODULUS_ERROR_PER_DISCREPANCY, _ERROR_PER_DISCREPANCY_OF_BASE = 2.0, 5.0
+# Relative error (95 %) of the modulus over the discrepancy of a record that the base model does not
+# explain. It exceeds 1 because its parameters imitate part of the model error and of the response
+# of the instrument, and that part does not show as discrepancy.
+_ERROR_PER_DISCREPANCY = 5.0
 # Residual over the noise, and over the peak, above both of which slow noise does not explain it.
 _MAX_RESIDUAL_OVER_NOISE, _MAX_NOISE_OVER_PEAK = 2.0, 0.02
 # If the best fit does not explain the record, others of similar discrepancy have at least this
@@ -92,12 +92,13 @@ def fitted_state(posterior: Posterior, mixture: Mixture) -> FittedState:
     if rig:
         return replace(state, modulus_interval_pa=None)
     modulus = secant_modulus(posterior, stress)
-    low, median, high = quantiles(mixture(lambda fit: secant_estimate(fit, stress)))
+    components = mixture(lambda fit: secant_estimate(fit, stress))
+    low, median, high = quantiles(components)
     state = replace(
         state,
         fitted_modulus=median,
         modulus_pa=median,
-        modulus_sd_pa=median * secant_estimate(posterior, stress)[1],
+        modulus_sd_pa=median * components[0].deviation,
         modulus_interval_pa=(low, high),
         modulus_depth_m=depth_range(posterior),
         modulus_100kpa_pa=median / modulus * secant_modulus(posterior, _REFERENCE_PA),
@@ -133,19 +134,17 @@ def _without_open_moduli(state: FittedState) -> FittedState:
     return replace(without_modulus(state), equivalent_modulus_pa=state.equivalent_modulus_pa)
 
 
-def discrepancy_error(state: FittedState, *, is_base: bool) -> float:
-    """Return the error (95 %) of the logarithm of a modulus that the discrepancy indicates.
+def discrepancy_error(state: FittedState) -> float:
+    """Return the error (95 %) of the logarithm of a modulus by a fit without effects.
 
     Parameters
     ----------
-    state : FittedState
-    is_base : bool, True: of a fit without effects
+    state : FittedState, which does not explain the record
     """
     discrepancy = max(
         known(state.discrepancy_over_peak), known(state.contact_residual_rms_over_peak)
     )
-    factor = _ERROR_PER_DISCREPANCY_OF_BASE if is_base else _MODULUS_ERROR_PER_DISCREPANCY
-    return math.log1p(factor * discrepancy)
+    return math.log1p(_ERROR_PER_DISCREPANCY * discrepancy)
 
 
 def wider(value: float, limits: Interval, error: float) -> Interval:
@@ -157,18 +156,12 @@ def wider(value: float, limits: Interval, error: float) -> Interval:
     return low, high
 
 
-def with_discrepancy_error(state: FittedState, *, is_base: bool = False) -> FittedState:
-    """Return a state whose intervals include the error that the discrepancy indicates.
-
-    Parameters
-    ----------
-    state : FittedState
-    is_base : bool, True: of a fit without effects
-    """
+def with_discrepancy_error(state: FittedState) -> FittedState:
+    """Return the state of a fit without effects whose intervals include `discrepancy_error`."""
     if math.isnan(state.fitted_modulus):
         return state
     modulus, equivalent = state.fitted_modulus, state.equivalent_modulus_pa
-    error = discrepancy_error(state, is_base=is_base)
+    error = discrepancy_error(state)
     if equivalent is not None:
         limits = wider(equivalent, known(state.equivalent_modulus_interval_pa), error)
         state = replace(state, equivalent_modulus_interval_pa=limits)

@@ -12,8 +12,10 @@ from inversion.arrays import FloatArray
 from inversion.diagnosis import PointDiagnosis, PointRecords
 from inversion.errors import RecordError
 from inversion.forward.model import Instrument
-from inversion.inference.diagnose import _warnings, diagnose_point
+from inversion.inference import diagnose as module
+from inversion.inference.diagnose import CALIBRATED_FACTOR, _warnings, diagnose_point
 from inversion.inference.state import with_discrepancy_error
+from inversion.measured.record import UNCALIBRATED_ERROR
 from inversion.records import known
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Ground, Plate
@@ -95,12 +97,27 @@ def test_what_no_effect_explains_is_called_so(
     assert found.verdict == "unexplained"
     assert not found.corrected
     assert any("not explained" in text for text in found.warnings)
-    # What shows of it is as much of the peak as what does not may be, twice.
-    low, high = found.after.modulus_interval_pa
-    left = found.after.contact_residual_rms_over_peak
-    assert left > 0.01
-    assert low < found.after.modulus_pa / (1 + 2 * left)
-    assert high > found.after.modulus_pa * (1 + 2 * left)
+
+
+@pytest.mark.parametrize(("depth", "factor"), [(None, CALIBRATED_FACTOR), (1.2, 1.0)])
+def test_the_posterior_of_a_diagnosis_with_effects_is_multiplied(
+    drop: SimulatedDrop,
+    library: SurrogateLibrary,
+    monkeypatch: pytest.MonkeyPatch,
+    depth: float | None,
+    factor: float,
+) -> None:
+    """The error of the instrument is not."""
+    found = diagnose(drop, library, depth=depth)
+    monkeypatch.setattr(module, "CALIBRATED_FACTOR", 1.0)
+    of_posterior = diagnose(drop, library, depth=depth)
+    assert found.after.modulus_pa == pytest.approx(of_posterior.after.modulus_pa, rel=1e-3)
+    half_widths = [
+        0.5 * np.log(np.divide(*known(state.after.modulus_interval_pa)[::-1]))
+        for state in (of_posterior, found)
+    ]
+    posterior, multiplied = np.sqrt(np.square(half_widths) - UNCALIBRATED_ERROR**2)
+    assert multiplied == pytest.approx(factor * posterior, rel=0.02)
 
 
 def high_passed(drop: SimulatedDrop, frequency: float) -> FloatArray:
@@ -159,7 +176,7 @@ def test_what_is_left_unexplained_opens_the_interval(discrepancy: float, contact
         discrepancy_over_peak=discrepancy,
     )
     opened = with_discrepancy_error(state)
-    behind = np.log(1.08)
+    behind = np.log(1.2)
     low, high = np.log(np.array(opened.modulus_interval_pa) / 4e7)
     assert low == pytest.approx(-np.hypot(np.log(4.0 / 3.9), behind))
     assert high == pytest.approx(np.hypot(np.log(4.2 / 4.0), behind))

@@ -16,10 +16,16 @@ MODULES = (
         "diagnosis/shared_device", "diagnosis/points", "results",
     )),
 )  # fmt: skip
-# Steps of derivatives, the end of a bisection, halves, quantiles, the most layers of a request, the
-# stress that moduli are compared at, and percent: none of them decides anything. Priors and bounds
-# are those of the effects.
+# Steps of derivatives, tolerances and largest numbers of iterations, halves, quantiles, a normal
+# distribution's deviation over its median one, the most layers of a request, the stress that moduli
+# are compared at, the length of a name, and factors of units: none of them decides anything. Priors and
+# bounds are those of the effects.
 NO_DECISION = {
+    "inversion/inference/selection.py": (8, 1e-2),
+    "inversion/inference/structures.py": (8,),
+    "inversion/inference/diagnose.py": (12,),
+    "pfwd/analysis/diagnosis/shared_device.py": (1.4826,),
+    "pfwd/analysis/diagnosis/points.py": (32,),
     "inversion/inference/effect_results.py": (1e-3, 1e-6, 2e5, 3),
     "inversion/inference/modulus.py": (
         1.96,
@@ -37,9 +43,9 @@ NO_DECISION = {
     ),
     "inversion/inference/base.py": (4, 10.0, 30.0, 40.0, 1e-6, 0.025, 0.025, 0.975),
     "inversion/inference/state.py": (100e3,),
-    "pfwd/analysis/results.py": (100, 10),
+    "pfwd/analysis/results.py": (100, 10, 1e6),
 }
-MOST = 39
+MOST = 34
 
 
 def numbers_of(module: str) -> list[float]:
