@@ -18,8 +18,8 @@ MODULES = (
 )  # fmt: skip
 # Steps of derivatives, tolerances and largest numbers of iterations, halves, quantiles, a normal
 # distribution's deviation over its median one, the most layers of a request, the stress that moduli
-# are compared at, the length of a name, and factors of units: none of them decides anything. Priors and
-# bounds are those of the effects.
+# are compared at, the length of a name, and factors of units: none of them decides anything.
+# Priors and bounds are those of the effects.
 NO_DECISION = {
     "inversion/inference/selection.py": (8, 1e-2),
     "inversion/inference/structures.py": (8,),
