@@ -33,6 +33,11 @@ class Template(str):
 
 
 TEMPLATES: dict[str, str] = {
+    # parts of sentences
+    "more-of-that-kind": "; {count:d} more of that kind",
+    "one-drop": "drop {numbers}",
+    "several-drops": "drops {numbers}",
+    "of-drops": "{drops:drops}: {message:message}",
     # of a result
     "parameter-on-bound": Template("{parameter:words} sits on a bound of the search"),
     "residual-not-explained": Template(
@@ -74,8 +79,8 @@ TEMPLATES: dict[str, str] = {
         "interval includes ground below a layer that fits as well; add sensors further out"
     ),
     # of a diagnosis
-    "effect-on-bound": "{effect}: {parameter} sits on a bound",
-    "effect-ambiguous": "{effect} cannot be distinguished from {others:list}",
+    "effect-on-bound": "{effect:names}: {parameter:names} sits on a bound",
+    "effect-ambiguous": "{effect:names} cannot be distinguished from {others:names}",
     "modulus-uncertain": (
         "the modulus is only known to be {modulus_interval_pa:.3g/1e6} MPa: several sets of "
         "effects fit nearly as well"

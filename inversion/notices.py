@@ -1,30 +1,55 @@
-"""Warnings as codes with values, from which sentences in several languages are made.
+"""Warnings and reasons as codes with values, from which sentences in several languages are made.
 
 Each code has one template, an English sentence with fields such as ``{plate_radius_m:g}``. A format
 follows the colon. It may end with a factor or divisor that converts from SI to the unit of the
 sentence: ``{duration_s:.2g*1000} ms``. Two numbers are an interval: ``0.5 to 1.2``. In addition to
-the formats of Python there are: ``.2p``, which is ``.2g`` without powers of ten; ``words``, a name
-whose underscores become spaces; ``terms``, registered phrases; ``list``, several texts; ``more``, a
-number of further cases, omitted if it is 0.
+the formats of Python there are: ``.2p``, which is ``.2g`` without powers of ten; ``names``, which
+other languages translate; ``words``, names whose underscores become spaces; ``terms``, registered
+phrases; ``list``, several texts; ``more``, a number of further cases, omitted if it is 0;
+``drops``, numbers of drops; ``digits``, a number as text with its significant digits; ``message``,
+another message, or a text that a person wrote.
 """
 
 import math
 import re
 import string
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from types import MappingProxyType
 from typing import Any, Self
 
 from inversion.notice_texts import TEMPLATES, Invalidates, Template
 
-Value = float | int | str | tuple[float, ...] | tuple[str, ...]
+
+@dataclass(frozen=True, slots=True)
+class Joined:
+    """Different values of one field, of messages that are shown as one."""
+
+    values: tuple[Any, ...]
+    """Numbers, also as texts, or intervals."""
+
+
+Value = float | int | str | tuple[float, ...] | tuple[str, ...] | Joined
+"""Value of a message; a `Notice`, which is a `str`, is a message within a message."""
 
 WARNINGS, WARNING_CODES = "warnings", "warning_codes"
 """Keys in JSON of the sentences of warnings, and of their codes in the same order."""
 
 OTHER = "other"
 """Code of a sentence without a code of its own; the sentence is the value ``text``."""
+
+OF_DROPS = "of-drops"
+"""Code of a message that names the drops it is about."""
+
+MORE = "more-of-that-kind"
+"""Code of the end of a sentence that stands for further cases."""
+
+RANGE_DASH = "\N{EN DASH}"
+"""Sign between the ends of a range; not "to", which may be in the message already."""
+
+MAX_LISTED_VALUES = 2
+"""Largest number of different values that are listed; more are written as a range."""
 
 _templates: dict[str, str] = {OTHER: "{text}", **TEMPLATES}
 _terms: dict[str, str] = {}
@@ -67,8 +92,7 @@ class Notice(str):
         forms = gaps_of(template)
         if forms.keys() != values.keys():
             raise ValueError(f"{code}: expected {sorted(forms)}, got {sorted(values)}")
-        texts = {name: _text_of(values[name], form) for name, form in forms.items()}
-        notice = super().__new__(cls, fill_template(template, texts))
+        notice = super().__new__(cls, _sentence(code, values, ENGLISH))
         notice.code, notice.values = code, values
         return notice
 
@@ -80,22 +104,6 @@ class Notice(str):
         """What the warning forbids as the basis of a verdict; a property of its code."""
         template = _templates[self.code]
         return template.invalidates if isinstance(template, Template) else "nothing"
-
-    def texts(self) -> dict[str, str]:
-        """Return the values as texts, formatted as in the English sentence, by name."""
-        return {
-            name: _text_of(self.values[name], form)
-            for name, form in gaps_of(_templates[self.code]).items()
-        }
-
-    def words(self) -> dict[str, tuple[str, ...]]:
-        """Return the values that are words and have to be translated, by name."""
-        forms = gaps_of(_templates[self.code])
-        return {
-            name: _as_words(value)
-            for name, value in self.values.items()
-            if forms[name] in ("words", "terms")
-        }
 
     def to_json(self) -> dict[str, Any]:
         """Return the warning as an entry of ``warning_codes``: ``code`` and ``values``."""
@@ -111,9 +119,60 @@ def invalidating(notices: Iterable[str], what: Invalidates) -> Notice | None:
     return next((notice for notice in coded if notice.invalidates in (what, "record")), None)
 
 
+@dataclass(frozen=True, slots=True)
+class Language:
+    """Templates, words and signs of a language, in which messages are written."""
+
+    templates: Mapping[str, str] = field(default_factory=dict)
+    """Sentences by code, with the fields of the English ones; a missing one stays English."""
+    words: Mapping[str, str] = field(default_factory=dict)
+    """Translations of words and of registered terms."""
+    decimal: str = "."
+    to: str = "to"
+    """Word between the ends of an interval."""
+    and_: str = "and"
+
+
+ENGLISH = Language()
+
+
+def text_of(message: str, language: Language = ENGLISH) -> str:
+    """Return a message as a sentence; a text without a code stays as it is."""
+    if not isinstance(message, Notice):
+        return message
+    return _sentence(message.code, message.values, language)
+
+
+def term_text(term: str, language: Language = ENGLISH) -> str:
+    """Return a registered phrase by its word, or the word without underscores."""
+    return language.words.get(term) or _terms.get(term) or term.replace("_", " ")
+
+
+def _sentence(code: str, values: Mapping[str, Value], language: Language) -> str:
+    texts = {
+        name: _value_text(values[name], form, language)
+        for name, form in gaps_of(_templates[code]).items()
+    }
+    return fill_template(language.templates.get(code, _templates[code]), texts)
+
+
 def text_notice(text: str) -> Notice:
-    """Return a sentence without a code as a warning."""
-    return Notice(OTHER, {"text": text})
+    """Return a text as a message: as it is, or one without a code."""
+    return text if isinstance(text, Notice) else Notice(OTHER, {"text": text})
+
+
+def of_drops(message: str, *numbers: int) -> Notice:
+    """Return a message that names the drops it is about."""
+    return Notice(OF_DROPS, {"drops": numbers, "message": message})
+
+
+def without_drops(message: str) -> tuple[str, tuple[int, ...]]:
+    """Return a message without the drops that it names, and their numbers."""
+    if isinstance(message, Notice) and message.code == OF_DROPS:
+        inner, numbers = message.values["message"], message.values["drops"]
+        if isinstance(inner, str) and isinstance(numbers, tuple):
+            return inner, tuple(map(int, numbers))
+    return message, ()
 
 
 def register(templates: Mapping[str, str], terms: Mapping[str, str] | None = None) -> None:
@@ -160,10 +219,16 @@ def from_json(sentences: Sequence[str], codes: object = None) -> tuple[Notice, .
         Value of the key ``warning_codes``, with an entry for each sentence.
     """
     entries = codes if isinstance(codes, list) and len(codes) == len(sentences) else ()
-    notices = [_from_entry(entry) for entry in entries] or [None] * len(sentences)
+    notices = [from_entry(entry) for entry in entries] or [None] * len(sentences)
     return tuple(
         notice or text_notice(text) for notice, text in zip(notices, sentences, strict=True)
     )
+
+
+def messages_in(entries: object) -> tuple[Notice, ...]:
+    """Return the messages of stored entries as `codes` returns them, without unreadable ones."""
+    listed = entries if isinstance(entries, list | tuple) else ()
+    return tuple(message for entry in listed if (message := from_entry(entry)) is not None)
 
 
 def codes(notices: Iterable[Notice]) -> list[dict[str, Any]]:
@@ -174,6 +239,11 @@ def codes(notices: Iterable[Notice]) -> list[dict[str, Any]]:
 def to_json(notices: Sequence[Notice]) -> dict[str, Any]:
     """Return the JSON keys ``warnings`` and ``warning_codes`` with their values."""
     return {WARNINGS: list(map(str, notices)), WARNING_CODES: codes(notices)}
+
+
+def form_of(code: str, name: str) -> str:
+    """Return the format of a value of a message."""
+    return gaps_of(_templates[code])[name]
 
 
 @cache
@@ -193,15 +263,48 @@ def _parts(template: str) -> Iterator[tuple[str, str | None, str | None, str | N
     return iter(string.Formatter().parse(template))
 
 
-def _text_of(value: Value, form: str) -> str:
-    if isinstance(value, tuple):
-        joint = ", " if form in ("list", "terms") else " to "
-        return joint.join(_text_of(item, form) for item in value)
+def _value_text(value: Any, form: str, language: Language) -> str:
     if form == "more":
-        return f"; {value} more of that kind" if value else ""
+        return _sentence(MORE, {"count": value}, language) if value else ""
+    if form == "drops":
+        code = "one-drop" if len(value) == 1 else "several-drops"
+        return _sentence(code, {"numbers": ", ".join(map(str, value))}, language)
+    if isinstance(value, Joined):
+        return _joined_text(value, form, language)
+    if isinstance(value, tuple):
+        joint = _JOINTS.get(form, f" {language.to} ")
+        return joint.join(_value_text(item, form, language) for item in value)
+    if form == "message":
+        return text_of(value, language)
+    if form == "digits":
+        return str(value).replace(".", language.decimal)
     if isinstance(value, str):
-        word = _terms.get(value, value) if form == "terms" else value
-        return word.replace("_", " ") if form in ("words", "terms") else word
+        if form not in ("names", "words", "terms"):
+            return value
+        if form == "terms":
+            return term_text(value, language)
+        if form == "names":
+            return language.words.get(value, value)
+        return language.words.get(value) or value.replace("_", " ")
+    return _number_text(value, form).replace(".", language.decimal)
+
+
+_JOINTS = {"list": ", ", "names": ", ", "words": ", ", "terms": "; "}
+"""Text between several values, by their format; other formats are of intervals."""
+
+
+def _joined_text(value: Joined, form: str, language: Language) -> str:
+    """Return two numbers with "and" between them, more numbers or intervals as one range."""
+    items = [item if isinstance(item, tuple) else (item,) for item in value.values]
+    numbers = sorted({number for item in items for number in item}, key=float)
+    texts = list(dict.fromkeys(_value_text(number, form, language) for number in numbers))
+    if len(texts) <= MAX_LISTED_VALUES and all(len(item) == 1 for item in items):
+        return f" {language.and_} ".join(texts)
+    joint = f" {language.to} " if "+" in form else RANGE_DASH
+    return joint.join(dict.fromkeys((texts[0], texts[-1])))
+
+
+def _number_text(value: float, form: str) -> str:
     number_form, scale = _scale(form)
     displayed = value if scale is None else scale(value)
     if number_form.endswith("p"):
@@ -221,11 +324,9 @@ def _scale(form: str) -> tuple[str, Callable[[float], float] | None]:
     return number_form, (lambda value: value * by) if sign == "*" else (lambda value: value / by)
 
 
-def _as_words(value: Value) -> tuple[str, ...]:
-    return tuple(map(str, value)) if isinstance(value, tuple) else (str(value),)
-
-
 def _plain(value: Value) -> Any:
+    if isinstance(value, Notice):
+        return value.to_json()
     if isinstance(value, tuple):
         return [_plain(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
@@ -233,7 +334,7 @@ def _plain(value: Value) -> Any:
     return value
 
 
-def _from_entry(entry: object) -> Notice | None:
+def from_entry(entry: object) -> Notice | None:
     """Return an entry of ``warning_codes`` as a warning.
 
     The result is None if this version has no such template.
@@ -261,9 +362,14 @@ def _value_of(written: Any, form: str) -> Value:
         If the value is of another type.
     """
     if isinstance(written, list):
-        items: list[Any] = [_value_of(item, form) for item in written]
+        items: list[Any] = [_value_of(item, "d" if form == "drops" else form) for item in written]
         return tuple(items)
-    if form in _TEXT_FORMS:
+    if form == "message" and isinstance(written, Mapping):
+        message = from_entry(written)
+        if message is None:
+            raise ValueError("expected a message with its code and values")
+        return message
+    if form in TEXT_FORMS:
         if not isinstance(written, str):
             raise TypeError(f"expected a text, got {type(written).__name__}")
         return written
@@ -272,4 +378,5 @@ def _value_of(written: Any, form: str) -> Value:
     return float(written)
 
 
-_TEXT_FORMS = ("", "words", "terms", "list")
+TEXT_FORMS = ("", "names", "words", "terms", "list", "message", "digits")
+"""Formats of values that are texts or messages, not numbers."""

@@ -262,6 +262,10 @@ def _notices(value: Any) -> tuple[Notice, ...] | None:
     return None if texts is None else notices.from_json(texts)
 
 
+def _notice(value: Any) -> Notice | None:
+    return notices.from_entry(value)
+
+
 def _numbers(value: Any) -> tuple[int, ...] | None:
     sound = isinstance(value, list | tuple) and all(type(item) is int for item in value)
     return tuple(value) if sound else None
@@ -279,6 +283,7 @@ _READERS: dict[Any, Callable[[Any], Any]] = {
     tuple[str, ...] | None: _texts,
     tuple[int, ...] | None: _numbers,
     tuple[Notice, ...] | None: _notices,
+    Notice | None: _notice,
 }
 
 
@@ -324,7 +329,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, JsonRecord):
         return value.to_json()
     if isinstance(value, tuple):
-        return [_plain(item) for item in value]
+        return [str(item) if isinstance(item, Notice) else _plain(item) for item in value]
     if isinstance(value, Notice):
-        return str(value)
+        return value.to_json()
     return value

@@ -66,7 +66,7 @@ _HOMES = {
     "read": "pfwd.scripting.measured",
 }
 
-notices.register(notice_texts.TEMPLATES, notice_texts.TERMS)
+notices.register(notice_texts.TEMPLATES | notice_texts.REASONS, notice_texts.TERMS)
 
 __getattr__ = lazy_getattr(globals(), _HOMES)
 

@@ -4,62 +4,38 @@
 places: "load 51 and 53.1 kN is low".
 """
 
-import re
-from collections.abc import Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Hashable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from inversion.notices import Notice, fill_template, templates, text_notice
+from inversion.notices import (
+    MAX_LISTED_VALUES,
+    TEXT_FORMS,
+    Joined,
+    Notice,
+    Value,
+    form_of,
+    text_notice,
+)
 
 Place = TypeVar("Place", bound=Hashable)
-
-_NUMBER_PATTERN = r"[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
-_NUMBER = re.compile(
-    rf"(?<![\w.:+/-]){_NUMBER_PATTERN}(?: to {_NUMBER_PATTERN})?(?![\w+/-]|[.:]\w)"
-)
-"""Pattern of a number, or of two numbers with "to" between them. Numbers that are part of a name, a
-date, a time or a chainage (12-points.prjz, 2022-01-21, 14:05, 12+320) do not match."""
-
-GAP = "{}"
-"""Placeholder of a number in a pattern."""
-
-DASH = "\N{EN DASH}"
-"""Character between the ends of a range; not "to", which may be in the message already."""
-
-MAX_LISTED_VALUES = 2
-"""Largest number of different values that are listed; more are written as a range."""
 
 
 @dataclass(frozen=True, slots=True)
 class MessageGroup(Generic[Place]):
     """One message and the places (points, drops) to which it applies."""
 
-    code: str
-    """Code of the warning; ``other``: a message without a code."""
-    patterns: Mapping[str, str]
-    """Texts of the message's parts by name, with ``{}`` in place of numbers; messages with equal
-    patterns belong to one group."""
-    numbers: Mapping[str, tuple[str, ...]]
-    """Texts for the ``{}`` of each part by name: a number, two numbers, or a range."""
-    words: Mapping[str, tuple[str, ...]]
-    """Words of a fixed list in the message, by the name of the part, for translations."""
+    message: Notice
+    """The message, with the numbers of all places joined."""
+    key: Hashable
+    """Value that is equal for messages of one group."""
     places: tuple[Place, ...]
     """Places to which the message applies, in the order of their first message."""
 
     @property
-    def key(self) -> Hashable:
-        """Value that is equal for messages of one group."""
-        return (self.code, *self.patterns.items())
-
-    @property
-    def texts(self) -> dict[str, str]:
-        """Texts of the message's parts with numbers, by name."""
-        return {name: fill(text, self.numbers[name]) for name, text in self.patterns.items()}
-
-    @property
     def text(self) -> str:
-        """Complete message in English."""
-        return fill_template(templates()[self.code], self.texts)
+        """The message in English."""
+        return str(self.message)
 
 
 def group_messages(messages: Iterable[tuple[Place, str]]) -> list[MessageGroup[Place]]:
@@ -76,74 +52,51 @@ def group_messages(messages: Iterable[tuple[Place, str]]) -> list[MessageGroup[P
 
     Examples
     --------
-    >>> groups = group_messages([("A", "load 53.1 kN is low"), ("B", "load 51 kN is low")])
+    >>> from inversion.notices import Notice
+    >>> first = Notice("plate-radius-suspect", {"plate_radius_m": 15.0})
+    >>> second = Notice("plate-radius-suspect", {"plate_radius_m": 30.0})
+    >>> groups = group_messages([("A", first), ("B", second)])
     >>> [(group.text, group.places) for group in groups]
-    [('load 51 and 53.1 kN is low', ('A', 'B'))]
+    [('units suspect: plate_radius_m = 15 and 30 (in metres?)', ('A', 'B'))]
     """
-    groups: dict[Hashable, MessageGroup[Place]] = {}
-    places: dict[Hashable, dict[Place, None]] = {}
-    numbers: dict[Hashable, list[Mapping[str, tuple[str, ...]]]] = {}
-    for place, message in messages:
-        group = _single_group(
-            message if isinstance(message, Notice) else text_notice(message), place
-        )
-        groups.setdefault(group.key, group)
-        places.setdefault(group.key, {})[place] = None
-        numbers.setdefault(group.key, []).append(group.numbers)
+    groups: dict[Hashable, tuple[list[Notice], dict[Place, None]]] = {}
+    for place, text in messages:
+        message = text_notice(text)
+        equal, places = groups.setdefault(_key(message), ([], {}))
+        equal.append(message)
+        places[place] = None
     return [
-        replace(
-            group,
-            numbers={
-                name: tuple(
-                    map(_together, zip(*(each[name] for each in numbers[key]), strict=True))
-                )
-                for name in group.numbers
-            },
-            places=(*places[key],),
-        )
-        for key, group in groups.items()
+        MessageGroup(_joined(equal), key, (*places,)) for key, (equal, places) in groups.items()
     ]
 
 
-def _single_group(notice: Notice, place: Place) -> MessageGroup[Place]:
-    split = {name: split_numbers(text) for name, text in notice.texts().items()}
-    return MessageGroup(
-        notice.code,
-        {name: pattern for name, (pattern, _) in split.items()},
-        {name: numbers for name, (_, numbers) in split.items()},
-        notice.words(),
-        (place,),
-    )
+def _key(message: Notice) -> Hashable:
+    """Return the code of a message with its values that are no numbers."""
+    return (message.code, *((name, _key_of(message, name)) for name in message.values))
 
 
-def split_numbers(text: str) -> tuple[str, tuple[str, ...]]:
-    """Return a text with ``{}`` in place of its numbers, and the numbers.
-
-    Examples
-    --------
-    >>> split_numbers("12-points.prjz: peaks are +0.0 to +194.8 % off (12+320)")
-    ('12-points.prjz: peaks are {} % off (12+320)', ('+0.0 to +194.8',))
-    """
-    return _NUMBER.sub(lambda _: GAP, text.replace(GAP, "( )")), tuple(_NUMBER.findall(text))
-
-
-def fill(pattern: str, numbers: Sequence[str]) -> str:
-    """Return a pattern with each ``{}`` replaced by a number, from the left."""
-    parts = pattern.split(GAP)
-    return parts[0] + "".join(
-        number + part for number, part in zip(numbers, parts[1:], strict=True)
-    )
+def _key_of(message: Notice, name: str) -> Hashable:
+    value, form = message.values[name], form_of(message.code, name)
+    if isinstance(value, Notice):
+        return _key(value)
+    if form == "digits":
+        return None
+    if form == "more":
+        return bool(value)
+    return value if form in (*TEXT_FORMS, "drops") or isinstance(value, str) else None
 
 
-def _together(values: Sequence[str]) -> str:
-    different = list(dict.fromkeys(values))
-    if len(different) == 1:
-        return different[0]
-    ends = sorted((end for value in different for end in value.split(" to ")), key=float)
-    if len(different) <= MAX_LISTED_VALUES and len(ends) == len(different):
-        return " and ".join(ends)
-    signed = any(end.startswith(("+", "-")) for end in ends)
-    return f"{ends[0]}{' to ' if signed else DASH}{ends[-1]}"
+def _joined(messages: Sequence[Notice]) -> Notice:
+    """Return messages with the same key as one, with their different numbers in its values."""
+    first = messages[0]
+    values: dict[str, Value] = {}
+    for name, value in first.values.items():
+        different = tuple(dict.fromkeys(message.values[name] for message in messages))
+        if isinstance(value, Notice):
+            values[name] = _joined([inner for inner in different if isinstance(inner, Notice)])
+        else:
+            values[name] = Joined(different) if len(different) > 1 else value
+    return Notice(first.code, values)
 
 
 def as_ranges(chosen: Iterable[str], order: Sequence[str]) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inversion.notices import Notice, invalidating
+from inversion.notices import Notice, invalidating, text_notice
 from pfwd.analysis.results import DropResult, MeasuredFacts, fit_fault
 from pfwd.analysis.screening.drops import CENTRE, Screening, pulse_peak, unbroken_part
 from pfwd.files.header import IMPORTED, PEAK_DEVIATIONS, PointSetup
@@ -81,7 +81,8 @@ def point_drop(
     centre = [channel for channel in unbroken.channels if abs(channel.offset) < CENTRE]
     if centre and duration:
         facts |= _deflection(unbroken, centre[0], setup, start, duration)
-    fact = PointDrop(drop.number, kind, reason=discarded or None, **facts)
+    reason = text_notice(discarded) if discarded else None
+    fact = PointDrop(drop.number, kind, reason=reason, **facts)
     return with_modulus(fact, result, setup, screening.warnings)
 
 
@@ -148,7 +149,7 @@ def _of_peaks(number: int, peaks: Peaks, setup: PointSetup, discarded: str | Non
         kind,
         peak_load=peaks.load,
         peak_deflection=centre if centre is not None and centre > 0 else None,
-        reason=discarded or None,
+        reason=text_notice(discarded) if discarded else None,
     )
 
 
@@ -330,9 +331,9 @@ def with_modulus(
         Warnings of the screening; those of the result are used as well.
     """
     warned = (*warnings, *(() if result is None else result.warnings or ()))
-    fault: str | None = invalidating(warned, "record")
+    fault = invalidating(warned, "record")
     if _contradicts_its_file(facts.number, setup):
-        fault = "the record contradicts the peak that its file stores"
+        fault = Notice("record-contradicts-file")
     if result is None or result.modulus_pa is None:
         return dataclasses.replace(
             facts,
@@ -357,7 +358,8 @@ def with_modulus(
         modulus_depth=result.modulus_depth_m,
         residual=result.contact_residual_rms_over_peak,
         fit_fault=of_fit,
-        fit_fault_code=of_fit.code if isinstance(of_fit, Notice) else None,
+        # Other reasons than warnings do not state what to do.
+        fit_fault_code=of_fit.code if of_fit is not None and of_fit in warned else None,
     )
 
 

@@ -17,7 +17,7 @@ from pfwd.analysis.drop_facts import (
     uncompared_facts,
 )
 from pfwd.analysis.results import DropAnalysis, DropResult
-from pfwd.analysis.screening.drops import unbroken_part
+from pfwd.analysis.screening.drops import DropStatus, unbroken_part
 from pfwd_device import Drop
 from pfwd_device.signals import remove_offset
 
@@ -45,7 +45,8 @@ def drop_result(
         return dataclasses.replace(
             analysis.stored, file=name, point=point, drop=number, refit=None, stored=True
         )
-    status, reason = analysis.screening.status, analysis.screening.reason
+    status: DropStatus = analysis.screening.status
+    reason: str | None = analysis.screening.reason
     if analysis.fault is not None:
         status, reason = "rejected", analysis.fault
     warnings = [*point_warnings, *analysis.screening.warnings]

@@ -81,12 +81,6 @@ WIDEST_WITH_CARE = 2.0
 """Largest ratio of the upper to the lower end of the 95 % interval of such a modulus."""
 
 
-def _percent(share: float) -> str:
-    """Return a fraction as text in percent with two digits, without powers of ten."""
-    percent = 100.0 * share
-    return f"{percent:.0f} %" if percent >= 10.0 else f"{percent:.2g} %"
-
-
 def _assumptions(result: DropResult | DiagnosisResult, model: str | None) -> str:
     """Return the assumptions of a modulus as text: model, plate, its radius, Poisson's ratio."""
     plate = f"{result.plate} plate of radius {result.plate_radius_m:g} m"
@@ -210,12 +204,12 @@ class DiagnosisResult(StoredRecord, Displayable):
         return self._assess_modulus().use if self._fault is None else "do-not-use"
 
     @property
-    def use_reason(self) -> str:
-        """Reason for `use`, in one sentence."""
+    def use_reason(self) -> Notice:
+        """Reason for `use`."""
         return self._fault or self._assess_modulus().reason
 
     @property
-    def _fault(self) -> str | None:
+    def _fault(self) -> Notice | None:
         """Reason why the records of the point support no modulus; None: they do."""
         return None if self.point_modulus is None else self.point_modulus.not_supported
 
@@ -268,8 +262,7 @@ class DiagnosisResult(StoredRecord, Displayable):
         """Return the use that the diagnosis permits for a modulus, Pa, with its interval."""
         explained_to = self.explained_to
         if value is None or ends is None or explained_to is None or not 0.0 < value < math.inf:
-            reason = "the diagnosis leaves the modulus open"
-            return _UseAssessment("do-not-use", reason, self._remedy(_REMEDY_OPEN))
+            return _UseAssessment("do-not-use", Notice("modulus-open"), self._remedy(_REMEDY_OPEN))
         fault = invalidating(self.warnings or (), "record")
         if fault is not None:
             return _UseAssessment("do-not-use", fault, self._remedy(_REMEDY_UNITS))
@@ -277,25 +270,18 @@ class DiagnosisResult(StoredRecord, Displayable):
         if self.verdict in ("clean", "explained"):
             reach = max(high - value, value - low) / value
             if reach < NARROW_FOR_DESIGN:
-                reason = f"the record is {self.verdict} and the interval is narrow"
-                return _UseAssessment("design", reason)
-            reason = (
-                f"the interval of the modulus reaches {_percent(reach)} from it, at most "
-                f"{_percent(NARROW_FOR_DESIGN)} is allowed"
-            )
+                return _UseAssessment("design", Notice(f"record-is-{self.verdict}"))
+            shares = {"reach": reach, "limit": NARROW_FOR_DESIGN}
+            reason = Notice("interval-too-wide", shares)
             return _UseAssessment("do-not-use", reason, self._remedy(_REMEDY_WIDE))
-        share = _percent(explained_to)
         if explained_to > EXPLAINED_WITH_CARE:
-            reason = (
-                f"{share} of the peak is unexplained (allowance included), at most "
-                f"{_percent(EXPLAINED_WITH_CARE)} is permitted"
-            )
+            shares = {"share": explained_to, "limit": EXPLAINED_WITH_CARE}
+            reason = Notice("unexplained-too-much", shares)
             return _UseAssessment("do-not-use", reason, self._remedy(_REMEDY_UNEXPLAINED))
         if not high < WIDEST_WITH_CARE * low:
-            reason = f"the interval of the modulus spans more than a factor of {WIDEST_WITH_CARE:g}"
+            reason = Notice("interval-spans", {"factor": WIDEST_WITH_CARE})
             return _UseAssessment("do-not-use", reason, self._remedy(_REMEDY_WIDE))
-        reason = f"{share} of the peak is unexplained (allowance included), the interval covers it"
-        return _UseAssessment("with-care", reason)
+        return _UseAssessment("with-care", Notice("unexplained-covered", {"share": explained_to}))
 
     def _remedy(self, default: str) -> str:
         """Return the remedy for a warning, else for the strongest effect, else the default."""
@@ -407,7 +393,7 @@ class _UseAssessment(NamedTuple):
     """Permitted use of the modulus of a diagnosis, with reason and remedy."""
 
     use: Use
-    reason: str
+    reason: Notice
     remedy: str = ""
 
 
@@ -495,7 +481,7 @@ class MeasuredFacts(StoredRecord):
     geophone_natural_frequency_hz: float | None = None
     """Natural frequency of the geophone response that was removed, Hz; None: none was."""
     geophone_damping: float | None = None
-    rejected: str | None = None
+    rejected: Notice | None = None
     """Reason why the drop is rejected, in which case the other facts are None; None: it is not."""
 
 
@@ -589,7 +575,7 @@ class DropResult(InversionResult, StoredRecord, Displayable):
         return self.refit is not None or "refit" in self.more
 
     @property
-    def not_supported(self) -> str | None:
+    def not_supported(self) -> Notice | None:
         """Reason why the data do not support the modulus, by the default limit; None: they do."""
         from pfwd.procedures.profile import OUR_TOLERANCES
         from pfwd.procedures.values import residual_fault
@@ -695,7 +681,7 @@ _FIT_FIELDS = (
 """Further fields that belong to the fit of a drop alone."""
 
 
-def fit_fault(result: DropResult) -> str | None:
+def fit_fault(result: DropResult) -> Notice | None:
     """Return the reason why the data do not support a modulus; None: they do.
 
     It is the first warning that invalidates a fit, or else what the search reports. The size of the
@@ -705,9 +691,9 @@ def fit_fault(result: DropResult) -> str | None:
     if warning is not None:
         return warning
     if result.converged is False:
-        return "the fit did not converge"
+        return Notice("not-converged")
     for name in result.at_bound or ():
-        return f"{name.replace('_', ' ')} is on a bound of the search"
+        return Notice("parameter-on-bound", {"parameter": name})
     return None
 
 

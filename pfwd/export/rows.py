@@ -12,7 +12,6 @@ from inversion.notices import WARNING_CODES, WARNINGS, Notice, Value, text_notic
 from pfwd.analysis.drop_facts import corrected_deflection
 from pfwd.analysis.result_columns import N_LAYERS, Kind, nested_cells, result_columns
 from pfwd.analysis.results import DiagnosisResult, DropResult
-from pfwd.analysis.screening.drops import ONLY_PEAKS
 from pfwd.errors import SurveyError
 from pfwd.export.columns import DROP_COLUMNS, POINT_COLUMNS
 from pfwd.files.header import Declaration, setup_from
@@ -21,7 +20,6 @@ from pfwd.files.photos import photos_of
 from pfwd.judging import DropView, Job, PointView, job_of, point_view
 from pfwd.judging.places import Place, local_of, number, place_of, utc_of
 from pfwd.judging.stations import chainage_of_point
-from pfwd.notice_texts import STIFFNESS_TEST
 from pfwd.peaks.basin import ASSUMED_POISSON_RATIO, RIGID_PLATE_FACTOR, basin_of
 from pfwd.peaks.stiffness import stiffness_of
 from pfwd.procedures import Kind as DropKind
@@ -202,7 +200,7 @@ def _row(
     drop: DropView,
     verdict: Mapping[str, Any],
     kind: DropKind | None,
-    reason: str | None,
+    reason: Notice | None,
     inverted: bool,
 ) -> Row:
     """Return the row of a drop.
@@ -216,7 +214,7 @@ def _row(
         Value and verdict of the point by column name.
     kind : DropKind or None
         Seating, measured or rejected by the procedure of the point.
-    reason : str or None
+    reason : Notice or None
         Reason why the drop is not averaged.
     inverted : bool
         True: the results are of an inversion for this export.
@@ -238,7 +236,7 @@ def _row(
     values |= verdict
     declared = {**(drop.declared or {}), **stored_point.declared}
     if drop.declared is not None and (on_rig(declared) or not drop.has_traces):
-        obstacle = STIFFNESS_TEST if on_rig(declared) else ONLY_PEAKS
+        obstacle = Notice("stiffness-test" if on_rig(declared) else "peaks-only")
         values |= {"status": "rejected", "reason": obstacle, "warnings": []}
     elif drop.last_result is None:
         fault = None if drop.fault is None else f"damaged: {drop.fault}"

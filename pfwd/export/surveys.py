@@ -9,7 +9,7 @@ from dataclasses import replace
 from itertools import count, groupby
 from typing import Any
 
-from pfwd.analysis.screening.drops import ONLY_PEAKS, unbroken_part
+from pfwd.analysis.screening.drops import unbroken_part
 from pfwd.errors import SurveyError, refusal
 from pfwd.export.output import new_file, new_folder
 from pfwd.export.rows import Order
@@ -63,6 +63,7 @@ def write_csv(order: Order, path: str | os.PathLike[str]) -> list[str]:
         If no drop has traces, or a drop is damaged.
     """
     notes: list[str] = []
+    has_peaks_only = False
     numbers = count(1)
     with new_folder(path, TRACE_SUFFIX, force=order.force) as folder:
         for content in order.content.points:
@@ -72,6 +73,7 @@ def write_csv(order: Order, path: str | os.PathLike[str]) -> list[str]:
                 raise SurveyError(f"{err}; pfwd edit --discard leaves it out") from err
             for point in points:
                 drops = [drop for drop in point.drops if _is_exportable(drop, point, notes)]
+                has_peaks_only |= any(drop.only_peaks is not None for drop in point.drops)
                 parts = [unbroken_part(drop)[0] for drop in drops]
                 # A trace file has one set of sensors for all its drops.
                 for _, group in groupby(parts, key=_sensors):
@@ -86,7 +88,7 @@ def write_csv(order: Order, path: str | os.PathLike[str]) -> list[str]:
             notes.append(f"{discarded} discarded drops are left out")
         if next(numbers) == 1:
             where = order.content.path
-            if any(ONLY_PEAKS in note for note in notes):
+            if has_peaks_only:
                 raise SurveyError(
                     f"{where}: expected drops with traces for the format csv, got peaks only; "
                     "export them with --format table, jsonl or pddx"

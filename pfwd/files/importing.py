@@ -22,6 +22,7 @@ from pfwd.files.header import remarks_of
 from pfwd.files.output_path import refuse_inside_survey
 from pfwd.files.photos import is_sound_photo, moment_of, photos_of, store_photo
 from pfwd.files.reading import read_points
+from pfwd.files.record_marks import copy_fault
 from pfwd.files.survey_file import read_survey_file
 from pfwd.files.traces import TracePoint
 from pfwd_device import Drop
@@ -35,7 +36,7 @@ from pfwd_device.recording import (
     read_survey,
 )
 from pfwd_device.recording.drop_file import software_version
-from pfwd_device.recording.record import copy_fault, point_name
+from pfwd_device.recording.record import point_name
 from pfwd_device.text import LONGEST_TEXT, clean
 
 Kind = Literal["traces", "peaks", "stiffness"]

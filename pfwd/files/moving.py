@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from inversion.notices import Notice
 from pfwd.errors import OptionError, quote, refusal
 from pfwd.files.opening import survey_content
 from pfwd_device.errors import RecordingError
@@ -134,7 +135,7 @@ def _place_after_move(drop: SurveyDrop) -> tuple[Any, Any] | None:
     return (place.get("point"), place.get("drop")) if isinstance(place, Mapping) else None
 
 
-def moved_drops(folder: str | os.PathLike[str]) -> dict[int, str]:
+def moved_drops(folder: str | os.PathLike[str]) -> dict[int, Notice]:
     """Return the place to which each moved drop was moved.
 
     Parameters
@@ -143,8 +144,8 @@ def moved_drops(folder: str | os.PathLike[str]) -> dict[int, str]:
 
     Returns
     -------
-    dict of int to str
-        By number within the survey, texts such as "moved to point P2, drop 3".
+    dict of int to Notice
+        By number within the survey, messages such as "moved to point P2, drop 3".
     """
     survey = survey_content(folder)
     places = {
@@ -162,8 +163,8 @@ def _last_discard(drop: SurveyDrop) -> object:
     return values[-1] if values else None
 
 
-def moved_to(value: object) -> str | None:
-    """Return the new place of a drop as text, such as "moved to point P2, drop 3".
+def moved_to(value: object) -> Notice | None:
+    """Return the new place of a drop as message, such as "moved to point P2, drop 3".
 
     Parameters
     ----------
@@ -172,10 +173,10 @@ def moved_to(value: object) -> str | None:
 
     Returns
     -------
-    str or None
+    Notice or None
         None: the drop was discarded, not moved.
     """
     place = value.get(MOVED_TO) if isinstance(value, Mapping) else None
     if not isinstance(place, Mapping):
         return None
-    return f"moved to point {place.get('point')}, drop {place.get('drop')}"
+    return Notice("moved", {key: str(place.get(key)) for key in ("point", "drop")})

@@ -11,24 +11,21 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from inversion.notices import Notice
+from inversion.notices import Notice, text_notice
 from pfwd.analysis.diagnosed_drop import DiagnosedDrop
 from pfwd.analysis.drop_facts import JudgedDeflection, uncompared_facts, with_modulus
 from pfwd.analysis.results import DropResult, TimeHistories
 from pfwd.analysis.screening.drops import Screening, rebound_reason, screen
 from pfwd.files.header import PointSetup
+from pfwd.files.record_marks import SATURATED, copy_fault, marks_in
 from pfwd.peaks.stiffness import Stiffness
 from pfwd.procedures import Kind, PointDrop
 from pfwd_device import Drop
 from pfwd_device.drop import Peaks
-from pfwd_device.recording.record import copy_fault
 from pfwd_device.recording.survey_reader import SurveyDrop
 
 RATE_DEVIATION = "rate_deviation"
 """Key of a drop's metadata, and kind of a drop's edit: true over declared sampling rate minus 1."""
-
-SATURATED = "saturated"
-"""Beginning of the mark of a drop in which a channel reached the end of the converter's range."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +38,9 @@ class DropView:
     """Peak of the load pulse, N, which is compared to recognise rebounds; 0: it is not compared."""
     setup: PointSetup
     """Setup as declared now, later edits included."""
-    discarded: str | None = None
+    discarded: Notice | str | None = None
     """Reason for which the operator discarded it, possibly empty; None: it is not discarded."""
-    moved_to: str | None = None
+    moved_to: Notice | None = None
     """Sentence that names the point to which the operator moved it; None: it was not moved."""
     result: DropResult | None = None
     """Result to show: the last valid one, if it was computed with the present setup; None: there is
@@ -89,14 +86,14 @@ class DropView:
         return self.own.number
 
     @property
-    def marks(self) -> tuple[str, ...]:
+    def marks(self) -> tuple[Notice, ...]:
         """Irregularities of the record, such as missing samples."""
-        return tuple(map(str, self.metadata.get("marks") or ()))
+        return marks_in(self.metadata)
 
     @property
-    def saturation(self) -> str | None:
+    def saturation(self) -> Notice | None:
         """Mark of a saturated channel; None: no channel reached the end of its range."""
-        return next((mark for mark in self.marks if mark.startswith(SATURATED)), None)
+        return next((mark for mark in self.marks if mark.code == SATURATED), None)
 
     @property
     def warnings(self) -> tuple[Notice, ...]:
@@ -125,12 +122,12 @@ class DropView:
         facts = dataclasses.replace(facts, peak_fault=self.saturation)
         deviation, fault = self.metadata.get(RATE_DEVIATION), copy_fault(self.metadata)
         if isinstance(deviation, float):
-            fault = f"the sampling rate was {100 * abs(deviation):.1f} % off the declared one"
+            fault = Notice("sampling-rate-wrong", {"deviation": abs(deviation)})
         if fault is not None:
             facts = dataclasses.replace(facts, record_fault=fault, fit_fault=fault)
         if self.discarded is None or facts.kind is Kind.REJECTED:
             return facts
-        reason = self.discarded or None
+        reason = text_notice(self.discarded) if self.discarded else None
         return dataclasses.replace(facts, kind=Kind.DISCARDED, reason=reason)
 
     @property

@@ -55,7 +55,7 @@ class PointView:
     """Name that the operator gave it later; empty: it has its first name."""
     job: Job = field(default_factory=Job)
     """Job by which the point is judged."""
-    fallback_target: tuple[float, str] | None = None
+    fallback_target: tuple[float, Notice] | None = None
     """Target that is used if the survey declares none, and its source; None: the procedure's is
     used."""
     notes: tuple[str, ...] = ()
@@ -217,7 +217,7 @@ def fit_before_diagnosis(diagnosis: DiagnosisResult) -> PointModulus | None:
     if before is None or before.modulus_pa is None:
         return None
     limit = OUR_TOLERANCES["most_residual"]
-    fault: str | None = invalidating(diagnosis.warnings or (), "fit")
+    fault = invalidating(diagnosis.warnings or (), "fit")
     fault = fault or residual_fault(before.contact_residual_rms_over_peak, limit)
     return PointModulus(
         before.modulus_pa,
@@ -294,9 +294,9 @@ def _judge(point: PointView) -> PointProgress:
     )
     if progress.target is not None and progress.target == target:
         progress = dataclasses.replace(progress, target_source=source)
-    reason = "the point is discarded" if point.discarded else None
+    reason = Notice("point-discarded") if point.discarded else None
     if reason is None and point.is_verdict_pending and progress.verdict is not Verdict.NONE:
-        reason = "its verdict is pending: the diagnosis of the point is under way"
+        reason = Notice("verdict-pending")
     if reason is None:
         return progress
     return dataclasses.replace(
@@ -304,7 +304,7 @@ def _judge(point: PointView) -> PointProgress:
     )
 
 
-def _target_of(point: PointView) -> tuple[float | None, str]:
+def _target_of(point: PointView) -> tuple[float | None, Notice | None]:
     """Return the target of a point, Pa or m, and its source.
 
     Targets of the judged quantity come first.
@@ -312,14 +312,14 @@ def _target_of(point: PointView) -> tuple[float | None, str]:
     job = point.job
     station = job.station(point.shown_name)
     candidates = (
-        (point.target, "of the point"),
-        (None if station is None else station.target, "of the station"),
-        (job.target, "of the survey"),
-        point.fallback_target or (None, ""),
+        (point.target, Notice("target-of-point")),
+        (None if station is None else station.target, Notice("target-of-station")),
+        (job.target, Notice("target-of-survey")),
+        point.fallback_target or (None, None),
     )
     declared = [(value, source) for value, source in candidates if value is not None]
     if not declared:
-        return None, ""
+        return None, None
     fitting = [pair for pair in declared if is_target_for(job.procedure_in_force, pair[0])]
     # A target of another quantity is passed on, because the judgement reports that it is ignored.
     return (fitting or declared)[0]
@@ -332,8 +332,8 @@ class PointPlate(NamedTuple):
     """Radius, m; 0: there was no plate."""
     poisson_ratio: float | None
     """Declared Poisson's ratio; None: not declared."""
-    faults: list[str]
-    """One sentence if the drops were measured with different plates; else empty."""
+    faults: list[Notice]
+    """One message if the drops were measured with different plates; else empty."""
 
 
 def _plate_of(point: PointView) -> PointPlate:
@@ -351,8 +351,8 @@ def _plate_of(point: PointView) -> PointPlate:
     radii = sorted({drop.setup.plate_radius for drop in loaded})
     faults = []
     if radii[-1] - radii[0] > SAME_PLATE * radii[-1]:
-        listed = " and ".join(f"{radius:g} m" for radius in radii)
-        faults.append(f"its drops were measured with plates of {listed} radius")
+        ends = {"smallest_m": radii[0], "largest_m": radii[-1]}
+        faults.append(Notice("plates-differ", ends))
     return PointPlate(last.plate_radius, last.poisson_ratio, faults)
 
 

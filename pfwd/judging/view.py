@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from inversion.notices import Notice
 from pfwd.analysis.drop_facts import stored_facts, unbroken_peaks
 from pfwd.analysis.result_store import (
     is_sound,
@@ -34,8 +35,6 @@ from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Survey, SurveyDrop, SurveyPoint
 from pfwd_device.recording.drop_payload import DropFacts
 from pfwd_device.recording.record import COPY_OF
-
-DAMAGED = "damaged record"
 
 _METADATA = (
     *("position", "time_utc", "time_local", "operator", "identity", "marks", RATE_DEVIATION),
@@ -236,7 +235,8 @@ def _drop_view(drop: SurveyDrop, later: Mapping[str, Any], before: DropView | No
 
 
 def _damaged(drop: SurveyDrop, err: Exception, recorded: Mapping[str, Any]) -> DropView:
-    facts = PointDrop(drop.drop, Kind.REJECTED, reason=f"{DAMAGED}: {err}")
+    reason = Notice("record-unreadable", {"fault": str(err)})
+    facts = PointDrop(drop.drop, Kind.REJECTED, reason=reason)
     # The damage is reported, even of a drop that was discarded or moved.
     return DropView(facts, 0.0, NO_SETUP, **{**recorded, "moved_to": None, "result": None})
 
@@ -288,8 +288,8 @@ def setup_now(declared: Mapping[str, Any], later: Mapping[str, Any], where: str)
     )
 
 
-def _discarding_of(drop: SurveyDrop) -> tuple[str | None, str | None]:
-    """Return the reason for which a drop was discarded, and the sentence that names its new point.
+def _discarding_of(drop: SurveyDrop) -> tuple[Notice | str | None, Notice | None]:
+    """Return the reason for which a drop was discarded, and the message that names its new point.
 
     Each is None if it does not apply.
     """

@@ -7,6 +7,7 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from inversion.notices import Notice, Value, text_notice
 from pfwd.digits import with_ends
 from pfwd.errors import OptionError, refusal
 from pfwd.procedures.point import (
@@ -23,7 +24,7 @@ from pfwd.procedures.point import (
     Verdict,
 )
 from pfwd.procedures.preconditions import violated_preconditions
-from pfwd.procedures.profile import CHECKS, OUR_TOLERANCES, Procedure, Quantity
+from pfwd.procedures.profile import OUR_TOLERANCES, Procedure, Quantity, term_of_number
 from pfwd.procedures.sorting import SortedDrops, sort_drops
 from pfwd.procedures.values import (
     MIN_DROPS_FOR_INTERVAL,
@@ -67,7 +68,7 @@ class _Goal:
 
     target: float | None
     """Pa, or m if the target is a deflection; None: there is no target."""
-    source: str
+    source: Notice | None
 
 
 def judge(
@@ -81,7 +82,7 @@ def judge(
     material: str | None = None,
     diagnosed: DiagnosedModulus | None = None,
     centre_sensor: str | None = None,
-    earlier_violations: Sequence[str] = (),
+    earlier_violations: Sequence[Notice] = (),
 ) -> PointProgress:
     """Judge the drops of a point by a procedure.
 
@@ -104,8 +105,8 @@ def judge(
         Replaces the fitted modulus where the diagnosis permits its use.
     centre_sensor : str, optional
         Place of the centre sensor, "plate" or "ground"; None: it is not compared.
-    earlier_violations : sequence of str
-        Violated preconditions that the caller detected, one sentence each.
+    earlier_violations : sequence of Notice
+        Violated preconditions that the caller detected.
 
     Returns
     -------
@@ -139,7 +140,7 @@ def judge(
         modulus = dataclasses.replace(modulus, not_supported=record_fault, not_supported_code=None)
     if procedure.quantity.is_fitted:
         if len(used) == 1 and modulus is not None and modulus.source == "fitted":
-            notes.append("one drop: the scatter between drops is not in the interval")
+            notes.append(Notice("one-measured-drop"))
         notes += _modulus_notes(procedure.quantity, modulus, other_modulus, diagnosed)
     value = value_of(procedure, used, plate_radius, poisson_ratio, notes, modulus)
     reason = violated[0] if violated else record_fault
@@ -185,7 +186,7 @@ def judge(
     )
 
 
-def _notes(procedure: Procedure) -> list[str]:
+def _notes(procedure: Procedure) -> list[Notice]:
     """Return the notes on unverified numbers of a procedure, which hold whatever the drops are."""
     notes = []
     unverified = [
@@ -195,10 +196,11 @@ def _notes(procedure: Procedure) -> list[str]:
     ]
     in_formula = [key for key in unverified if key in ("factor", "nominal_pressure_pa")]
     if in_formula:
-        notes.append(f"used in the formula without being verified: {', '.join(in_formula)}")
+        numbers = tuple(map(term_of_number, in_formula))
+        notes.append(Notice("unverified-in-formula", {"numbers": numbers}))
     ignored = [key for key in unverified if key not in in_formula and key not in _ALWAYS_ENFORCED]
     if ignored:
-        notes.append(f"not verified, hence not enforced: {', '.join(ignored)}")
+        notes.append(Notice("unverified", {"numbers": tuple(map(term_of_number, ignored))}))
     return notes
 
 
@@ -207,26 +209,27 @@ def _modulus_notes(
     modulus: PointModulus | None,
     unused: PointModulus | None,
     diagnosed: DiagnosedModulus | None,
-) -> list[str]:
+) -> list[Notice]:
     """Return notes that say whether the diagnosed or the fitted modulus of the point is used."""
     if diagnosed is None:
         return []
     if modulus is None or modulus.source == "fitted":
-        return [f"the diagnosed modulus is not used: {diagnosed.use_reason}"]
-    value = _megapascal(modulus, quantity)
-    text = f"the modulus is the diagnosed one, {value} MPa"
-    if quantity is Quantity.EQUIVALENT_MODULUS:
-        text = f"the equivalent modulus is the diagnosed one, {value} MPa"
-    if unused is not None:
-        text += f"; that of the fits is {_megapascal(unused, quantity)} MPa"
-    return [text]
+        return [Notice("diagnosed-not-used", {"reason": diagnosed.use_reason})]
+    value = _rounded(modulus, quantity)
+    fitted = None if unused is None else _rounded(unused, quantity)
+    if value is None:
+        return []
+    values: dict[str, Value] = {"quantity": quantity, "modulus_mpa": value}
+    if fitted is None:
+        return [Notice("modulus-diagnosed", values)]
+    return [Notice("modulus-diagnosed-and-fitted", {**values, "fitted_mpa": fitted})]
 
 
-def _megapascal(modulus: PointModulus, quantity: Quantity) -> str:
+def _rounded(modulus: PointModulus, quantity: Quantity) -> str | None:
     """Return a modulus as text in MPa, rounded to the digits that its interval justifies."""
     value, interval = modulus.in_quantity(quantity)
     if value is None:
-        return "none"
+        return None
     if interval is None:
         return f"{value / 1e6:.3g}"
     return with_ends(value / 1e6, (interval[0] / 1e6, interval[1] / 1e6))[0]
@@ -254,9 +257,9 @@ def _point_faults(
     procedure: Procedure,
     scatter: _Scatter,
     value: PointValue | None,
-    notes: list[str],
-) -> list[str]:
-    """Return the violated checks of a point that are enforced, one sentence each.
+    notes: list[Notice],
+) -> list[Notice]:
+    """Return the violated checks of a point that are enforced.
 
     Violated checks that are not enforced are appended to ``notes``.
     """
@@ -270,21 +273,18 @@ def _point_faults(
         number = procedure.checks.get(key)
         if number is None or scattered is None or scattered <= number.value:
             continue
-        text = f"{CHECKS[key].words} is {scattered:.1%}, at most {number.value:.1%} is allowed"
+        values: dict[str, Value] = {"spread": key, "value": scattered, "limit": number.value}
+        fault = Notice("spread-too-large", values)
         if procedure.enforced(number) is None:
-            notes.append(f"{text} (not verified, not enforced)")
+            notes.append(Notice("not-enforced", {"fault": fault}))
         else:
-            faults.append(text)
+            faults.append(fault)
     if value is not None and value.quantity is not Quantity.DEFLECTION:
         low, high = procedure.limit("least_value_pa"), procedure.limit("most_value_pa")
         if low is not None and value.value < low:
-            notes.append(
-                f"{value.quantity.words} is below the range of the method ({low / 1e6:g} MPa)"
-            )
+            notes.append(Notice("below-range", {"quantity": value.quantity, "limit_pa": low}))
         if high is not None and value.value > high:
-            notes.append(
-                f"{value.quantity.words} is above the range of the method ({high / 1e6:g} MPa)"
-            )
+            notes.append(Notice("above-range", {"quantity": value.quantity, "limit_pa": high}))
     return faults
 
 
@@ -293,21 +293,21 @@ def _goal(
     target: float | None,
     moisture: float | None,
     material: str | None,
-    notes: list[str],
+    notes: list[Notice],
 ) -> _Goal:
     """Return the target declared for the point if it fits, else that of the procedure.
 
     A target fits if it is of the judged quantity.
     """
     if target is not None and is_target_for(procedure, target):
-        return _Goal(target, "of the point")
+        return _Goal(target, Notice("target-of-point"))
     if target is not None:
-        judged, compared = "a modulus", "a deflection"
-        if procedure.quantity is Quantity.DEFLECTION:
-            judged, compared = compared, judged
-        notes.append(f"the target is {compared}, the procedure judges {judged}: not compared")
+        is_deflection = procedure.quantity is Quantity.DEFLECTION
+        notes.append(Notice("target-is-modulus" if is_deflection else "target-is-deflection"))
     default = procedure.target_for(moisture, material)
-    return _Goal(None, "") if default is None else _Goal(default.value.value, default.value.source)
+    if default is None:
+        return _Goal(None, None)
+    return _Goal(default.value.value, text_notice(default.value.source))
 
 
 def is_target_for(procedure: Procedure, target: float) -> bool:
@@ -319,63 +319,57 @@ def is_target_for(procedure: Procedure, target: float) -> bool:
     return (procedure.quantity is Quantity.DEFLECTION) == (target < MAX_DEFLECTION_M)
 
 
-def _note_s_over_v(procedure: Procedure, s_over_v: float | None, notes: list[str]) -> None:
+def _note_s_over_v(procedure: Procedure, s_over_v: float | None, notes: list[Notice]) -> None:
     limit = procedure.limit("most_s_over_v_s")
     if s_over_v is not None and limit is not None and s_over_v > limit:
-        notes.append(
-            f"s/v is {s_over_v * 1e3:.2f} ms, above {limit * 1e3:.2f} ms: more compaction is "
-            "possible"
-        )
+        notes.append(Notice("s-over-v-too-large", {"s_over_v_s": s_over_v, "limit_s": limit}))
 
 
 def _verdict(
     procedure: Procedure,
     value: PointValue | None,
     target: float | None,
-    violated: Sequence[str],
-    faults: Sequence[str],
+    violated: Sequence[Notice],
+    faults: Sequence[Notice],
     drops: SortedDrops,
-    withheld: str | None,
+    withheld: Notice | None,
     modulus: PointModulus | None,
-) -> tuple[Verdict, str, ReasonCode | None]:
+) -> tuple[Verdict, Notice, ReasonCode | None]:
     undecided = Verdict.UNDECIDED
     if target is None:
-        return Verdict.NONE, "there is no target", None
+        return Verdict.NONE, Notice("no-target"), None
     if violated:
         return undecided, violated[0], ReasonCode.PRECONDITION
     if not drops.complete:
-        return undecided, "measured drops are missing", ReasonCode.DROPS_MISSING
+        return undecided, Notice("drops-missing"), ReasonCode.DROPS_MISSING
     if value is None and withheld is not None and procedure.quantity.is_fitted:
-        text = f"the modulus is not supported by the data: {withheld}"
-        return undecided, text, ReasonCode.NOT_SUPPORTED
+        values: dict[str, Value] = {"quantity": procedure.quantity.term, "reason": withheld}
+        return undecided, Notice("not-supported", values), ReasonCode.NOT_SUPPORTED
     if value is None and modulus is not None and procedure.quantity.is_fitted:
-        text = "no equivalent modulus: no sensor is on the plate, or the data leave it open"
-        return undecided, text, ReasonCode.VALUE_MISSING
+        return undecided, Notice("no-equivalent-modulus"), ReasonCode.VALUE_MISSING
     if value is None or (drops.counted and value.drops < len(drops.used)):
-        text = "a measured drop lacks what is judged: discard and repeat it"
-        return undecided, text, ReasonCode.VALUE_MISSING
+        return undecided, Notice("value-missing"), ReasonCode.VALUE_MISSING
     if value.not_supported is not None:
-        subject = "the modulus" if value.quantity.is_fitted else value.quantity
-        text = f"{subject} is not supported by the data: {value.not_supported}"
-        return undecided, text, ReasonCode.NOT_SUPPORTED
+        values = {"quantity": value.quantity.term, "reason": value.not_supported}
+        return undecided, Notice("not-supported", values), ReasonCode.NOT_SUPPORTED
     if faults:
         return undecided, faults[0], ReasonCode.SCATTER
     if value.interval is None:
-        text = "the modulus has no interval"
+        reason = Notice("modulus-without-interval")
         if not value.quantity.is_fitted:
-            text = f"an interval needs {MIN_DROPS_FOR_INTERVAL} measured drops, "
-            text += f"the point has {value.drops}"
-        return undecided, text, ReasonCode.DROPS_MISSING
+            counts = {"needed": MIN_DROPS_FOR_INTERVAL, "drops": value.drops}
+            reason = Notice("interval-needs-drops", counts)
+        return undecided, reason, ReasonCode.DROPS_MISSING
     low, high = value.interval
     if value.quantity is Quantity.DEFLECTION:  # smaller is better
         reached, missed = high <= target, low > target
     else:
         reached, missed = low >= target, high < target
     if reached:
-        return Verdict.PASS, "the whole 95 % interval reaches the target", ReasonCode.DECIDED
+        return Verdict.PASS, Notice("target-reached"), ReasonCode.DECIDED
     if missed:
-        return Verdict.FAIL, "the whole 95 % interval misses the target", ReasonCode.DECIDED
-    return undecided, "the target lies within the 95 % interval", ReasonCode.INTERVAL
+        return Verdict.FAIL, Notice("target-missed"), ReasonCode.DECIDED
+    return undecided, Notice("target-within-interval"), ReasonCode.INTERVAL
 
 
 def _compaction(sorted_drops: SortedDrops) -> tuple[tuple[int, str, float], ...]:
@@ -389,8 +383,8 @@ def _compaction(sorted_drops: SortedDrops) -> tuple[tuple[int, str, float], ...]
 def next_step(
     procedure: Procedure,
     sorted_drops: SortedDrops,
-    violated: Sequence[str],
-    faults: Sequence[str],
+    violated: Sequence[Notice],
+    faults: Sequence[Notice],
 ) -> tuple[Kind | None, str]:
     """Return the kind of the next drop, and one sentence of instruction.
 
@@ -400,10 +394,10 @@ def next_step(
     ----------
     procedure : Procedure
     sorted_drops : SortedDrops
-    violated : sequence of str
+    violated : sequence of Notice
         Preconditions of the procedure that the point violates.
-    faults : sequence of str
-        Faults that the other enforced checks of the procedure report, one sentence each.
+    faults : sequence of Notice
+        Faults that the other enforced checks of the procedure report.
     """
     seating, measured = procedure.seating_drops, procedure.measured_drops
     repeated = _drop_to_repeat(sorted_drops)

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any, Literal
 
+from inversion.notices import Notice
 from pfwd.procedures.profile import Quantity
 
 LARGEST_PLATE_RADIUS_M = 10.0
@@ -59,19 +60,19 @@ class PointDrop:
     """Depths between which the modulus holds, m; to None: any depth below."""
     residual: float | None = None
     """Root mean square residual of the fit while the load acts, over the peak deflection."""
-    fit_fault: str | None = None
+    fit_fault: Notice | None = None
     """Reason why the data do not support the modulus, other than a large residual."""
     fit_fault_code: str | None = None
     """Code of that reason; None: it has none."""
-    record_fault: str | None = None
+    record_fault: Notice | None = None
     """Reason why the record supports no value at all, not even its peaks."""
-    peak_fault: str | None = None
+    peak_fault: Notice | None = None
     """Reason why its peaks were not recorded: it loaded the ground, but is not averaged."""
     offset_over_peak: float | None = None
     """Absolute deflection just before the drop, over the peak deflection."""
     return_over_peak: float | None = None
     """Absolute deflection at the end of the record, over the peak deflection."""
-    reason: str | None = None
+    reason: Notice | None = None
     """Reason why the drop was rejected or discarded."""
 
     def modulus_in(self, quantity: Quantity) -> float | None:
@@ -134,7 +135,7 @@ class PointValue:
     drop_range: tuple[float, float] | None = None
     """Smallest and largest value of single drops, given when there is no interval; None: one drop.
     """
-    not_supported: str | None = None
+    not_supported: Notice | None = None
     """Reason why the value may not decide a verdict; None: it may."""
     not_supported_code: str | None = None
     """Code of that reason, such as "residual-not-explained"; None: it has none."""
@@ -178,8 +179,8 @@ class DiagnosedModulus:
     interval: tuple[float, float] | None
     """95 % interval, Pa; it includes the error of the model that the remaining residual shows."""
     use: Use
-    use_reason: str
-    """Reason for the permitted use, one sentence."""
+    use_reason: Notice
+    """Reason for the permitted use."""
     equivalent: float | None = None
     """Equivalent modulus, Pa; None: there is none, or it may not be used."""
     equivalent_interval: tuple[float, float] | None = None
@@ -200,7 +201,7 @@ class PointModulus:
     """95 % interval, Pa."""
     source: ModulusSource
     """"diagnosed": from the diagnosis of the point; "fitted": from the fits of its drops."""
-    not_supported: str | None = None
+    not_supported: Notice | None = None
     """Reason why the data do not support the modulus; None: they do."""
     not_supported_code: str | None = None
     """Code of that reason, such as "residual-not-explained"; None: it has none."""
@@ -248,8 +249,7 @@ class ExcludedDrop:
 
     number: int
     why: Exclusion
-    reason: str
-    """Reason as a text for the operator."""
+    reason: Notice
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -281,15 +281,15 @@ class PointProgress:
     """Number of every drop with the kind that the procedure assigns to it."""
     excluded: tuple[ExcludedDrop, ...]
     """Every drop that is not averaged, in the order of the numbers."""
-    faults: tuple[str, ...]
-    """Violations of enforced checks of the point, one sentence each."""
-    notes: tuple[str, ...]
+    faults: tuple[Notice, ...]
+    """Violations of enforced checks of the point."""
+    notes: tuple[Notice, ...]
     """Remarks: assumptions, and violations of checks that are not enforced."""
     value: PointValue | None
     modulus: PointModulus | None
     """Modulus of the point, diagnosed or fitted, whether or not the data support it; None: unknown.
     """
-    withheld: str | None
+    withheld: Notice | None
     """Reason why no modulus is stated although drops were fitted and diagnosed; None: `modulus` is
     stated, or nothing was diagnosed."""
     other_modulus: PointModulus | None
@@ -309,9 +309,10 @@ class PointProgress:
     stress: StressDependence | None
     target: float | None
     """Target, Pa, or m for a deflection; None: there is none."""
-    target_source: str
+    target_source: Notice | None
+    """Place where the target was declared; None: there is none."""
     verdict: Verdict
-    verdict_reason: str
+    verdict_reason: Notice
     verdict_reason_code: ReasonCode | None
     """Class of the reason; None: the point has no target."""
 
@@ -339,7 +340,8 @@ class PointProgress:
         if self.value is not None:
             values["value"]["unit"] = self.value.unit
         excluded = [[drop.number, drop.reason] for drop in self.excluded]
-        return values | {"excluded": excluded} | in_force_as_dict(self.modulus_in_force)
+        more = {"excluded": excluded, "target_source": self.target_source or ""}
+        return values | more | in_force_as_dict(self.modulus_in_force)
 
 
 def in_force_as_dict(modulus: PointModulus | None) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from inversion.notices import Notice, Value, of_drops
 from pfwd.procedures.point import PointDrop
 from pfwd.procedures.profile import Procedure
 from pfwd.procedures.values import mean
@@ -79,8 +80,8 @@ def violated_preconditions(
     used: Sequence[PointDrop],
     plate_radius: float,
     centre_sensor: str | None = None,
-) -> list[str]:
-    """Return one sentence for each precondition on plate, sensor and load that a point violates.
+) -> list[Notice]:
+    """Return one message for each precondition on plate, sensor and load that a point violates.
 
     Parameters
     ----------
@@ -96,58 +97,49 @@ def violated_preconditions(
     return [
         *_plate_violation(procedure, plate_radius),
         *(
-            text
-            for place, text in _MISPLACED.items()
+            Notice(code)
+            for place, code in _MISPLACED.items()
             if is_misplaced and place == procedure.centre_sensor
         ),
         *_load_violation(procedure, used, plate_radius),
     ]
 
 
-_MISPLACED = {
-    "plate": "the centre sensor is on the ground, this procedure needs it on the plate",
-    "ground": "the centre sensor is on the plate, this procedure needs it on the ground; if it is "
-    "there, declare centre_sensor",
-}
-"""Violations by the place that a procedure presumes."""
+_MISPLACED = {"plate": "sensor-on-ground", "ground": "sensor-on-plate"}
+"""Codes of violations by the place that a procedure presumes."""
 
 
-def _plate_violation(procedure: Procedure, plate_radius: float) -> list[str]:
+def _plate_violation(procedure: Procedure, plate_radius: float) -> list[Notice]:
     needed = procedure.plate_radius
     if needed is None or not plate_radius:
         return []
     tolerance = procedure.tolerance("most_radius_deviation")
     if _is_within(plate_radius, needed.value, tolerance.value):
         return []
-    return [
-        f"wrong plate: radius {plate_radius:g} m, this procedure needs {needed.value:g} m "
-        f"({tolerance.words})"
-    ]
+    values: dict[str, Value] = {"radius_m": plate_radius, "needed_m": needed.value}
+    values["tolerance"] = tolerance.message
+    return [Notice("plate-wrong", values)]
 
 
 def _load_violation(
     procedure: Procedure, used: Sequence[PointDrop], plate_radius: float
-) -> list[str]:
+) -> list[Notice]:
     presumed = presumed_load(procedure, used, plate_radius)
     if presumed is None or presumed.measured_load is None:
         return []
-    needed = f"this procedure needs {_kilonewton(presumed.load)}"
-    words = procedure.tolerance("most_load_deviation").words
+    needed: dict[str, Value] = {
+        "needed_n": presumed.load,
+        "tolerance": procedure.tolerance("most_load_deviation").message,
+    }
     if not presumed.is_met_by(presumed.measured_load):
-        return [f"wrong drop height: {_kilonewton(presumed.measured_load)}, {needed} ({words})"]
+        return [Notice("drop-height-wrong", {"load_n": presumed.measured_load, **needed})]
     for drop in used:
         load = drop.peak_load
         if load is not None and not presumed.is_met_by(load):
-            return [
-                f"drop {drop.number}: wrong drop height: {_kilonewton(load)}, {needed} ({words}); "
-                "discard and repeat it"
-            ]
+            fault = Notice("drop-height-wrong", {"load_n": load, **needed})
+            return [of_drops(Notice("to-repeat", {"fault": fault}), drop.number)]
     return []
 
 
 def _is_within(value: float, needed: float, tolerance: float) -> bool:
     return abs(value - needed) <= (tolerance + TOLERANCE_SLACK) * needed
-
-
-def _kilonewton(load: float) -> str:
-    return f"{load / 1e3:.3g} kN"

@@ -6,6 +6,9 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import NamedTuple
 
+from inversion import notices
+from inversion.notices import Notice
+
 
 class Quantity(StrEnum):
     """Quantity by which a procedure judges a point.
@@ -37,6 +40,11 @@ class Quantity(StrEnum):
     def words(self) -> str:
         """Name of the quantity in a sentence."""
         return self.value.replace("-", " ")
+
+    @property
+    def term(self) -> str:
+        """Name of the quantity in messages; both fitted moduli are "modulus"."""
+        return Quantity.MODULUS if self.is_fitted else self
 
     @property
     def is_fitted(self) -> bool:
@@ -105,6 +113,23 @@ CHECKS: Mapping[str, Check] = MappingProxyType(
 )
 """Descriptions of all limits that a profile may state, by the keys in the profile."""
 
+notices.register({}, {key: check.words for key, check in CHECKS.items()})
+
+_TERMS_OF_NUMBERS = {
+    "seating": "seating_drops",
+    "measured": "measured_drops",
+    "factor": "plate_factor",
+    "nominal_pressure_pa": "nominal_pressure",
+    "nominal_load_n": "nominal_load",
+    "plate_radius_m": "plate_radius",
+}
+"""Names in messages of the numbers that are no checks, by key."""
+
+
+def term_of_number(key: str) -> str:
+    """Return the name of a number of a procedure in messages, by its key."""
+    return _TERMS_OF_NUMBERS.get(key, key)
+
 
 OUR_TOLERANCES: Mapping[str, float] = MappingProxyType(
     {
@@ -130,16 +155,16 @@ class Tolerance(NamedTuple):
     """True: this program chose the tolerance; False: a verified source states it."""
 
     @property
-    def words(self) -> str:
-        """Tolerance as a text for messages, with its origin.
+    def message(self) -> Notice:
+        """Tolerance as a part of messages, with its origin.
 
         Examples
         --------
-        >>> Tolerance(0.1, is_ours=True).words
-        'within 10 %, our tolerance'
+        >>> print(Tolerance(0.1, is_ours=True).message)
+        within 10 %, our tolerance
         """
-        origin = ", our tolerance" if self.is_ours else ""
-        return f"within {100 * self.value:.3g} %{origin}"
+        code = "our-tolerance" if self.is_ours else "tolerance"
+        return Notice(code, {"tolerance": self.value})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from inversion.notices import Notice, Value, of_drops
 from pfwd.procedures.point import ExcludedDrop, Exclusion, Kind, PointDrop
 from pfwd.procedures.profile import CHECKS, Procedure
 
@@ -59,7 +60,9 @@ def kind_of(procedure: Procedure, rejected: Sequence[bool], seating: int = 0) ->
     return Kind.SEATING if loaded < required else Kind.MEASURED
 
 
-def sort_drops(procedure: Procedure, drops: Sequence[PointDrop], notes: list[str]) -> SortedDrops:
+def sort_drops(
+    procedure: Procedure, drops: Sequence[PointDrop], notes: list[Notice]
+) -> SortedDrops:
     """Assign a role to each drop of a point.
 
     Parameters
@@ -67,23 +70,24 @@ def sort_drops(procedure: Procedure, drops: Sequence[PointDrop], notes: list[str
     procedure : Procedure
     drops : sequence of PointDrop
         All drops of the point, in the order they fell.
-    notes : list of str
-        Violations of checks that are not enforced are appended, one sentence each.
+    notes : list of Notice
+        Violations of checks that are not enforced are appended.
     """
     required_seating = procedure.seating_drops
     usable: list[PointDrop] = []
     excluded: list[ExcludedDrop] = []
     kinds: dict[int, Kind] = {}
     loaded = seating = 0
-    unenforced: dict[str, list[int]] = {}
+    unenforced: dict[Notice, list[int]] = {}
     for drop in drops:
 
-        def exclude(why: Exclusion, reason: str, number: int = drop.number) -> None:
+        def exclude(why: Exclusion, reason: Notice, number: int = drop.number) -> None:
             excluded.append(ExcludedDrop(number, why, reason))
 
         kinds[drop.number] = drop.kind
         if drop.kind is Kind.REJECTED:
-            exclude(Exclusion.REJECTED, f"rejected: {drop.reason or 'no drop'}")
+            reason = drop.reason or Notice("no-drop")
+            exclude(Exclusion.REJECTED, Notice("rejected", {"reason": reason}))
             continue
         seats = drop.kind is Kind.SEATING
         if required_seating is not None:
@@ -94,23 +98,21 @@ def sort_drops(procedure: Procedure, drops: Sequence[PointDrop], notes: list[str
         fault = _drop_fault(procedure, drop, unenforced)
         if seats:
             seating += 1
-            total = "" if required_seating is None else f" {seating} of {required_seating}"
-            exclude(Exclusion.SEATING, f"seating drop{total}")
+            exclude(Exclusion.SEATING, _seating_drop(seating, required_seating))
         elif drop.kind is Kind.DISCARDED:
-            why = f": {drop.reason}" if drop.reason else ""
-            exclude(Exclusion.DISCARDED, f"discarded{why}")
+            because = Notice("discarded")
+            if drop.reason:
+                because = Notice("discarded-because", {"reason": drop.reason})
+            exclude(Exclusion.DISCARDED, because)
         elif fault:
             exclude(Exclusion.FAULT, fault)
         else:
             usable.append(drop)
-    for text, numbers in unenforced.items():
-        names = ", ".join(map(str, numbers))
-        notes.append(f"drop{'s' if len(numbers) > 1 else ''} {names}: {text}")
+    notes += [of_drops(violation, *numbers) for violation, numbers in unenforced.items()]
     required = procedure.measured_drops
     used = usable if required is None else usable[:required]
-    for drop in usable[len(used) :]:
-        reason = f"beyond the {required} measured drops"
-        excluded.append(ExcludedDrop(drop.number, Exclusion.BEYOND, reason))
+    beyond = Notice("beyond-measured", {"required": len(used)})
+    excluded += [ExcludedDrop(d.number, Exclusion.BEYOND, beyond) for d in usable[len(used) :]]
     return SortedDrops(
         drops=drops,
         kinds=kinds,
@@ -123,15 +125,21 @@ def sort_drops(procedure: Procedure, drops: Sequence[PointDrop], notes: list[str
     )
 
 
+def _seating_drop(number: int, required: int | None) -> Notice:
+    if required is None:
+        return Notice("seating-drop")
+    return Notice("seating-drop-of", {"number": number, "required": required})
+
+
 def _drop_fault(
-    procedure: Procedure, drop: PointDrop, unenforced: dict[str, list[int]]
-) -> str | None:
-    """Return the reason why a drop is not averaged, as a text; None: there is none.
+    procedure: Procedure, drop: PointDrop, unenforced: dict[Notice, list[int]]
+) -> Notice | None:
+    """Return the reason why a drop is not averaged; None: there is none.
 
     It is a fault of its peaks, or the first violation of an enforced check of single drops.
 
     For a violated check that is not enforced, the drop's number is appended to
-    ``unenforced[text]``.
+    ``unenforced[violation]``.
     """
     fault = drop.peak_fault
     for key, attribute, sign in _DROP_CHECKS:
@@ -139,11 +147,14 @@ def _drop_fault(
         if number is None or value is None or sign * (value - number.value) >= 0:
             continue
         check = CHECKS[key]
-        name, side = attribute.replace("_", " "), "less" if sign > 0 else "more"
-        limit = f"{side} than {number.value * check.scale:.3g} {check.unit}"
+        side = "small" if sign > 0 else "large"
+        limit: dict[str, Value] = {
+            "limit": number.value * check.scale,
+            "unit": check.unit,
+            "quantity": attribute,
+        }
         if procedure.enforced(number) is None:
-            text = f"{name} {limit} (not verified, not enforced)"
-            unenforced.setdefault(text, []).append(drop.number)
+            unenforced.setdefault(Notice(f"values-too-{side}", limit), []).append(drop.number)
         elif fault is None:
-            fault = f"{name} {value * check.scale:.3g} {check.unit}, {limit}"
+            fault = Notice(f"value-too-{side}", {"value": value * check.scale, **limit})
     return fault

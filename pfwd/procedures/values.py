@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 
+from inversion.notices import Notice, of_drops
 from pfwd.procedures.point import (
     DiagnosedModulus,
     PointDrop,
@@ -39,7 +40,7 @@ def value_of(
     used: Sequence[PointDrop],
     plate_radius: float,
     declared_ratio: float | None,
-    notes: list[str],
+    notes: list[Notice],
     modulus: PointModulus | None = None,
 ) -> PointValue | None:
     """Return the value of a point in the quantity that the procedure judges.
@@ -54,8 +55,8 @@ def value_of(
     plate_radius : float, m
     declared_ratio : float or None
         Poisson's ratio declared for the point.
-    notes : list of str
-        Assumptions that were made are appended, one sentence each.
+    notes : list of Notice
+        Assumptions that were made are appended.
     modulus : PointModulus, optional
         Modulus of the point from `moduli_of`, needed by a procedure that judges the fitted modulus.
     """
@@ -260,7 +261,7 @@ def _combined(
     return math.exp(average), (math.exp(average - ends[0]), math.exp(average + ends[1]))
 
 
-def unsupported_records(used: Sequence[PointDrop]) -> str | None:
+def unsupported_records(used: Sequence[PointDrop]) -> Notice | None:
     """Return the reason why the records of a point support no value at all; None: they do.
 
     Drops with the same load, deflection and duration to the last digit are one drop that was stored
@@ -269,29 +270,29 @@ def unsupported_records(used: Sequence[PointDrop]) -> str | None:
     first: dict[tuple[float | None, ...], int] = {}
     for drop in used:
         if drop.record_fault is not None:
-            return f"drop {drop.number}: {drop.record_fault}"
+            return of_drops(drop.record_fault, drop.number)
         if drop.pulse_duration is None or drop.peak_deflection is None:
             continue
         peaks = drop.peak_load, drop.peak_deflection, drop.pulse_duration
         if peaks in first:
-            return f"drop {drop.number}: its record is a copy of that of drop {first[peaks]}"
+            return of_drops(Notice("record-copied", {"drop": first[peaks]}), drop.number)
         first[peaks] = drop.number
     return None
 
 
-def unsupported_fit(procedure: Procedure, drop: PointDrop) -> tuple[str, str | None] | None:
+def unsupported_fit(procedure: Procedure, drop: PointDrop) -> tuple[Notice, str | None] | None:
     """Return the reason why the data do not support the fitted modulus of a drop, and its code.
 
     The result is None if they support it.
     """
     if drop.fit_fault is not None:
-        return f"drop {drop.number}: {drop.fit_fault}", drop.fit_fault_code
+        return of_drops(drop.fit_fault, drop.number), drop.fit_fault_code
     fault = residual_fault(drop.residual, procedure.tolerance("most_residual").value)
-    return None if fault is None else (f"drop {drop.number}: {fault}", RESIDUAL_NOT_EXPLAINED)
+    return None if fault is None else (of_drops(fault, drop.number), RESIDUAL_NOT_EXPLAINED)
 
 
-def residual_fault(residual: float | None, limit: float) -> str | None:
-    """Return the sentence for a residual above its limit; None: it is below, or unknown.
+def residual_fault(residual: float | None, limit: float) -> Notice | None:
+    """Return the fault of a residual above its limit; None: it is below, or unknown.
 
     Parameters
     ----------
@@ -300,10 +301,7 @@ def residual_fault(residual: float | None, limit: float) -> str | None:
     """
     if residual is None or residual <= limit:
         return None
-    return (
-        f"the model leaves {100 * residual:.2g} % of the peak, at most {100 * limit:.3g} % is "
-        "allowed"
-    )
+    return Notice("residual-too-large", {"residual": residual, "limit": limit})
 
 
 def _judged_modulus(
@@ -338,15 +336,15 @@ def recorded_values(drops: Sequence[PointDrop], attribute: str) -> list[float]:
     return [float(value) for value in values if value is not None]
 
 
-def _poisson_ratio(procedure: Procedure, declared: float | None, notes: list[str]) -> float:
+def _poisson_ratio(procedure: Procedure, declared: float | None, notes: list[Notice]) -> float:
     enforced = procedure.enforced(procedure.poisson_ratio)
     if enforced is not None:
         return enforced
     if declared is not None:
         return declared
-    text = f"Poisson's ratio {ASSUMED_POISSON_RATIO:g} is assumed"
-    if text not in notes:
-        notes.append(text)
+    assumption = Notice("poisson-ratio-assumed", {"poisson_ratio": ASSUMED_POISSON_RATIO})
+    if assumption not in notes:
+        notes.append(assumption)
     return ASSUMED_POISSON_RATIO
 
 

@@ -92,7 +92,7 @@ def certificate_blocks(
     head = texts["report_of_peaks" if only_peaks else "report"]
     head = texts["report_of_stiffness"] if only_stiffness else head
     if report.chosen:
-        head = f"{texts['certificate']}: {texts.title(report.procedure.title)}"
+        head = f"{texts['certificate']}: {texts.title(report.procedure)}"
     blocks.append(Paragraph(f"{company} · {head}" if company else head, "note"))
     blocks.append(Pairs(tuple(row for row in certificate_rows(report, texts) if row[1])))
     if len(report.points) <= MAX_ROWS:
@@ -296,7 +296,7 @@ def judged_by(report: Report, texts: Texts) -> str:
     name = report.procedure.quantity
     in_full = {Quantity.MODULUS: "modulus_full", Quantity.EQUIVALENT_MODULUS: "equivalent_full"}
     quantity = texts[in_full[name]] if name in in_full else formatting.name_of(name, texts)
-    text = f"{report.procedure.name} ({texts.title(report.procedure.title)}): {quantity}"
+    text = f"{report.procedure.name} ({texts.title(report.procedure)}): {quantity}"
     if report.survey_procedure is None:
         return text
     return f"{text}; {texts.say('own_procedure', name=report.survey_procedure)}"
@@ -406,7 +406,8 @@ def verdict_reasons(report: Report, texts: Texts) -> list[Block]:
         ]
         for group in group_messages(reasons):
             places = f" ({points_text(group.places, order, names, texts)})" if order[1:] else ""
-            items.append((f"{SIGNS[kind]} {texts[kind]}", f"{texts.grouped(group)}{places}"))
+            text = f"{texts.message(group.message)}{places}"
+            items.append((f"{SIGNS[kind]} {texts[kind]}", text))
     return [Pairs(tuple(items))] if items else []
 
 
@@ -422,7 +423,8 @@ def unsupported_note(report: Report, texts: Texts) -> list[Block]:
         marked = [item.not_supported for item in (value, modulus) if item is not None]
         for reason in dict.fromkeys(filter(None, marked)):
             any_marked = True
-            if point.discarded or reason not in point.progress.verdict_reason:
+            stated = point.progress.verdict_reason
+            if point.discarded or reason not in (stated, *stated.values.values()):
                 reasons.setdefault(texts.message(reason), []).append(point.shown_name)
     if not any_marked:
         return []

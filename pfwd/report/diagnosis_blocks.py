@@ -53,7 +53,8 @@ def diagnosis_blocks(point: PointView, texts: Texts) -> list[Block]:
     warnings = [warning for warning in diagnosis.warnings or () if warning not in reported]
     if warnings:
         groups = group_messages(("", warning) for warning in warnings)
-        blocks.append(Listing(tuple(map(texts.grouped, groups)), "warning"))
+        lines = tuple(texts.message(group.message) for group in groups)
+        blocks.append(Listing(lines, "warning"))
     return blocks
 
 

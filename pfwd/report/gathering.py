@@ -58,7 +58,7 @@ MAX_POINTS_TO_DIAGNOSE = 30
 
 _WAITING_CODES = ("residual-not-explained", "tail-not-explained")
 
-TARGET_OF_REPORT = "given with the report"
+TARGET_OF_REPORT = Notice("target-of-report")
 """Source that a report names for a target given by `ReportOptions.target`."""
 
 Progress = Callable[[str], None]
@@ -139,7 +139,7 @@ class ReportOptions:
         return AnalysisOptions(seed=self.seed, layers=self.layers, thickness=self.thickness)
 
     @property
-    def fallback(self) -> tuple[float, str] | None:
+    def fallback(self) -> tuple[float, Notice] | None:
         """Target of points for which the survey has none, with its source."""
         return None if self.target is None else (self.target, TARGET_OF_REPORT)
 

@@ -190,9 +190,9 @@ def _used(point: PointView, texts: Texts) -> str:
 
 def _excluded(point: PointView, texts: Texts) -> str:
     order = [str(drop.number) for drop in point.drops]
-    excluded = [(str(drop.number), str(drop.reason)) for drop in point.progress.excluded]
+    excluded = [(str(drop.number), drop.reason) for drop in point.progress.excluded]
     return "; ".join(
-        f"{as_ranges(group.places, order).replace(' to ', ' – ')}: {texts.grouped(group)}"
+        f"{as_ranges(group.places, order).replace(' to ', ' – ')}: {texts.message(group.message)}"
         for group in group_messages(excluded)
     )
 

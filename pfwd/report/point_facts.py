@@ -1,11 +1,10 @@
 """Facts of a point that several parts of a report have."""
 
 import datetime
-import re
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from inversion.notices import OTHER, Notice
+from inversion.notices import without_drops
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.files.header import IMPORTED, declared_values
 from pfwd.judging import DropView, PointView
@@ -198,12 +197,8 @@ class PointMessages:
     """Numbers of the drops by the key of the point, where the message names any."""
 
 
-_DROPS_BEFORE_MESSAGE = re.compile(r"drops? (\d+(?:, \d+)*): ")
-"""Pattern of the numbers of drops that a message begins with."""
-
-
 def group_point_messages(messages: Iterable[tuple[str, str]]) -> list[PointMessages]:
-    """Group messages by their meaning, whatever drops they begin with.
+    """Group messages by their meaning, whatever drops they name.
 
     Parameters
     ----------
@@ -211,24 +206,24 @@ def group_point_messages(messages: Iterable[tuple[str, str]]) -> list[PointMessa
 
     Examples
     --------
-    >>> (item,) = group_point_messages([("A", "drops 1, 2: too low"), ("B", "drop 3: too low")])
+    >>> from inversion.notices import Notice, of_drops
+    >>> lost = Notice("no-pulse", {"change_n": 5.0})
+    >>> (item,) = group_point_messages([("A", of_drops(lost, 1, 2)), ("B", of_drops(lost, 3))])
     >>> item.group.text, item.group.places, dict(item.drops)
-    ('too low', ('A', 'B'), {'A': ('1', '2'), 'B': ('3',)})
+    ('no pulse: the load changes by 5 N at most', ('A', 'B'), {'A': ('1', '2'), 'B': ('3',)})
     """
     by_rest: list[tuple[str, str]] = []
     numbers: list[tuple[str, str, tuple[str, ...]]] = []
     for place, message in messages:
-        coded = isinstance(message, Notice) and message.code != OTHER
-        match = None if coded else _DROPS_BEFORE_MESSAGE.match(message)
-        rest = message if match is None else message[match.end() :]
+        rest, listed = without_drops(message)
         by_rest.append((place, rest))
-        if match is not None:
-            numbers.append((place, rest, tuple(match[1].split(", "))))
+        if listed:
+            numbers.append((place, rest, tuple(map(str, listed))))
     drops: dict[Hashable, dict[str, tuple[str, ...]]] = {}
-    for place, rest, listed in numbers:
+    for place, rest, of_place in numbers:
         (group,) = group_messages([(place, rest)])
         of_key = drops.setdefault(group.key, {})
-        of_key[place] = tuple(dict.fromkeys((*of_key.get(place, ()), *listed)))
+        of_key[place] = tuple(dict.fromkeys((*of_key.get(place, ()), *of_place)))
     return [PointMessages(group, drops.get(group.key, {})) for group in group_messages(by_rest)]
 
 
@@ -245,9 +240,9 @@ def remarks_of(point: PointView, texts: Texts, common: Collection[Hashable]) -> 
     order = [str(drop.number) for drop in point.drops]
     messages = group_point_messages((point.shown_name, text) for text in all_warnings(point))
     warnings = [
-        texts.grouped(item.group)
+        texts.message(item.group.message)
         if not numbers
-        else f"{drops_text(numbers, order, texts)}: {texts.grouped(item.group)}"
+        else f"{drops_text(numbers, order, texts)}: {texts.message(item.group.message)}"
         for item in messages
         if item.group.key not in common
         for numbers in [item.drops.get(point.shown_name, ())]

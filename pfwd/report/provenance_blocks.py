@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from inversion.notices import messages_in
 from inversion.records import JsonRecord, is_number, stored_fields
 from inversion.result import InversionResult
 from pfwd.files.header import IMPORTED, REMARK_CODES, declared_values
@@ -41,18 +42,18 @@ _NUMBER_UNITS = {
 def procedure_blocks(procedure: Procedure, texts: Texts) -> list[Block]:
     """Return the blocks on the procedure with all its numbers."""
     blocks: list[Block] = [
-        Heading(f"{texts['procedure']}: {texts.title(procedure.title)}"),
+        Heading(f"{texts['procedure']}: {texts.title(procedure)}"),
         Pairs(((texts["procedure"], procedure.name), (texts["source"], procedure.source))),
     ]
     if procedure.about:
-        blocks.append(Paragraph(texts.source(texts.title(procedure.about)), "note"))
+        blocks.append(Paragraph(texts.about(procedure), "note"))
     rows = []
     for key, number in procedure.numbers().items():
         rows.append(
             (
                 texts.number_name(key),
                 with_decimals(_number(procedure, key, number), texts),
-                texts.source(number.source),
+                texts.source(procedure, key, number),
                 _state(procedure, number, texts),
             )
         )
@@ -140,7 +141,7 @@ def _check(check: Mapping[str, Any], texts: Texts) -> str:
         parts.append(texts.say("check_zero", value=f"{details['zero_n']:.0f}"))
     if isinstance(details.get("span_ratio"), int | float):
         parts.append(texts.say("check_span", value=f"{100 * details['span_ratio']:.1f}"))
-    faults = [texts.message(str(fault)) for fault in details.get("faults") or ()]
+    faults = [texts.message(fault) for fault in messages_in(details.get("faults"))]
     parts += faults or [texts["check_passed"]]
     return ", ".join(part for part in parts if part)
 

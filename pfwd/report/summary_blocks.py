@@ -98,7 +98,7 @@ def _grouped(report: Report, texts: Texts) -> list[str]:
         if item.drops:
             count = sum(map(len, item.drops.values()))
             places.append(texts.say("one_drop_of" if count == 1 else "drops_of", count=count))
-        lines.append(f"{texts.grouped(item.group)} ({'; '.join(places)})")
+        lines.append(f"{texts.message(item.group.message)} ({'; '.join(places)})")
     return lines
 
 

@@ -3,16 +3,16 @@
 import re
 import string
 import tomllib
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from functools import cache
 from importlib import resources
 from typing import Any
 
-from inversion.notices import OTHER, fill_template
+from inversion.notices import ENGLISH, Language, term_text, text_of
 from pfwd.analysis.options import METHOD_WORDS, PLATE_WORDS
 from pfwd.errors import OptionError, quote, refusal
-from pfwd.message_groups import GAP, MessageGroup, fill, split_numbers
-from pfwd.procedures.profile import CHECKS
+from pfwd.procedures import Procedure
+from pfwd.procedures.profile import Number, term_of_number
 from pfwd_device.text import clean
 
 MAX_TEXTS_BYTES = 1_000_000
@@ -20,31 +20,6 @@ MAX_TEXTS_BYTES = 1_000_000
 
 _LANGUAGE_CODE = re.compile(r"[a-z]{2,3}(-[A-Za-z0-9]{2,8})*")
 """Code of a language, as in HTML (BCP 47)."""
-
-
-_LINE = re.compile(r"(\.\w+, )line( \{\})")
-"""Pattern of the number of a line behind the name of its file."""
-
-
-_DROP_NUMBERS = re.compile(r"(drops?) \{\}(?:, \{\})*")
-"""Pattern of a clause that only has numbers of drops."""
-
-_NUMBERS_FOLLOW = (
-    "not verified, hence not enforced",
-    "used in the formula without being verified",
-)
-"""Beginnings of messages that end with a list of keys of a procedure."""
-
-NAMES_OF_NUMBERS = {
-    "seating": "seating drops",
-    "measured": "measured drops",
-    "factor": "plate factor",
-    "nominal_pressure_pa": "nominal pressure",
-    "nominal_load_n": "nominal load",
-    "poisson_ratio": "Poisson's ratio",
-    "plate_radius_m": "plate radius",
-}
-"""English names of the numbers of a procedure that are no checks, by key."""
 
 
 class Texts:
@@ -62,16 +37,12 @@ class Texts:
         self.code = code
         self._table = table
         catalogue = _messages().get(code, {})
-        self._messages: dict[str, str] = catalogue.get("messages", {})
-        self._warnings: dict[str, str] = catalogue.get("warnings", {})
         self._words: dict[str, str] = catalogue.get("words", METHOD_WORDS | PLATE_WORDS)
-        self._sources: dict[str, str] = catalogue.get("sources", {})
-        self._named = [
-            (_pattern_with_name(text), translation)
-            for text, translation in catalogue.get("with_names", {}).items()
-        ]
-        self.untranslated: set[str] = set()
-        """Messages that stayed English, as names of files and of people do."""
+        self._procedures: dict[str, dict[str, str]] = catalogue.get("procedures", {})
+        self._language = ENGLISH
+        if catalogue:
+            signs = table["decimal_sign"], table["range_to"], table["and"]
+            self._language = Language(catalogue["messages"], self._words, *signs)
 
     @property
     def decimal(self) -> str:
@@ -86,18 +57,25 @@ class Texts:
         """Codes of the languages that messages are translated into."""
         return tuple(_messages())
 
-    def message(self, text: str) -> str:
-        """Return a message of the program in this language; in English where it is not known."""
-        return self.grouped_message(*split_numbers(text))
+    def message(self, message: str) -> str:
+        """Return a message in this language; a text without a code stays as it is."""
+        return text_of(message, self._language)
 
-    def title(self, text: str) -> str:
-        """Return a title in this language; the numbers in it stay as they are."""
-        pattern, numbers = split_numbers(text)
-        return fill(self._messages.get(pattern, pattern), numbers)
+    def title(self, procedure: Procedure) -> str:
+        """Return the title of a procedure in this language; of a user's own, as it is."""
+        return self._of_procedure(procedure, "title", procedure.title)
 
-    def source(self, text: str) -> str:
+    def about(self, procedure: Procedure) -> str:
+        """Return the remarks on a procedure in this language."""
+        return self._of_procedure(procedure, "about", procedure.about)
+
+    def source(self, procedure: Procedure, key: str, number: Number) -> str:
         """Return the source of a number of a procedure; a document keeps its name."""
-        return self._sources.get(text, text)
+        return self._of_procedure(procedure, key, number.source)
+
+    def _of_procedure(self, procedure: Procedure, key: str, text: str) -> str:
+        shipped = procedure.file is None
+        return self._procedures.get(procedure.name, {}).get(key, text) if shipped else text
 
     def word(self, name: str) -> str:
         """Return a name of the program, as of an effect, in this language, without underscores."""
@@ -105,83 +83,7 @@ class Texts:
 
     def number_name(self, key: str) -> str:
         """Return the name of a number of a procedure by its key."""
-        check = CHECKS.get(key)
-        return self.title(NAMES_OF_NUMBERS.get(key, key) if check is None else check.words)
-
-    def _list_of_words(self, text: str) -> str | None:
-        """Return a list of names of the program in this language; None: it is something else."""
-        names = [name.replace(" ", "_") for name in text.split(", ")]
-        if not all(name in self._words for name in names):
-            return None
-        return ", ".join(self._words[name] for name in names)
-
-    def grouped(self, group: MessageGroup[Any]) -> str:
-        """Return a message about several things in this language."""
-        texts = {
-            name: self.grouped_message(pattern, group.numbers[name])
-            for name, pattern in group.patterns.items()
-        }
-        template = self._warnings.get(group.code)
-        if template is None:
-            return "".join(texts.values()) if group.code == OTHER else group.text
-        for name, words in group.words.items():
-            if all(word in self._words for word in words):
-                texts[name] = ", ".join(self._words[word] for word in words)
-        return fill_template(template, texts)
-
-    def grouped_message(self, pattern: str, numbers: Sequence[str]) -> str:
-        """Return a message in this language, with the numbers in the gaps of its pattern.
-
-        Each clause of a message is translated by itself. The name of a file or of a procedure may
-        stand before a clause.
-        """
-        translation = GAP if pattern == GAP else self._messages.get(pattern)
-        if translation is not None:
-            to, joint = f" {self['range_to']} ", f" {self['and']} "
-            localised = [
-                number.replace(".", self.decimal).replace(" to ", to).replace(" and ", joint)
-                for number in numbers
-            ]
-            return fill(translation, localised)
-        words = self._list_of_words(pattern)
-        if words is not None:
-            return words
-        drop = _DROP_NUMBERS.fullmatch(pattern)
-        if drop is not None:
-            return fill(pattern.replace(drop[1], self[drop[1]]), numbers)
-        for named, translation in self._named:
-            match = named.fullmatch(fill(pattern, numbers))
-            if match is not None:
-                texts = list(match.groups())
-                texts.remove(match["name"])
-                values = [text.replace(".", self.decimal) for text in texts]
-                return fill(translation, values).replace("{name}", match["name"])
-        for start in _NUMBERS_FOLLOW:
-            if pattern.startswith(f"{start}: "):
-                names = map(self.number_name, pattern[len(start) + 2 :].split(", "))
-                return f"{self._messages.get(start, start)}: {'; '.join(names)}"
-        for separator in ("; ", ": ", ", "):
-            for match in re.finditer(re.escape(separator), pattern):
-                head, rest = pattern[: match.start()], pattern[match.end() :]
-                if not self._has_translation(head) and not self._has_translation(rest):
-                    continue
-                gaps = head.count(GAP)
-                clauses = (
-                    self.grouped_message(head, numbers[:gaps]),
-                    self.grouped_message(rest, numbers[gaps:]),
-                )
-                return separator.join(clauses)
-        text = fill(_LINE.sub(rf"\1{self['line']}\2", pattern), numbers)
-        if self._messages:
-            self.untranslated.add(text)
-        return text
-
-    def _has_translation(self, clause: str) -> bool:
-        return (
-            clause in self._messages
-            or _DROP_NUMBERS.fullmatch(clause) is not None
-            or self._list_of_words(clause) is not None
-        )
+        return term_text(term_of_number(key), self._language)
 
     def say(self, key: str, **values: object) -> str:
         """Return a text of the catalogue with values in place of its words in braces."""
@@ -199,11 +101,10 @@ def _catalogues() -> dict[str, str]:
 
 
 @cache
-def _messages() -> dict[str, dict[str, dict[str, str]]]:
-    """Return messages, warnings and words by the code of a language.
+def _messages() -> dict[str, dict[str, dict[str, Any]]]:
+    """Return messages, words and texts of procedures by the code of a language.
 
-    A message has its English text with ``{}`` for each number as key, a warning its code, a word
-    that of the program.
+    A message has its code as key, a word that of the program, a procedure its name.
     """
     folder = resources.files(__package__).joinpath("catalogues", "messages")
     return {
@@ -274,12 +175,6 @@ def _read_texts(file: str) -> Texts:
     if not _LANGUAGE_CODE.fullmatch(table["code"]):
         raise OptionError(refusal(where, 'code: one such as "fr"', quote(table["code"])))
     return Texts(table["code"], table)
-
-
-def _pattern_with_name(message: str) -> re.Pattern[str]:
-    """Return the pattern of a message with a name in it: a group for that, then for its numbers."""
-    pattern = re.escape(message).replace(r"\{name\}", "(?P<name>.+?)")
-    return re.compile(pattern.replace(r"\{\}", r"(\S+?)"))
 
 
 def _some(keys: Collection[str]) -> str:

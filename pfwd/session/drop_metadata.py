@@ -1,7 +1,7 @@
 """Metadata recorded with a drop, and their conversion back for a replay.
 
 Metadata are everything but samples and declarations: identity of the instrument, settings and
-result of the detection, time, state of the instrument. Irregularities are listed as "marks".
+result of the detection, time, state of the instrument. Irregularities are listed as `MARKS`.
 """
 
 import dataclasses
@@ -10,7 +10,8 @@ import operator
 from collections.abc import Mapping
 from typing import Any
 
-from pfwd.judging.drops import SATURATED
+from inversion.notices import Notice, codes
+from pfwd.files.record_marks import MARKS, SATURATED
 from pfwd.session.feeds import ImportedDrop, RecordedDrop
 from pfwd_device.acquisition.detection import (
     AtRest,
@@ -71,7 +72,7 @@ def metadata_of(
             **({"by_instrument": True} if by_instrument else {}),
         },
         "missing": [list(gap) for gap in raw.missing],
-        "marks": list(marks_of(raw, identity)),
+        MARKS: codes(marks_of(raw, identity)),
         **more,
     }
 
@@ -103,22 +104,21 @@ def state_of(
     return {"check": check, "status": answers, "link": dict(counters)}
 
 
-def marks_of(raw: RawDrop, identity: Identity) -> tuple[str, ...]:
-    """Return the irregularities of a record, such as missing samples, one phrase each."""
+def marks_of(raw: RawDrop, identity: Identity) -> tuple[Notice, ...]:
+    """Return the irregularities of a record, such as missing samples."""
     marks = []
     if raw.cut_off:
-        marks.append(f"cut off: {raw.cut_off}")
+        marks.append(Notice("cut-off", {"reason": raw.cut_off}))
     if raw.missing:
         count = sum(length for _, length in raw.missing)
         start = (raw.missing[0][0] - raw.trigger) / identity.sampling_rate
-        marks.append(
-            f"{count} of {len(raw.counts)} samples missing, the first at {start * 1e3:.1f} ms"
-        )
+        values = {"missing": count, "samples": len(raw.counts), "first_missing_s": start}
+        marks.append(Notice("samples-missing", values))
     for channel, count in raw.saturated:
         name = identity.channels[channel].name
-        marks.append(f"{SATURATED}: {count} samples of {name} at the end of the converter's range")
+        marks.append(Notice(SATURATED, {"samples": count, "channel": name}))
     if raw.by_operator:
-        marks.append("triggered by the operator")
+        marks.append(Notice("triggered-by-operator"))
     return tuple(marks)
 
 

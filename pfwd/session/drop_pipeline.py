@@ -10,10 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from inversion.notices import Notice as Message
 from pfwd.analysis.drop_facts import FACTS_KEY, facts_to_store
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DiagnosisResult, DropResult, MeasuredFacts
 from pfwd.analysis.screening.drops import Screening, compare, counted
+from pfwd.files.record_marks import copy_fault
 from pfwd.judging import DropView, PointView, SurveyView, drop_from_traces
 from pfwd.judging.view import NO_SETUP, recorded_fields
 from pfwd.procedures import Kind, PointDrop
@@ -25,7 +27,7 @@ from pfwd.session.setup_file import setup_of
 from pfwd.session.survey_recorder import SurveyRecorder
 from pfwd_device.recording.drop_payload import facts_of
 from pfwd_device.recording.layout import Layout
-from pfwd_device.recording.record import DropRecord, Rebound, copy_fault
+from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.recording.survey_writer import SurveyWriter
 
 LAST_REBOUNDS = 3.0
@@ -261,11 +263,12 @@ class DropPipeline:
             view = self._before = drop_from_traces(drop, setup, **recorded)
             return view, facts_to_store(view.own, view.own_pulse_peak, setup)
         except Exception as err:  # a drop is saved in any case
-            fault = f"could not be screened: {type(err).__name__}"
-            text = f"drop {record.point}/{drop.number} {fault}: {err}"
+            kind = type(err).__name__
+            text = f"drop {record.point}/{drop.number} could not be screened: {kind}: {err}"
             self._report(Notice(text, serious=True, details=traceback.format_exc()))
-            facts = PointDrop(drop.number, Kind.REJECTED, reason=fault)
-            screening = Screening("rejected", fault)
+            reason = Message("screening-failed", {"fault": kind})
+            facts = PointDrop(drop.number, Kind.REJECTED, reason=reason)
+            screening = Screening("rejected", reason)
             return DropView(facts, 0.0, setup, screening=screening, metadata=record.metadata), None
 
     def _compare(self, drop: DropView, point: str) -> Screening:

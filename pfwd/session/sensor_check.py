@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from inversion.notices import Notice, Value
 from pfwd_device.acquisition.items import Samples
 from pfwd_device.calibration import load_channel, to_si
 from pfwd_device.identity import UNIT_OF_ROLE, Identity, Role
@@ -41,7 +42,7 @@ SPAN_TOLERANCE = 0.02
 CHECK_INTERVAL = 600.0
 """Time without a drop after which the sensors are checked again, s."""
 
-Finding = tuple[dict[str, Any], tuple[str, ...]]
+Finding = tuple[dict[str, Any], tuple[Notice, ...]]
 
 
 class Switch(Protocol):
@@ -120,8 +121,7 @@ class SensorChecker:
         details : dict
             ``zero_n``, ``span_ratio`` (measured over expected load of the shunt; None: no shunt)
             and ``channels``, a list with ``name``, ``noise`` (root mean square) and ``unit``.
-        faults : tuple of str
-            One sentence each.
+        faults : tuple of Notice
         """
         self._repeat_command(samples)
         if not at_rest:
@@ -188,25 +188,17 @@ class SensorChecker:
         ratio = None
         faults = _zero_faults(zero, identity)
         if self._has_shunt and _length(self._shunted) < (SETTLING + SHUNTED) * self._rate:
-            faults.append(
-                "span of the load cell: not checked, because the instrument did not switch its "
-                "calibration shunt on"
-            )
+            faults.append(Notice("span-not-checked"))
         elif load.shunt is not None:
             shunted = np.concatenate(self._shunted)[round(SETTLING * self._rate) :]
             values = to_si(shunted[:, index], load, scale)
             reading = float(np.median(values)) - zero
             ratio = reading / load.shunt
             if not abs(ratio - 1) <= SPAN_TOLERANCE:
-                faults.append(
-                    f"span of the load cell: expected {load.shunt:.0f} N from the shunt, got "
-                    f"{reading:.0f} N; calibrate the load cell again"
-                )
+                loads = {"shunt_n": load.shunt, "reading_n": reading}
+                faults.append(Notice("span-off", loads))
         if self._is_on:
-            faults.append(
-                f"the calibration shunt is still on {SHUNT_ANSWER:.0f} s after it was switched "
-                "off: drops cannot be recorded. Switch the instrument off and on again"
-            )
+            faults.append(Notice("shunt-stays-on", {"limit_s": SHUNT_ANSWER}))
         channels = []
         for channel, column in zip(identity.channels, counts.T, strict=True):
             noise = float(to_si(column, channel, scale).std())
@@ -214,23 +206,18 @@ class SensorChecker:
                 {"name": channel.name, "noise": noise, "unit": UNIT_OF_ROLE[channel.role]}
             )
             if channel.role is not Role.UNUSED and np.ptp(column) == 0:
-                faults.append(
-                    f"channel {channel.name}: expected at least the noise of the converter, got "
-                    f"the constant value {column[0]}; check its cable"
-                )
+                constant: dict[str, Value] = {"channel": channel.name, "value": int(column[0])}
+                faults.append(Notice("channel-constant", constant))
         details = {"zero_n": zero, "span_ratio": ratio, "channels": channels}
         return details, tuple(faults)
 
 
-def _zero_faults(zero: float, identity: Identity) -> list[str]:
+def _zero_faults(zero: float, identity: Identity) -> list[Notice]:
     load = identity.channels[load_channel(identity)]
     limit = max(LARGEST_ZERO * abs(identity.adc_range / load.sensitivity), LARGEST_ZERO_FLOOR)
     if abs(zero) <= limit:
         return []
-    return [
-        f"zero of the load cell: expected at most {limit:.0f} N at rest, got {zero:.0f} N; take "
-        "everything off the plate, then check the load cell and its cable"
-    ]
+    return [Notice("zero-too-large", {"limit_n": limit, "zero_n": zero})]
 
 
 def _length(parts: list[NDArray[np.int32]]) -> int:

@@ -16,9 +16,11 @@ from typing import Any
 
 import numpy as np
 
+from inversion.notices import codes
 from pfwd.analysis.results import DropResult
 from pfwd.errors import OptionError
 from pfwd.files.editing import Edit
+from pfwd.files.record_marks import MARKS
 from pfwd.judging import Job, JobRequest, SurveyView
 from pfwd.judging.drops import RATE_DEVIATION
 from pfwd.judging.stations import similar_name
@@ -711,7 +713,7 @@ class Session:
         if check is None:
             return
         details, faults = check
-        self._last_check = details | {"faults": list(faults)}
+        self._last_check = details | {"faults": codes(faults)}
         if self._recorder is not None:
             self._recorder.keep_check(self._last_check)
         self._report(SensorCheck(details, faults))
@@ -765,7 +767,7 @@ class Session:
         Detector(identity, settings)  # raises SetupError, as a replay would
         time_utc = item.time_utc or datetime.datetime.now(datetime.UTC)
         metadata = metadata_of(raw, identity, settings, time_utc, self._state(), by_instrument=True)
-        metadata["marks"] += marks_of_buffered(item)
+        metadata[MARKS] += codes(marks_of_buffered(item))
         return self._record_of(raw, identity, metadata, self._pipeline.number_for(self._point))
 
     def _on_unusable(self, item: UnusableDrop) -> None:
@@ -901,7 +903,7 @@ class Session:
         if due is None:
             self._pipeline.take(record, received, source)
             return
-        metadata["marks"].append(NOT_BUFFERED)
+        metadata[MARKS].append(NOT_BUFFERED.to_json())
         trigger = raw.first + raw.trigger
         away = np.abs(raw.counts[:, load_channel(identity)] - raw.at_rest.load) > raw.threshold
         last = raw.first + int(np.flatnonzero(away & ~np.isnan(record.drop.load))[-1])

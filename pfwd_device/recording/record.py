@@ -59,15 +59,6 @@ class DropRecord:
         object.__setattr__(self, "rebounds", tuple(self.rebounds))
 
 
-def copy_fault(metadata: Mapping[str, Any]) -> str | None:
-    """Return the sentence about the drop of another point with the same samples; None: no copy."""
-    copied = metadata.get(COPY_OF)
-    if not isinstance(copied, Mapping):
-        return None
-    number, point = copied.get("drop"), copied.get("point")
-    return f"its record is a copy of that of drop {number} of point {point}"
-
-
 def point_name(name: str) -> str:
     """Return the name of a test point without control characters, leading and trailing blanks.
 

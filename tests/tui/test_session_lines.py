@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from inversion.notices import Notice as Mark
 from pfwd.analysis.results import DropResult
 from pfwd.analysis.screening.drops import Screening
 from pfwd.files.header import PointSetup
@@ -55,6 +56,8 @@ RESULT = {
     "at_bound": [],
 }
 
+CUT_OFF = Mark("cut-off", {"reason": "full"})
+
 
 @pytest.fixture
 def one(make_drop: Callable[..., Drop]) -> Callable[..., SavedDrop]:
@@ -80,7 +83,7 @@ def test_two_lines_a_drop_for_machines_and_nothing_else(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     lines = SessionLines(as_json=True, analysed=True, bell=True)
-    cut_off = replace(one().view, metadata={"marks": ["cut off"]})
+    cut_off = replace(one().view, metadata={"marks": [CUT_OFF.to_json()]})
     lines.print_event(DropSaved(replace(one(), view=cut_off)))
     assert capsys.readouterr().out == ""  # its first modulus is awaited
     lines.print_event(analysed(one(), 40e6, full=False))
@@ -98,7 +101,7 @@ def test_two_lines_a_drop_for_machines_and_nothing_else(
     assert (first["preliminary"], second["preliminary"]) == (True, False)
     assert first["modulus_sd_pa"] is None
     assert "identical" not in first
-    assert "drop A/1: cut off" in caplog.text
+    assert "drop A/1: cut off: full" in caplog.text
     assert "drop A/2 is NOT SAFE yet" in output.err
     assert output.err.count("a table") == 1
 
@@ -307,7 +310,7 @@ def test_a_wrong_drop_height_and_a_saturated_channel_are_said_at_the_drop(
 ) -> None:
     lines = SessionLines(as_json=False, analysed=True)
     lines.print_event(JobReported(Job(procedure=find_procedure("tp-bf-stb-b8.3")), ()))
-    marks = ["saturated: 16 samples of g0 at the end of the converter's range"]
+    marks = [Mark("saturated", {"samples": 16, "channel": "g0"}).to_json()]
     lines.print_event(
         DropSaved(replace(one(), view=replace(one().view, metadata={"marks": marks})))
     )

@@ -90,9 +90,9 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
         if screening.status == "measured" and index not in reasons
     ]
     reasons |= {
-        index: str(screening.reason)
+        index: screening.reason
         for index, screening in enumerate(screenings)
-        if screening.status == "rejected"
+        if screening.reason is not None
     }
     rejected = tuple(
         Notice("drop-rejected", {"drop": point.drops[index].number, "reason": reason})

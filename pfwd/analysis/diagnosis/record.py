@@ -19,14 +19,13 @@ from pfwd.analysis.results import (
     EffectResult,
     FittedState,
 )
-from pfwd.analysis.screening.drops import unbroken_part
+from pfwd.analysis.screening.drops import NO_DROP, unbroken_part
 from pfwd.files.traces import TracePoint
 from pfwd.peaks.stiffness import stiffness_of
 from pfwd_device import Drop
 from pfwd_device.signals import remove_offset
 
 # Beginnings of the reasons by which the screening reports that no weight fell.
-_NO_DROP = ("false trigger", "no pulse")
 
 
 def diagnosis_result(entry: DiagnosisPoint, diagnosis: PointDiagnosis | None) -> DiagnosisResult:
@@ -44,7 +43,8 @@ def diagnosis_result(entry: DiagnosisPoint, diagnosis: PointDiagnosis | None) ->
     if diagnosis is None:
         false_trigger = EffectResult(name="false_trigger", unit="-", parameters=(), alternatives=())
         is_false_trigger = any(
-            str(drop.values["reason"]).startswith(_NO_DROP) for drop in entry.rejected
+            isinstance(reason := drop.values["reason"], Notice) and reason.code in NO_DROP
+            for drop in entry.rejected
         )
         return DiagnosisResult(
             file=entry.file,
@@ -115,7 +115,7 @@ def _drops(point: TracePoint) -> tuple[list[RigDrop], tuple[Notice, ...]]:
         if made is None:
             values: dict[str, Value] = {
                 "drop": drop.number,
-                "reason": "no trace of a sensor in the centre",
+                "reason": Notice("no-centre-trace-of-drop"),
             }
             rejected.append(Notice("drop-rejected", values))
         else:

@@ -26,6 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from inversion.notices import Notice
 from pfwd_device.signals import correct_response
 
 Vector = NDArray[np.float64]
@@ -95,8 +96,8 @@ def centre_sensor_fault(
     centre: Vector,
     neighbours: Sequence[Vector] = (),
     response: Response | None = None,
-) -> str | None:
-    """Return the fault of the centre sensor as a sentence; None: no fault was detected.
+) -> Notice | None:
+    """Return the fault of the centre sensor; None: no fault was detected.
 
     Parameters
     ----------
@@ -123,23 +124,22 @@ def centre_sensor_fault(
     unsure = float(np.ptp(centre[: first + 1]))
     force = load[contact]
     if -moved.min() > MIN_REVERSED_MOTION * moved.max():
-        return "wrong polarity: it moves upward under the load, downward is positive"
+        return Notice("moves-upward")
     if _stands_still(moved):
-        largest = f"{moved.max() * 1e6:.4g} um"
-        return f"it stops at {largest} under the load: end of its stroke or of the range"
+        return Notice("stops-under-load", {"deflection_m": float(moved.max())})
     if len(neighbours) >= 2:
         neighbour_peaks = [
             float((values[contact] - values[first]).max()) for values in neighbours[:2]
         ]
         if min(neighbour_peaks) > NEIGHBOURS_BEYOND * moved.max() + unsure:
-            part = min(neighbour_peaks) / moved.max()
-            return f"both sensors next to it go down farther under the load, {part:.0%} of it"
+            share = min(neighbour_peaks) / float(moved.max())
+            return Notice("neighbours-deflect-more", {"share": share})
     if response is not None:
         moved = correct_response(moved, 1.0 / step, response.natural_frequency, response.damping)
     return _timing_fault(force, moved, step, unsure)
 
 
-def _timing_fault(force: Vector, moved: Vector, step: float, unsure: float) -> str | None:
+def _timing_fault(force: Vector, moved: Vector, step: float, unsure: float) -> Notice | None:
     """Return the fault of a sensor that returns too early or moves against the load.
 
     The result is None if there is no such fault.
@@ -159,11 +159,11 @@ def _timing_fault(force: Vector, moved: Vector, step: float, unsure: float) -> s
     under_load = after & (force >= HALF_LOAD * force.max())
     remaining = float(delayed[under_load].min()) / peak if under_load.any() else 1.0
     if remaining < RETURNED - unsure:
-        return f"it is back at {remaining:.0%} of its peak while half of the load acts"
+        return Notice("returns-too-early", {"share": remaining})
     work = np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(delayed))
     smallest = float(work.min()) / (float(force.max()) * peak)
     if smallest < -NO_WORK - unsure:
-        return f"the load does negative work on it, {smallest:.0%} of peak load times displacement"
+        return Notice("negative-work", {"share": smallest})
     return None
 
 

@@ -18,7 +18,6 @@ from pfwd.analysis.screening.centre_sensor import Response, centre_sensor_fault
 from pfwd.files.header import PointSetup
 from pfwd.files.plausible_units import SUSPECT_DEFLECTION, SUSPECT_LOAD
 from pfwd.files.traces import TracePoint
-from pfwd.notice_texts import STIFFNESS_TEST
 from pfwd_device import Channel, Drop
 from pfwd_device.signals import channels_outward as channels_outward
 from pfwd_device.signals import displacement_of as displacement_of
@@ -33,11 +32,8 @@ NEEDED_AFTER = 0.050
 """Time after the trigger, s, in which no sample may be missing: the longest pulses take 30 ms, and
 the response of the ground to them is most of what the fit uses."""
 
-ONLY_PEAKS = "peaks only: the file had no time history, which the dynamic inversion needs"
-"""Reason why a drop without traces is not inverted."""
 
-
-def unbroken_part(drop: Drop) -> tuple[Drop, str | None, Notice | None]:
+def unbroken_part(drop: Drop) -> tuple[Drop, Notice | None, Notice | None]:
     """Return the part of a drop around its trigger in which no sample is missing.
 
     Parameters
@@ -49,13 +45,13 @@ def unbroken_part(drop: Drop) -> tuple[Drop, str | None, Notice | None]:
     -------
     drop : Drop
         The part without missing samples if it is long enough, otherwise the whole drop.
-    reason : str or None
+    reason : Notice or None
         Reason why the drop cannot be used; None: it can.
     warning : Notice or None
         Warning about the part that was cut off.
     """
     if drop.only_peaks is not None:
-        return drop, ONLY_PEAKS, None
+        return drop, Notice("peaks-only"), None
     values = np.array([drop.load, *(channel.values for channel in drop.channels)])
     missing: NDArray[np.bool_] = np.isnan(values).max(axis=0)
     if not missing.any():
@@ -71,15 +67,9 @@ def unbroken_part(drop: Drop) -> tuple[Drop, str | None, Notice | None]:
     # A record that is short because of its settings is not damaged.
     first = max(-NEEDED_BEFORE, drop.time[0]) + step / 2
     last = min(NEEDED_AFTER, drop.time[-1]) - step / 2
+    numbers = {"missing": count, "samples": missing.size, "first_missing_s": first_missing}
     if end <= start or drop.time[start] > first or drop.time[end - 1] < last:
-        return (
-            drop,
-            (
-                f"damaged record: {count} of {missing.size} samples are missing, the first at "
-                f"{first_missing * 1e3:.1f} ms; repeat the drop"
-            ),
-            None,
-        )
+        return drop, Notice("record-damaged", numbers), None
     part = slice(start, end)
     part_drop = Drop(
         drop.number,
@@ -87,7 +77,6 @@ def unbroken_part(drop: Drop) -> tuple[Drop, str | None, Notice | None]:
         drop.load[part],
         tuple(dataclasses.replace(c, values=c.values[part]) for c in drop.channels),
     )
-    numbers = {"missing": count, "samples": missing.size, "first_missing_s": first_missing}
     return part_drop, None, Notice("drop-incomplete", numbers)
 
 
@@ -217,13 +206,22 @@ PARTIAL_OVER_LARGEST = 0.7
 drops from one height repeat within a quarter."""
 
 
+NO_DROP = frozenset(
+    {
+        *("no-pulse", "no-pulse-in-newton", "load-too-small", "several-pulses", "pulse-too-short"),
+        "rebound",
+    }
+)
+"""Codes of the reasons that nothing fell, or that it was a rebound or a knock."""
+
+
 @dataclass(frozen=True, slots=True)
 class Screening:
     """Result of the screening of a drop's record."""
 
     status: DropStatus
     """Kind of the drop at its point: measured, seating or rejected."""
-    reason: str | None = None
+    reason: Notice | None = None
     """Reason why it was rejected; None: it was not."""
     warnings: tuple[Notice, ...] = ()
     """Warnings about a drop that was not rejected."""
@@ -270,7 +268,7 @@ def screen(drop: Drop, setup: PointSetup) -> Screening:
     Screening
     """
     if setup.is_stiffness_test:
-        return Screening("rejected", STIFFNESS_TEST)
+        return Screening("rejected", Notice("stiffness-test"))
     drop, reason, incomplete = unbroken_part(drop)
     if reason:
         return Screening("rejected", reason)
@@ -348,7 +346,7 @@ def pulse_peak(drop: Drop) -> float:
     return _find_pulse(unbroken_part(drop)[0]).peak
 
 
-def rebound_reason(peak: float, largest: float) -> str | None:
+def rebound_reason(peak: float, largest: float) -> Notice | None:
     """Return the reason why a drop is a rebound or a knock, compared with its point.
 
     The result is None if the drop is accepted.
@@ -360,10 +358,11 @@ def rebound_reason(peak: float, largest: float) -> str | None:
     """
     if peak >= REBOUND_OVER_LARGEST * largest:
         return None
-    return (
-        f"false trigger: peak load {_kilonewton(peak)} is {peak / largest:.0%} of the largest of "
-        f"this point ({_kilonewton(largest)}): a rebound or a knock"
-    )
+    return Notice("rebound", _compared(peak, largest))
+
+
+def _compared(peak: float, largest: float) -> dict[str, Value]:
+    return {"peak_load_n": peak, "share": peak / largest, "largest_load_n": largest}
 
 
 def compare(screening: Screening, peak: float, largest: float) -> Screening:
@@ -382,8 +381,7 @@ def compare(screening: Screening, peak: float, largest: float) -> Screening:
     if reason is not None:
         return Screening("rejected", reason)
     if peak < PARTIAL_OVER_LARGEST * largest:
-        values = {"peak_load_n": peak, "share": peak / largest, "largest_load_n": largest}
-        warning = Notice("partial-drop", values)
+        warning = Notice("partial-drop", _compared(peak, largest))
         return dataclasses.replace(screening, warnings=(*screening.warnings, warning))
     return screening
 
@@ -409,35 +407,33 @@ def _without_spikes(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.median([padded[:-2], padded[1:-1], padded[2:]], axis=0)
 
 
-def _load_fault(pulse: _Pulse, drop: Drop) -> str | None:
+def _load_fault(pulse: _Pulse, drop: Drop) -> Notice | None:
     """Return the reason why the load is not that of a drop; None: it is."""
     change = float(np.ptp(pulse.load))
     if change < max(NO_PULSE_LOAD, NO_PULSE_OVER_NOISE * pulse.noise):
-        hint = " (is the load in kN?)" if 1.0 < change < NO_PULSE_LOAD else ""
-        return f"no pulse: the load changes by {change:.3g} N at most{hint}"
+        may_be_kilonewton = 1.0 < change < NO_PULSE_LOAD
+        code = "no-pulse-in-newton" if may_be_kilonewton else "no-pulse"
+        return Notice(code, {"change_n": change})
     upward = float(-pulse.load.min())
     excursion = max(pulse.peak, upward)
     if excursion < FALSE_TRIGGER_LOAD:
-        smallest = _kilonewton(FALSE_TRIGGER_LOAD)
-        return f"false trigger: peak load {_kilonewton(excursion)}, less than {smallest}"
+        loads = {"peak_load_n": excursion, "least_n": FALSE_TRIGGER_LOAD}
+        return Notice("load-too-small", loads)
     late = _late_start(pulse, drop, excursion)
     if late:  # tested first: with an offset from within the pulse the later load seems upward
         return late
     if upward > MIN_REVERSED_LOAD * pulse.peak:
-        return f"load of the wrong polarity: {_kilonewton(upward)} upward, downward is positive"
+        return Notice("load-upward", {"upward_n": upward})
     pulses = _count_pulses(pulse)
     if pulses > 1:
-        return (
-            f"false trigger: {pulses} pulses above half of the peak load in one record; did the "
-            "weight hit twice? catch it after the first blow"
-        )
+        return Notice("several-pulses", {"pulses": pulses})
     if pulse.end == pulse.load.size:
         remaining = float(pulse.load[-1]) / pulse.peak
-        return f"pulse cut off by the window: the load ends at {remaining:.0%} of its peak"
+        return Notice("pulse-end-missing", {"share": remaining})
     return _too_short(pulse, drop)
 
 
-def _late_start(pulse: _Pulse, drop: Drop, excursion: float) -> str | None:
+def _late_start(pulse: _Pulse, drop: Drop, excursion: float) -> Notice | None:
     """Return the reason why the record lacks the start of the pulse; None: it has it.
 
     ``excursion`` is the largest absolute load, N.
@@ -452,8 +448,7 @@ def _late_start(pulse: _Pulse, drop: Drop, excursion: float) -> str | None:
         -float(np.median(pulse.load[-last:])),
     )
     if begins > PULSE_START * excursion:
-        part = begins / excursion
-        return f"pulse cut off by the window: the load starts at {part:.0%} of its peak"
+        return Notice("pulse-start-missing", {"share": begins / excursion})
     return None
 
 
@@ -465,30 +460,31 @@ def _count_pulses(pulse: _Pulse) -> int:
     return int(np.count_nonzero(decided[1:] & ~decided[:-1])) + int(decided[0])
 
 
-def _too_short(pulse: _Pulse, drop: Drop) -> str | None:
+def _too_short(pulse: _Pulse, drop: Drop) -> Notice | None:
     above = pulse.load[pulse.start : pulse.end] > pulse.peak / 2
     duration = float(np.count_nonzero(above)) / drop.sampling_rate
     if duration < SHORTEST_PULSE:
-        return f"false trigger: the load is above half its peak for {duration * 1e3:.2g} ms only"
+        return Notice("pulse-too-short", {"duration_s": duration})
     return None
 
 
-def _centre_fault(pulse: _Pulse, drop: Drop) -> str | None:
+def _centre_fault(pulse: _Pulse, drop: Drop) -> Notice | None:
     """Return the reason why the centre deflection cannot be used; None: it can."""
     centre = [channel for channel in drop.channels if _is_centre(channel)]
     if not centre:
-        return "no centre channel: none of the sensors stands at offset 0"
+        return Notice("no-centre-channel")
     for channel in centre:
         fault = _silent(channel, drop, pulse.start, pulse.end)
         if fault:
-            return f"dead centre channel: {fault}"
+            return Notice("centre-dead", {"fault": fault})
         deflection = float(np.abs(displacement_of(channel, drop.time)[: pulse.end]).max())
         if deflection < DEAD_DEFLECTION:
-            return f"dead centre channel: it moves by {deflection * 1e6:.2g} um only"
+            fault = Notice("motion-too-small", {"deflection_m": deflection})
+            return Notice("centre-dead", {"fault": fault})
     return None
 
 
-def _centre_motion_fault(pulse: _Pulse, drop: Drop, setup: PointSetup) -> str | None:
+def _centre_motion_fault(pulse: _Pulse, drop: Drop, setup: PointSetup) -> Notice | None:
     """Return the reason why the motion of the centre sensor is not that of the plate.
 
     The result is None if the motion is that of the plate.
@@ -508,7 +504,7 @@ def _centre_motion_fault(pulse: _Pulse, drop: Drop, setup: PointSetup) -> str | 
             centre = displacement_of(channel, drop.time)[:-1]
             fault = centre_sensor_fault(time, pulse.load, centre, neighbours, response)
             if fault:
-                return f"centre sensor cannot be believed: {fault}"
+                return Notice("centre-not-credible", {"fault": fault})
     return None
 
 
@@ -516,18 +512,18 @@ def _is_centre(channel: Channel) -> bool:
     return abs(channel.offset) < CENTRE
 
 
-def _silent(channel: Channel, drop: Drop, start: int, end: int) -> str | None:
+def _silent(channel: Channel, drop: Drop, start: int, end: int) -> Notice | None:
     """Return the reason why a channel measured nothing between two samples; None: it measured."""
     part = channel.values[start:end]
     if np.ptp(part) == 0:
-        return f"constant at {part[0]:.6g}"
+        return Notice("constant", {"value": float(part[0])})
     quiet = quiet_samples(drop.time)
     if quiet < MIN_QUIET_SAMPLES:
         return None
     signal = remove_offset(drop.time, channel.values)
     noise = float(np.sqrt(np.mean(signal[:quiet] ** 2)))
     if np.sqrt(np.mean(signal[start:end] ** 2)) < DEAD_OVER_NOISE * noise:
-        return "nothing above its own noise"
+        return Notice("only-noise")
     return None
 
 
@@ -625,7 +621,7 @@ def _channel(channel: Channel) -> dict[str, Value]:
     return {"quantity": channel.quantity, "offset_m": channel.offset}
 
 
-def _dead_extra(channel: Channel, pulse: _Pulse, drop: Drop) -> str | None:
+def _dead_extra(channel: Channel, pulse: _Pulse, drop: Drop) -> Notice | None:
     """Return the reason why a sensor beside the centre measured nothing; None: it measured."""
     if _is_centre(channel):
         return None
@@ -633,11 +629,7 @@ def _dead_extra(channel: Channel, pulse: _Pulse, drop: Drop) -> str | None:
     return _silent(channel, drop, pulse.start, pulse.load.size)
 
 
-def _kilonewton(load: float) -> str:
-    return f"{load / 1e3:.3g} kN"
-
-
-def duplicate_drops(drops: Sequence[Drop], screenings: Sequence[Screening]) -> dict[int, str]:
+def duplicate_drops(drops: Sequence[Drop], screenings: Sequence[Screening]) -> dict[int, Notice]:
     """Return the measured drops that have the same samples as an earlier one, with the reason.
 
     A copy is no second measurement: counted as one, it would make intervals too narrow.
@@ -650,10 +642,10 @@ def duplicate_drops(drops: Sequence[Drop], screenings: Sequence[Screening]) -> d
 
     Returns
     -------
-    dict of int to str
+    dict of int to Notice
         Reason by the index of the drop.
     """
-    reasons: dict[int, str] = {}
+    reasons: dict[int, Notice] = {}
     originals: list[Drop] = []
     for index, (drop, screening) in enumerate(zip(drops, screenings, strict=True)):
         if screening.status != "measured":
@@ -662,5 +654,5 @@ def duplicate_drops(drops: Sequence[Drop], screenings: Sequence[Screening]) -> d
         if original is None:
             originals.append(drop)
         else:
-            reasons[index] = f"its samples are those of drop {original.number}, number for number"
+            reasons[index] = Notice("samples-copied", {"drop": original.number})
     return reasons

@@ -75,6 +75,7 @@ def records(kind: type[StoredRecord], **special: Any) -> st.SearchStrategy[Any]:
         tuple[float, float] | None: st.tuples(numbers, numbers),
         tuple[float, float | None] | None: st.tuples(numbers, maybe(numbers)),
         tuple[str, ...] | None: st.lists(texts, max_size=3).map(tuple),
+        Notice | None: warnings,
         tuple[Notice, ...] | None: st.lists(warnings, max_size=3).map(tuple),
         tuple[int, ...] | None: st.lists(st.integers(0, 99), max_size=3).map(tuple),
         tuple[LayerResult, ...] | None: st.lists(

@@ -5,6 +5,7 @@ import dataclasses
 import pytest
 
 from inversion.effects import BY_NAME
+from inversion.notices import Notice
 from pfwd.files.header import PointSetup
 from pfwd.judging import DropView, Job, PointView
 from pfwd.judging.advice import (
@@ -121,8 +122,8 @@ def test_the_sensor_that_moves_otherwise_than_the_others(
 
 
 def test_a_channel_at_the_end_of_its_range() -> None:
-    marks = {"marks": ["saturated: 16 samples of g0 at the end of the converter's range"]}
-    drop = dataclasses.replace(measured(3), metadata=marks)
+    marks = [Notice("saturated", {"samples": 16, "channel": "g0"}).to_json()]
+    drop = dataclasses.replace(measured(3), metadata={"marks": marks})
     (found,) = advice_on_drop(PLAIN, drop, OTHERS)
     assert found.about is Advised.RANGE
     assert "use a lower drop height" in found.text

@@ -267,9 +267,9 @@ def test_the_json_of_a_diagnosis_has_its_use_and_reads_it_back() -> None:
 
 UNSUPPORTED = [
     ({"converged": False}, "the fit did not converge"),
-    ({"at_bound": ["modulus"]}, "modulus is on a bound"),
-    ({"at_bound": ["density"]}, "density is on a bound"),
-    ({"at_bound": ["bedrock_depth"]}, "bedrock depth is on a bound"),
+    ({"at_bound": ["modulus"]}, "modulus sits on a bound"),
+    ({"at_bound": ["density"]}, "density sits on a bound"),
+    ({"at_bound": ["bedrock_depth"]}, "bedrock depth sits on a bound"),
     ({"contact_residual_rms_over_peak": 0.11}, "leaves 11 % of the peak, at most 10 % is allowed"),
 ]
 

@@ -313,8 +313,8 @@ def test_what_is_not_verified_is_named_before_any_drop() -> None:
         plate_radius=Number(0.15, "here", True),
     )
     assert judged([], profile).notes == (
-        "used in the formula without being verified: factor",
-        "not verified, hence not enforced: seating",
+        "used in the formula without being verified: plate factor",
+        "not verified, hence not enforced: seating drops",
     )
     bold = dataclasses.replace(profile, enforce_unverified=True)
     assert judged([], bold).notes == ()
@@ -394,7 +394,7 @@ def test_the_target_of_the_point_wins_over_the_procedure_s() -> None:
     found = judged(SIX, profile, material="gravel", target=40e6)
     assert (found.target, found.target_source) == (40e6, "of the point")
     found = judged(SIX, profile, material="clay")
-    assert (found.target, found.target_source) == (None, "")
+    assert (found.target, found.target_source) == (None, None)
 
 
 def test_what_is_a_deflection_ends_at_a_metre() -> None:

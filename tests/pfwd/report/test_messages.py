@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from inversion.notices import OTHER, Notice, Value, gaps_of, templates, terms
-from pfwd.message_groups import group_messages, split_numbers
+from inversion.notices import OTHER, Notice, Value, gaps_of, of_drops, templates, terms, text_notice
 from pfwd.procedures import find_procedure
 from pfwd.procedures.profile import CHECKS
 from pfwd.report.blocks import Pairs, Paragraph, Table, Together
@@ -17,59 +16,52 @@ from pfwd.report.composing import compose
 from pfwd.report.fonts import Letters
 from pfwd.report.gathering import ReportOptions, gather
 from pfwd.report.localising import localised
-from pfwd.report.texts import Texts, load_texts
+from pfwd.report.texts import load_texts
 
 DE, ZH, EN = load_texts("de"), load_texts("zh"), load_texts("en")
 
 
-def said_by(texts: Texts, message: str) -> str:
-    """A warning or other message in a language."""
-    (group,) = group_messages([("", message)])
-    return texts.grouped(group)
-
-
 @pytest.mark.parametrize("code", ["de", "zh"])
-def test_every_language_has_the_same_messages_with_as_many_numbers(code: str) -> None:
+def test_every_language_has_every_message_with_its_values(code: str) -> None:
     folder = resources.files("pfwd.report").joinpath("catalogues", "messages")
     tables = {
         name: tomllib.loads(folder.joinpath(f"{name}.toml").read_text(encoding="utf-8"))
         for name in ("de", "zh")
     }
     assert all(tables[code][part].keys() == tables["de"][part].keys() for part in tables["de"])
-    for pattern, text in tables[code]["messages"].items():
-        assert text.count("{}") == pattern.count("{}"), pattern
-        assert split_numbers(pattern.replace("{}", "( )"))[0].count("{}") == 0, pattern
+    for name, table in tables["de"]["procedures"].items():
+        assert tables[code]["procedures"][name].keys() == table.keys()
     english = {key: text for key, text in templates().items() if key != OTHER}
-    assert tables[code]["warnings"].keys() == english.keys()
-    for key, text in tables[code]["warnings"].items():
+    assert tables[code]["messages"].keys() == english.keys()
+    for key, text in tables[code]["messages"].items():
         assert gaps_of(text).keys() == gaps_of(english[key]).keys(), key
     assert terms().keys() <= tables[code]["words"].keys()
 
 
 def test_numbers_have_the_decimal_sign_of_the_language() -> None:
     text = Notice("depth-not-unique", {"depth_low_m": 0.484, "depth_high_m": 1.3})
-    assert "Fels von 0,48 m bis 1,3 m" in said_by(DE, text)
-    assert "0.48 m" in said_by(ZH, text)
-    assert said_by(EN, text) == text
+    assert "Fels von 0,48 m bis 1,3 m" in DE.message(text)
+    assert "0.48 m" in ZH.message(text)
+    assert EN.message(text) == text
 
 
 def test_what_stands_before_a_message_stays() -> None:
     values: dict[str, Value] = {"traces": "stored_traces", "deviation": (0.0, 0.095)}
     values["file"] = "a-12.prjz, database.json"
     said = Notice("stored-deflection-differs", values)
-    assert said_by(DE, said).startswith("a-12.prjz, database.json: die größte Setzung")
-    assert "+0,0 bis +9,5 %" in said_by(DE, said)
-    assert DE.message(
-        "drops 1, 2: peak deflection more than 2 mm (not verified, not enforced)"
-    ) == ("Stöße 1, 2: größte Setzung über 2 mm (nicht belegt, nicht angewandt)")
-    assert DE.message("nobody said that: 4.5") == "nobody said that: 4.5"
-    assert DE.message("moved to point A, drop 3") == "verschoben zum Messpunkt A, Stoß 3"
+    assert DE.message(said).startswith("a-12.prjz, database.json: die größte Setzung")
+    assert "+0,0 bis +9,5 %" in DE.message(said)
+    limit: dict[str, Value] = {"quantity": "peak_deflection", "limit": 2.0, "unit": "mm"}
+    assert DE.message(of_drops(Notice("values-too-large", limit), 1, 2)) == (
+        "Stöße 1, 2: größte Setzung über 2 mm (nicht belegt, nicht angewandt)"
+    )
+    assert DE.message("a text of a person: 4.5") == "a text of a person: 4.5"
 
 
 def test_checks_of_procedures_are_translated() -> None:
-    for check in CHECKS.values():
-        assert DE.message(check.words) != check.words
-    assert DE.title(find_procedure("tp-bf-stb-b8.3").title).endswith("Teil B 8.3")
+    for key in CHECKS:
+        assert DE.number_name(key) != EN.number_name(key)
+    assert DE.title(find_procedure("tp-bf-stb-b8.3")).endswith("Teil B 8.3")
 
 
 def test_versions_dates_and_names_keep_their_points() -> None:
@@ -91,19 +83,19 @@ def test_versions_dates_and_names_keep_their_points() -> None:
 def test_warnings_of_all_points_stand_once(survey: Path) -> None:
     report = gather(survey, ReportOptions())
     points = tuple(
-        replace(point, warnings=(f"no plate mass: {number}.5 kg is taken", *own))
-        for number, (point, own) in enumerate(
-            zip(report.points, ((), ("its own: 3",)), strict=True), start=1
+        replace(point, warnings=(Notice("plate-radius-suspect", {"plate_radius_m": radius}), *own))
+        for point, own, radius in zip(
+            report.points, ((), (text_notice("its own: 3"),)), (15.5, 16.0), strict=True
         )
     )
     blocks = compose(replace(report, points=points), EN, Letters())
     listed = [item for block in blocks for item in getattr(block, "items", ())]
-    assert "no plate mass: 1.5 and 2.5 kg is taken (all 2 points)" in listed
+    assert "units suspect: plate_radius_m = 15.5 and 16 (in metres?) (all 2 points)" in listed
     assert "its own: 3 (point B)" in listed
     pages = [part for block in blocks if isinstance(block, Together) for part in block.blocks]
     said = [part.text for part in pages if isinstance(part, Paragraph)]
     assert sum("its own: 3" in text for text in said) == 1
-    assert not any("no plate mass" in text for text in said)
+    assert not any("units suspect" in text for text in said)
 
 
 def test_several_processes_find_the_same(survey: Path) -> None:
@@ -118,25 +110,27 @@ def test_several_processes_find_the_same(survey: Path) -> None:
 @pytest.mark.parametrize("code", sorted(templates().keys() - {OTHER}))
 def test_warnings_are_whole_in_every_language(code: str) -> None:
     samples: dict[str, Value] = {
-        "": "a.F25", "words": "density", "list": ("one", "two"), "d": 3, "more": 2,
-        "terms": tuple(terms()),
+        "": "a.F25", "words": "density", "names": "seating",
+        "list": ("one", "two"), "d": 3, "more": 2,
+        "terms": tuple(terms()), "drops": (1, 2), "digits": "4.5", "message": Notice("no-drop"),
     }  # fmt: skip
     forms = gaps_of(templates()[code])
     notice = Notice(code, {name: samples.get(form, 0.25) for name, form in forms.items()})
     english = re.compile(r"\b(the|is|are|of|or|line|left|from|moves|missing|bound|samples)\b")
     for texts in (DE, ZH):
-        assert not english.search(said_by(texts, notice)), said_by(texts, notice)
-    assert said_by(EN, notice) == notice
+        assert not english.search(texts.message(notice)), texts.message(notice)
+    assert EN.message(notice) == notice
 
 
 def test_drops_of_a_message_are_counted_and_not_listed(survey: Path) -> None:
-    limit = "pulse duration less than 15.5 ms (not verified, not enforced)"
+    values: dict[str, Value] = {"quantity": "pulse_duration", "limit": 15.5, "unit": "ms"}
+    limit = Notice("values-too-small", values)
     numbers = ", ".join(map(str, range(1, 92)))
     report = gather(survey)
     first, second = report.points
     points = (
-        replace(first, warnings=(f"drops {numbers}: {limit}",)),
-        replace(second, warnings=(f"drop 3: {limit}",)),
+        replace(first, warnings=(of_drops(limit, *range(1, 92)),)),
+        replace(second, warnings=(of_drops(limit, 3),)),
     )
     for texts, expected in (
         (EN, f"{limit} (all 2 points; 92 drops)"),

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inversion.notices import Notice as Message
 from pfwd.analysis.drop_facts import FACTS_KEY, facts_to_store, stored_facts
 from pfwd.analysis.results import DropResult
 from pfwd.analysis.screening.drops import screen
@@ -182,7 +183,7 @@ def test_a_drop_is_screened_once_and_its_facts_are_stored(
 
 def test_a_stored_rejection_holds_for_the_declared_geophone_only() -> None:
     setup = PointSetup(plate_radius=0.15)
-    rejected = PointDrop(1, Kind.REJECTED, reason="no pulse")
+    rejected = PointDrop(1, Kind.REJECTED, reason=Message("no-drop"))
     facts = facts_to_store(rejected, 0.0, setup)
     assert facts is not None
     metadata = {FACTS_KEY: facts.to_json()}

@@ -53,7 +53,7 @@ def test_a_drop_that_the_instrument_does_not_store_is_recorded_from_the_stream(
 ) -> None:
     run(ScriptedFeed(connected(), Armed(TRIGGER), began(), pieces(COUNTS)), log, writer)
     (record,) = recorded(writer)
-    assert record.metadata["marks"] == [NOT_BUFFERED]
+    assert record.metadata["marks"] == [NOT_BUFFERED.to_json()]
     assert [round(bounce.peak_load, -2) for bounce in record.rebounds] == [3000]
     assert len(log.of(Rebounded)) == 1
     assert writer.saved == [("1", 1)]

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from inversion.notices import codes, text_notice
 from inversion.result import TimeHistories
 from pfwd.analysis.drop_facts import unbroken_peaks
 from pfwd.analysis.results import DropResult
@@ -105,7 +106,7 @@ def saved_drop(
         SETUP,
         record=number if record is None else record,
         peaks=unbroken_peaks(traces),
-        metadata={"marks": list(marks)},
+        metadata={"marks": codes(map(text_notice, marks))},
     )
     screening = Screening(status, reason)  # type: ignore[arg-type]
     file = f"survey/drops/drop-{number:06d}.h5"

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inversion.notices import Notice
 from pfwd.judging import Job, Station
 from pfwd.procedures import find_procedure, plain_procedure
 from pfwd.session.events import JobReported
@@ -167,7 +168,7 @@ def test_verdict_and_value_stand_side_by_side_where_they_do_not_fit_below() -> N
 
 @pytest.mark.parametrize("large", [False, True])
 def test_no_advice_is_cut_on_a_small_terminal(large: bool) -> None:
-    marks = ("saturated: 12 samples of g0 at the end of the converter's range",)
+    marks = (Notice("saturated", {"samples": 12, "channel": "g0"}),)
     job = Job(procedure=find_procedure("tp-bf-stb-b8.3"), target=45e6)
     on_page = view(JobReported(job), ready(), saved(1, marks=marks), analysed(1), large=large)
     advice = on_page.state.advice(on_page.drop)

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from inversion.notices import Notice as Mark
 from pfwd.analysis.result_store import basis_of
 from pfwd.analysis.results import DiagnosisResult, DropResult, EffectResult, FittedState
 from pfwd.judging import Job, PointView
@@ -55,6 +56,9 @@ class Clock:
 
     def __call__(self) -> float:
         return self.now
+
+
+SATURATED = Mark("saturated", {"samples": 16, "channel": "g0"})
 
 
 def state_after(*events: Any, target: float | None = None) -> SessionState:
@@ -351,12 +355,12 @@ def test_a_point_that_could_not_be_diagnosed_says_why() -> None:
 
 
 def test_a_drop_at_the_end_of_the_range_is_advised_at_once() -> None:
-    state = state_after(ready(), saved(1, marks=("saturated: 16 samples of g0",)))
+    state = state_after(ready(), saved(1, marks=(SATURATED,)))
     assert [text for text in state.advice(state.last) if "use a lower drop height" in text]
 
 
 def test_a_saturated_drop_is_never_clean() -> None:
-    marks = ("saturated: 16 samples of g0",)
+    marks = (SATURATED,)
     events = (ready(), saved(1, status="seating", marks=marks), analysed(1))
     drop = state_after(*events).last
     assert drop is not None

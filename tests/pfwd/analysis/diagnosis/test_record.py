@@ -51,13 +51,13 @@ def test_a_modulus_that_is_left_open_has_a_warning() -> None:
 @pytest.mark.parametrize(
     ("reason", "none"),
     [
-        ("false trigger: peak load 0.4 kN, less than 1.5 kN", True),
-        ("no pulse: the load changes by 3 N at most", True),
-        ("load of the wrong polarity: 8 kN upward, downward is positive", False),
-        ("dead centre channel: constant at 0", False),
+        (Notice("load-too-small", {"peak_load_n": 400.0, "least_n": 1500.0}), True),
+        (Notice("no-pulse", {"change_n": 3.0}), True),
+        (Notice("load-upward", {"upward_n": 8000.0}), False),
+        (Notice("centre-dead", {"fault": Notice("only-noise")}), False),
     ],
 )
-def test_only_what_is_no_drop_is_a_false_trigger(reason: str, none: bool) -> None:
+def test_only_what_is_no_drop_is_a_false_trigger(reason: Notice, none: bool) -> None:
     rejected = Notice("drop-rejected", {"drop": 1, "reason": reason})
     entry = DiagnosisPoint("A.csv", None, None, (rejected,), ())
     told = diagnosis_result(entry, None)

@@ -67,7 +67,7 @@ def test_every_reason_is_said_once(point: TracePoint) -> None:
     third = Drop(3, third.time, third.load, away)
     found = screened(replace(point, drops=(loose(first), second, third)))
     (text,) = {text for one in found for text in one.warnings if "bad sensor" in text}
-    assert "unlike the others, it moves more than the sensors nearer to the plate; left" in text
+    assert "unlike the others; it moves more than the sensors nearer to the plate; left" in text
 
 
 def test_a_drop_that_is_none_judges_no_sensor(point: TracePoint) -> None:
