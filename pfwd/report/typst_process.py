@@ -8,16 +8,14 @@ limited on Linux alone: other systems do not enforce such a limit.
 
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
-import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
 from pfwd.errors import OptionError, refusal
-from pfwd_device.child_python import start_child
+from pfwd.jobs import Jobs, WorkerDied
 
 STANDARDS: tuple[Literal["a-2a"], Literal["ua-1"]] = ("a-2a", "ua-1")
 """Archiving with tags, and accessibility. Typst refuses to write a file that breaks their rules."""
@@ -32,8 +30,6 @@ MAX_TEMPLATE_FILES, MAX_TEMPLATE_BYTES = 1000, 100_000_000
 """Limits for the folder of a template with its folders."""
 
 _DATA, _PDF, _COPY = "data.json", "report.pdf", "template"
-_REFUSED = 3
-"""Exit status of the process when Typst refuses the template."""
 
 
 def render_apart(template: Path, data: str, fonts: Sequence[str]) -> bytes:
@@ -87,25 +83,18 @@ def _copy_folder(source: Path, target: Path, where: str) -> None:
 
 
 def _run(folder: Path, name: str, fonts: Sequence[str]) -> str | None:
-    """Run the process on a folder; return None, or why there is no PDF."""
-    with start_child("-m", __name__, str(folder), name, *fonts) as process:
+    """Lay out in a process of its own; return None, or why there is no PDF."""
+    with Jobs(attempts=1) as jobs:
         try:
-            status = process.wait(MAX_RENDER_S)
-        except subprocess.TimeoutExpired:
+            return jobs.submit(_lay_out, folder, name, fonts).result(MAX_RENDER_S)
+        except TimeoutError:
             return "a longer time"
-        finally:
-            process.kill()
-        assert process.stdout is not None
-        if status == _REFUSED:
-            return process.stdout.read().decode("utf-8", "replace")
-        return None if status == 0 else "an end of Typst without result, as for lack of memory"
+        except (WorkerDied, MemoryError):
+            return "an end of Typst without result, as for lack of memory"
 
 
-def main(folder: Path, name: str, *fonts: str) -> int:
-    """Lay out the PDF of a folder and return the exit status of the process."""
-    # Its input ends when the parent does.
-    end = threading.Thread(target=lambda: (sys.stdin.buffer.read(), os._exit(1)), daemon=True)
-    end.start()
+def _lay_out(folder: Path, name: str, fonts: Sequence[str]) -> str | None:
+    """Write the PDF of a folder; return None, or why Typst refuses the template."""
     if sys.platform == "linux":
         import resource
 
@@ -130,14 +119,7 @@ def main(folder: Path, name: str, *fonts: str) -> int:
         )
         pdf = compiler.compile(format="pdf", pdf_standards=[*STANDARDS])
     except typst.TypstError as err:
-        sys.stdout.buffer.write(" ".join([err.message, *err.hints]).strip().encode()[:2000])
-        return _REFUSED
+        return " ".join([err.message, *err.hints]).strip()[:2000]
     assert isinstance(pdf, bytes)
     (folder / _PDF).write_bytes(pdf)
-    return 0
-
-
-if __name__ == "__main__":
-    status = main(Path(sys.argv[1]), *sys.argv[2:])
-    sys.stdout.flush()
-    os._exit(status)  # the thread still waits for the parent
+    return None

@@ -1,9 +1,11 @@
 """Commands of the program in a process of their own, for work that would stop the screen."""
 
-import subprocess
+import contextlib
+import io
 from collections.abc import Sequence
 
-from pfwd.processes import start_text_child
+from pfwd.errors import SurveyError
+from pfwd.jobs import Jobs
 
 COMMAND_TIMEOUT_S = 600.0
 """Time after which a command is ended, s: a report of hundreds of points takes minutes."""
@@ -22,18 +24,25 @@ def run_command(words: Sequence[str]) -> str:
     str
         Error in one line; empty: the command succeeded.
     """
-    code = "from tui.cli import main; raise SystemExit(main())"
-    try:
-        child = start_text_child("-c", code, *words, stdin=subprocess.DEVNULL)
-    except OSError as err:
-        return f"the command could not be started: {err}"
-    try:
-        out, err_text = child.communicate(timeout=COMMAND_TIMEOUT_S)
-    except subprocess.TimeoutExpired:
-        child.kill()
-        child.communicate()
-        return f"it took longer than {COMMAND_TIMEOUT_S:.0f} s and was ended"
-    if child.returncode == 0:
+    with Jobs() as jobs:
+        try:
+            return jobs.submit(_run, words).result(COMMAND_TIMEOUT_S)
+        except TimeoutError:
+            return f"it took longer than {COMMAND_TIMEOUT_S:.0f} s and was ended"
+        except SurveyError as err:
+            return str(err)
+
+
+def _run(words: Sequence[str]) -> str:
+    """Run a command in this process and return its error in one line."""
+    from tui.cli import main
+
+    with contextlib.redirect_stderr(io.StringIO()) as errors:
+        try:
+            status: object = main(words)
+        except SystemExit as err:  # wrong arguments
+            status = err.code
+    if not status:
         return ""
-    lines = (err_text or out).strip().splitlines() or [f"exit status {child.returncode}"]
-    return lines[-1].removeprefix("pfwd: ").removeprefix(f"{words[0]}: ")
+    line = (errors.getvalue().strip().splitlines() or [f"exit status {status}"])[-1]
+    return line.removeprefix("pfwd: ").removeprefix(f"{words[0]}: ")

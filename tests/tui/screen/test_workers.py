@@ -1,6 +1,7 @@
 """Work in processes besides the session: fits with other settings, and the diagnosis."""
 
 import queue
+import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +14,7 @@ from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.jobs import Task, TaskProgress
 from tests.tui.screen.scripted import saved_drop
+from tui.screen.command_process import run_command
 from tui.screen.session.diagnosis import Diagnoses, diagnosis_text
 from tui.screen.session.drop_fits import DropFits
 from tui.screen.session.screen_events import DiagnosisFinished
@@ -106,3 +108,19 @@ def test_a_second_diagnosis_waits_and_the_first_can_be_stopped(
     assert isinstance(stopped, DiagnosisFinished)
     assert stopped.file.endswith("one")
     assert stopped.error == "the diagnosis of one was stopped"
+
+
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (("check", "/none"), r"/none: expected the folder of a survey, got no such folder"),
+        (("report", "road"), r"pfwd report: error: the following arguments are required: -o"),
+        (("schema", "setup"), r"$"),
+    ],
+)
+def test_a_command_in_a_process_returns_its_error_in_one_line(
+    words: tuple[str, ...], error: str
+) -> None:
+    text = run_command(words)
+    assert re.match(error, text)
+    assert "\n" not in text
