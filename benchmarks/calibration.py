@@ -45,6 +45,7 @@ from inversion.inference.point_model import Key, PointModel
 from inversion.inference.posterior import Posterior
 from inversion.inference.structures import ALWAYS, effects_of
 from inversion.threads import single_threaded_blas
+from pfwd_plugins.quantities import Measurand
 
 _DEPTH: Key = ("bedrock", "depth", None)
 _MODULI_PA = (15e6, 200e6)
@@ -151,7 +152,7 @@ def model_replicate(seed: int, number: int, scale: float = STATED_ERROR) -> Repl
     record = Record(
         time,
         load,
-        (Sensor(0.0, "displacement", 7000.0 / (2.2 * modulus * _PLATE_RADIUS_M) * shape),),
+        (Sensor(0.0, Measurand.DISPLACEMENT, 7000.0 / (2.2 * modulus * _PLATE_RADIUS_M) * shape),),
         Instrument(_PLATE_RADIUS_M, _PLATE_MASS_KG),
         _POISSON_RATIO,
     )
@@ -185,7 +186,7 @@ def model_replicate(seed: int, number: int, scale: float = STATED_ERROR) -> Repl
         record,
         time=time[part],
         load=load[part],
-        sensors=(Sensor(0.0, "displacement", motion + error + noise),),
+        sensors=(Sensor(0.0, Measurand.DISPLACEMENT, motion + error + noise),),
     )
     return _ranks(MODEL, noisy, library, on_rock, _by_key(model, truth), modulus, peak)
 

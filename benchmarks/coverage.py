@@ -39,6 +39,7 @@ from inversion.records import known
 from inversion.threads import single_threaded_blas
 from pfwd.analysis.analyse import record_of
 from pfwd.files.traces import read_traces
+from pfwd_plugins.quantities import MotionName
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop
 from simulators.mesh import Ground, Plate, Resolution
 from simulators.traces import Recording, write_traces
@@ -75,7 +76,7 @@ class Case:
     plate_mass: float
     pulse: float
     pressure: float
-    quantity: Literal["velocity", "displacement"]
+    quantity: MotionName
     noise: float
     pre_trigger: float
 

@@ -53,6 +53,7 @@ from inversion.threads import single_threaded_blas
 from pfwd.analysis.analyse import record_of
 from pfwd.files.traces import read_traces
 from pfwd.jobs import Jobs
+from pfwd_plugins.quantities import Measurand
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Ground, Layer, Plate
 
@@ -433,7 +434,7 @@ def record_of_case(case: Case, seed: int = 5) -> Record:
         values = np.zeros(size)
         values[quiet:] = row
         values += rng.normal(0.0, _NOISE * np.abs(row).max(), size)
-        sensors.append(Sensor(offset, "velocity", values))
+        sensors.append(Sensor(offset, Measurand.VELOCITY, values))
     load += rng.normal(0.0, _LOAD_NOISE * drop.load.max(), size)
     return Record(
         time=_STEP * (np.arange(size) - quiet),

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from pfwd_plugins.lazy_names import lazy_getattr
 
 if TYPE_CHECKING:
-    from pfwd_device.drop import Channel, Drop, Quantity
+    from pfwd_device.drop import Channel, Drop
 
-__all__ = ["Channel", "Drop", "Quantity"]
+__all__ = ["Channel", "Drop"]
 
 __getattr__ = lazy_getattr(globals(), dict.fromkeys(__all__, "pfwd_device.drop"))

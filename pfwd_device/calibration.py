@@ -16,17 +16,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pfwd_device.drop import Channel, Drop, Quantity, nearest_first
+from pfwd_device.drop import Channel, Drop, nearest_first
 from pfwd_device.errors import SetupError
-from pfwd_device.identity import ChannelIdentity, Identity, Role
+from pfwd_device.identity import ChannelIdentity, Identity
+from pfwd_plugins.quantities import MOTIONS, Measurand
 
 EXPIRES_SOON = datetime.timedelta(days=30)
 """Time before the expiry of a calibration at which a warning begins."""
-
-_QUANTITY_OF_ROLE: dict[Role, Quantity] = {
-    Role.GEOPHONE: "velocity",
-    Role.DISPLACEMENT: "displacement",
-}
 
 
 def to_si(
@@ -66,7 +62,8 @@ def load_channel(identity: Identity) -> int:
     SetupError
         If the instrument has no load cell or several.
     """
-    load_cells = [i for i, channel in enumerate(identity.channels) if channel.role is Role.LOAD]
+    load = Measurand.LOAD
+    load_cells = [i for i, channel in enumerate(identity.channels) if channel.quantity is load]
     if len(load_cells) != 1:
         raise SetupError(
             f"channels of {identity.serial_number!r}: expected one with the role load, got "
@@ -84,11 +81,12 @@ def sensor_channels(identity: Identity) -> list[int]:
         If no channel measures velocity or displacement.
     """
     channels = identity.channels
-    sensors = [i for i, channel in enumerate(channels) if channel.role in _QUANTITY_OF_ROLE]
+    sensors = [i for i, channel in enumerate(channels) if channel.quantity.is_motion]
     if not sensors:
+        roles = " or ".join(quantity.role for quantity in MOTIONS)
         raise SetupError(
-            f"channels of {identity.serial_number!r}: expected at least one with the role geophone "
-            "or displacement, got none; declare the roles in [[channels]] of the setup file"
+            f"channels of {identity.serial_number!r}: expected at least one with the role "
+            f"{roles}, got none; declare the roles in [[channels]] of the setup file"
         )
     return sorted(sensors, key=lambda i: nearest_first(channels[i].offset))
 
@@ -140,7 +138,7 @@ def calibrate(
         tuple(
             Channel(
                 identity.channels[i].offset,
-                _QUANTITY_OF_ROLE[identity.channels[i].role],
+                identity.channels[i].quantity,
                 values(i),
             )
             for i in sensor_channels(identity)
@@ -152,7 +150,7 @@ def calibration_warnings(identity: Identity, today: datetime.date) -> list[str]:
     """Return a warning for each channel whose calibration is undated, expired or expires soon."""
     warnings = []
     for channel in identity.channels:
-        if channel.role is Role.UNUSED:
+        if not channel.is_used:
             continue
         if channel.due is None:
             if channel.calibrated is None:

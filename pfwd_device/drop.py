@@ -1,12 +1,12 @@
 """Data of one drop: the time histories of the load cell and of each sensor of motion."""
 
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-Quantity = Literal["velocity", "displacement"]
+from pfwd_plugins.quantities import Measurand, motion
 
 
 def nearest_first(offset: float) -> tuple[float, bool]:
@@ -29,14 +29,15 @@ class Channel:
     offset: float
     """Distance from the plate centre, m; 0 is the centre sensor, negative the other side of the
     plate: -0.3 and 0.3 are two sensors."""
-    quantity: Quantity
-    """Measured quantity."""
+    quantity: Measurand
+    """Measured quantity; its name is accepted."""
     values: NDArray[np.float64]
     """Record, (n,), m/s or m, downward positive; read-only."""
 
     def __post_init__(self) -> None:
         # Adding 0.0 turns -0.0 into 0.0: both are the centre.
         object.__setattr__(self, "offset", self.offset + 0.0)
+        object.__setattr__(self, "quantity", motion(self.quantity))
         object.__setattr__(self, "values", _read_only_vector(self.values, "values"))
 
 
@@ -85,7 +86,7 @@ class Drop:
         """
         no_samples = np.empty(0)
         channels = tuple(
-            Channel(offset, "displacement", no_samples) for offset, _ in peaks.displacements
+            Channel(offset, Measurand.DISPLACEMENT, no_samples) for offset, _ in peaks.displacements
         )
         return cls(number, no_samples, no_samples, channels, peaks)
 

@@ -9,10 +9,10 @@ import datetime
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any, Literal
 
 from pfwd_device.errors import SetupError
+from pfwd_plugins.quantities import QUANTITY_BY_ROLE, Measurand
 
 MAX_CHANNELS = 8
 FASTEST_SAMPLING = 50_000.0
@@ -21,30 +21,13 @@ LONGEST_NAME = 32
 """Characters of a name or a version."""
 
 
-class Role(StrEnum):
-    """Kind of sensor at a channel, which determines the measured quantity."""
-
-    LOAD = "load"
-    """Force of the load cell."""
-    GEOPHONE = "geophone"
-    """Velocity, with the response of the geophone."""
-    DISPLACEMENT = "displacement"
-    """Displacement, as of an integrated accelerometer or a laser."""
-    UNUSED = "unused"
-    """Channel that is ignored."""
-
-
-UNIT_OF_ROLE = {Role.LOAD: "N", Role.GEOPHONE: "m/s", Role.DISPLACEMENT: "m", Role.UNUSED: "V"}
-"""SI unit of the calibrated values."""
-
-
 @dataclass(frozen=True, slots=True)
 class ChannelIdentity:
     """One channel: measured quantity, position, and calibration from volts to SI values."""
 
     name: str
     """Name as printed on the instrument, at most 32 characters."""
-    role: Role
+    quantity: Measurand
     """Measured quantity."""
     offset: float = 0.0
     """Distance from the plate centre, m; 0 is the centre (and the load cell), negative the other
@@ -64,6 +47,11 @@ class ChannelIdentity:
     """Date of the calibration."""
     due: datetime.date | None = None
     """Date on which the calibration expires."""
+
+    @property
+    def is_used(self) -> bool:
+        """True if the channel has a sensor."""
+        return self.quantity is not Measurand.VOLTAGE
 
     def __post_init__(self) -> None:
         where = f"channel {self.name!r}"
@@ -171,8 +159,8 @@ def identity_as_dict(identity: Identity) -> dict[str, Any]:
 
 
 def _channel_as_dict(channel: ChannelIdentity) -> dict[str, Any]:
-    table = dataclasses.asdict(channel)
-    table["role"] = str(channel.role)
+    values = dataclasses.asdict(channel) | {"quantity": channel.quantity.role}
+    table = {"role" if name == "quantity" else name: value for name, value in values.items()}
     for name in _DATES:
         table[name] = table[name] and table[name].isoformat()
     return table
@@ -202,4 +190,5 @@ def _channel_from_dict(table: Mapping[str, Any]) -> ChannelIdentity:
         name: datetime.date.fromisoformat(table[name]) if table.get(name) else None
         for name in _DATES
     }
-    return ChannelIdentity(**{**table, "role": Role(table["role"]), **dates})
+    values = {name: value for name, value in table.items() if name != "role"} | dates
+    return ChannelIdentity(quantity=QUANTITY_BY_ROLE[table["role"]], **values)

@@ -17,7 +17,6 @@ from pfwd_device.identity import (
     LONGEST_NAME,
     ChannelIdentity,
     Identity,
-    Role,
 )
 from pfwd_device.schema import (
     Array,
@@ -38,6 +37,7 @@ from pfwd_device.wire.registry import (
     dialect_names,
     find_dialect,
 )
+from pfwd_plugins.quantities import MOTIONS, QUANTITY_BY_ROLE, Measurand
 
 MAX_COLUMNS = 64
 """Largest number of columns of an ASCII line."""
@@ -71,7 +71,7 @@ CHANNEL_KEYS = {
         hint="`pfwd ports` shows the names",
         required=True,
     ),
-    "role": Key(Choice(Role), meaning="Measured quantity."),
+    "role": Key(Choice(QUANTITY_BY_ROLE), "quantity", "Measured quantity."),
     "column": Key(Integer(1, MAX_COLUMNS), meaning="Column of the ASCII lines, from 1."),
     "resolution": Key(_POSITIVE, meaning="Value of one count of the ASCII lines."),
     "offset_m": Key(
@@ -221,15 +221,16 @@ class DeviceSetup:
             If the file does not declare each value that this needs; the message names the key.
         """
         title = self._entry.title
-        required = ("column", "role", "sensitivity")[0 if self._entry.needs_columns else 1 :]
+        required = ("column", "quantity", "sensitivity")[0 if self._entry.needs_columns else 1 :]
         if self.sampling_rate is None:
             raise SetupError(_missing("link: sampling_rate_hz", title))
         if not self.channels:
             raise SetupError(_missing("[[channels]]", title))
         for channel in self.channels:
+            where = f"channels, {channel['name']!r}"
             for key in required:
                 if key not in channel:
-                    raise SetupError(_missing(f"channels, {channel['name']!r}: {key}", title))
+                    raise SetupError(_missing(f"{where}: {key.replace('quantity', 'role')}", title))
         for key in ("adc_bits", "adc_range"):
             if key not in self.instrument:
                 raise SetupError(_missing(f"instrument: {key.replace('range', 'range_v')}", title))
@@ -239,13 +240,12 @@ class DeviceSetup:
             )
             for channel in self.channels
         ]
-        load_cells = sum(channel.role is Role.LOAD for channel in identities)
+        load_cells = sum(channel.quantity is Measurand.LOAD for channel in identities)
         if load_cells != 1:
             raise SetupError(f'channels: expected one with role = "load", got {load_cells}')
-        if not any(channel.role in (Role.GEOPHONE, Role.DISPLACEMENT) for channel in identities):
-            raise SetupError(
-                'channels: expected one or more with role = "geophone" or "displacement", got none'
-            )
+        if not any(channel.quantity.is_motion for channel in identities):
+            roles = " or ".join(f'"{quantity.role}"' for quantity in MOTIONS)
+            raise SetupError(f"channels: expected one or more with role = {roles}, got none")
         defaults = {"serial_number": "unknown", "model": title, "firmware": ""}
         return Identity(
             **{**defaults, **self.instrument},
@@ -275,8 +275,8 @@ def read_device_setup(table: Mapping[str, Any], where: str) -> DeviceSetup:
     values = TableReader(SetupError, where).read(table, TABLES)
     channels: tuple[dict[str, Any], ...] = values.get("channels", ())
     for channel in channels:
-        if "role" in channel:
-            channel["role"] = Role(channel["role"])
+        if "quantity" in channel:
+            channel["quantity"] = QUANTITY_BY_ROLE[channel["quantity"]]
     for key in ("name", "column"):
         _refuse_twice([channel.get(key) for channel in channels], f"{where}, channels: {key}")
     try:

@@ -65,9 +65,28 @@ def displacement_of(channel: Channel, time: NDArray[np.float64]) -> NDArray[np.f
     (n,) ndarray of float, m
         Downward positive; a velocity starts from 0.
     """
+    return _motion(channel, time, channel.quantity.integrations)
+
+
+def velocity_of(channel: Channel, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the velocity of a channel, m/s, after removal of the mean at rest.
+
+    The parameters are those of `displacement_of`. Displacement is differentiated.
+    """
+    return _motion(channel, time, channel.quantity.integrations - 1)
+
+
+def _motion(channel: Channel, time: NDArray[np.float64], integrations: int) -> NDArray[np.float64]:
     values = remove_offset(time, channel.values)
-    if channel.quantity == "displacement":
-        return values
+    if integrations < 0:
+        return np.asarray(np.gradient(values, time), np.float64)
+    for _ in range(integrations):
+        values = integrated(values, time)
+    return values
+
+
+def integrated(values: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the integral from the first sample on, by the trapezoidal rule; it starts from 0."""
     steps = np.diff(time) * (values[1:] + values[:-1]) / 2
     return np.concatenate([[0.0], np.cumsum(steps)])
 

@@ -181,9 +181,8 @@ const pfwd_identity table_identity = {{
 
 
 def _channels(identity: Identity) -> str:
-    roles = ("unused", "load", "geophone", "displacement")
     lines = [
-        f"    {{{_text(each.name)}, {roles.index(each.role.value)}, {each.offset!r}, "
+        f"    {{{_text(each.name)}, {each.quantity.code}, {each.offset!r}, "
         f"{each.sensitivity!r}, {each.zero!r}, {_c_value(each.natural_frequency)}, "
         f"{_c_value(each.damping)}, {_c_value(each.shunt)}, "
         f"{day(each.calibrated)}u, {day(each.due)}u}},"

@@ -29,8 +29,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfwd_device.child_python import python_command
-from pfwd_device.identity import LONGEST_NAME, ChannelIdentity, Identity, Role
+from pfwd_device.identity import LONGEST_NAME, ChannelIdentity, Identity
 from pfwd_device.wire.fields import day
+from pfwd_plugins.quantities import Measurand
 from simulators.instrument.scenario import Scenario, load_scenario
 from simulators.instrument.timeline import Bench, Timeline
 from simulators.instrument.units import UnitDrops, with_drawn_soil
@@ -219,7 +220,7 @@ def play_scenario(
 def play_records(
     records: Sequence[NDArray[np.float64]],
     sampling_rate: float,
-    sensors: Sequence[tuple[str, float]],
+    sensors: Sequence[tuple[Measurand, float]],
     plate_radius: float | None = None,
     name: str = "played",
 ) -> Played:
@@ -230,8 +231,8 @@ def play_records(
     records : sequence of (n, 1 + sensors) ndarray
         Load, N, and signal of each sensor, m/s or m.
     sampling_rate : float, Hz
-    sensors : sequence of (role, offset)
-        `geophone` or `displacement`, and the distance from the plate centre, m.
+    sensors : sequence of (quantity, offset)
+        Measured quantity, and the distance from the plate centre, m.
     plate_radius : float or None, m
     name : str
         Serial number that the board reports.
@@ -246,16 +247,16 @@ def play_records(
     begins = [np.nan_to_num(record[:_N_REST_SAMPLES]) for record in records]
     zeros = np.median(np.concatenate(begins), axis=0) * volts
     noise = np.median([np.diff(begin, axis=0).std(axis=0) for begin in begins], axis=0)
-    roles = [("load", 0.0), *sensors]
+    measured = [(Measurand.LOAD, 0.0), *sensors]
     channels = [
         ChannelIdentity(
             "load" if number == 0 else f"s{number - 1}",
-            Role(role),
+            quantity,
             offset,
             float(volts[number]),
             float(zeros[number]),
         )
-        for number, (role, offset) in enumerate(roles)
+        for number, (quantity, offset) in enumerate(measured)
     ]
     quiet = round(PLAYED_REST_S * sampling_rate)
     generator = np.random.default_rng(0)
@@ -339,11 +340,10 @@ def identity_text(
         f"shunt_counts={counts}",
         *(f"rate={rate:g}" for rate in (identity.sampling_rate, *alternative_rates)),
     ]
-    roles = ("unused", "load", "geophone", "displacement")
     for each in identity.channels:
         fields = (
             each.name,
-            roles.index(each.role.value),
+            each.quantity.code,
             *map(repr, (each.offset, each.sensitivity, each.zero)),
             *map(field_text, (each.natural_frequency, each.damping, each.shunt)),
             day(each.calibrated),

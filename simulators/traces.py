@@ -13,11 +13,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from scipy.linalg import expm
 
+from pfwd_plugins.quantities import Measurand, MotionName, motion
 from simulators.drop import SimulatedDrop
 from simulators.mesh import Array, Plate, require
 
@@ -38,7 +38,7 @@ class Geophone:
 class Recording:
     """Properties of a simulated instrument that alter the true signals."""
 
-    quantity: Literal["velocity", "displacement"] = "velocity"
+    quantity: MotionName = "velocity"
     """Quantity of the sensor channels."""
     pre_trigger: float = 0.015
     """Recorded rest before the first touch, s."""
@@ -123,7 +123,7 @@ def record_drop(
     time_step = float(drop.time[1] - drop.time[0])
     wait = round(recording.pre_trigger / time_step)
     signals = drop.ground_velocity
-    if recording.quantity == "displacement":
+    if not motion(recording.quantity).integrations:
         require(recording.geophone is None, "geophone", "velocity channels", recording.quantity)
         signals = drop.ground_displacement
     sensors = np.pad(signals, ((0, 0), (wait, 0)))
@@ -182,11 +182,11 @@ def write_traces(
     if recording.geophone is not None:
         header["geophone_natural_frequency_hz"] = recording.geophone.natural_frequency
         header["geophone_damping"] = recording.geophone.damping
-    elif recording.quantity == "velocity":
+    elif motion(recording.quantity) is Measurand.VELOCITY:
         header["geophone_natural_frequency_hz"] = 0.0  # corrected
     header.update(declared or {})
-    unit = "velocity_m_s" if recording.quantity == "velocity" else "displacement_m"
-    columns = ["drop", "time_s", "load_N", *(f"{unit}@{r:.4f}" for r in drops[0].offsets)]
+    column = motion(recording.quantity).column
+    columns = ["drop", "time_s", "load_N", *(f"{column}@{r:.4f}" for r in drops[0].offsets)]
     generator = np.random.default_rng(seed)
     with path.open("w", encoding="utf-8", newline="\n") as file:
         for key, value in header.items():

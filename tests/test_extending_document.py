@@ -153,10 +153,11 @@ def test_a_dialect_measures(folder: Path) -> None:
 CUTS = """
 import sys
 import numpy as np
-from pfwd_device.identity import ChannelIdentity, Identity, Role
+from pfwd_device.identity import ChannelIdentity, Identity
 from pfwd_device.wire.registry import DeclaredLink, find_dialect
+from pfwd_plugins.quantities import Measurand
 
-channels = (ChannelIdentity("load", Role.LOAD), ChannelIdentity("g", Role.GEOPHONE))
+channels = (ChannelIdentity("load", Measurand.LOAD), ChannelIdentity("g", Measurand.VELOCITY))
 identity = Identity("1", "m", "1", 1e4, 18, 5.0, channels)
 data = b"1 2\\n3 4\\nx\\n5 6\\n" + 60 * b"9" + b"\\n7 8\\n9 "
 for size in range(1, len(data) + 1):

@@ -178,7 +178,7 @@ class SessionLines:
             self._say(f"procedure {setup.procedure}: {setup.seating_drops} seating drops")
         for channel in identity.channels:
             when = f", calibrated {channel.calibrated}" if channel.calibrated else ""
-            log.info("%s: %s at %g m%s", channel.name, channel.role, channel.offset, when)
+            log.info("%s: %s at %g m%s", channel.name, channel.quantity.role, channel.offset, when)
         for text in (*event.differences, *event.warnings):
             self._say(text)
 

@@ -33,7 +33,7 @@ class MotionChannel:
         self._noise = noise
         self._time = step * (samples - first)
         weights = np.zeros((samples.size, int(samples[-1]) + 1))
-        if sensor.quantity == "velocity":
+        if sensor.quantity.integrations:
             weights[:] = _integral(samples, weights.shape[1], step)
             weights -= _integral(np.array([first]), weights.shape[1], step)
             before = noise.baseline_samples

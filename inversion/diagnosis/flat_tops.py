@@ -11,7 +11,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from inversion.arrays import FloatArray
-from inversion.measured.record import Quantity, Record, Sensor
+from inversion.measured.record import Record, Sensor
+from pfwd_plugins.quantities import Measurand
 
 # Smallest number of samples of a flat top. Height of the band in which a top is flat, as a multiple
 # of the noise and as a fraction of the level; the larger one applies. Smallest slope of the flanks
@@ -24,7 +25,7 @@ _DIFFERENCE_S = 4e-4
 # Number of samples at the start whose median is the offset of a channel.
 REST_SAMPLES = 16
 
-Channel = tuple[float, Quantity] | None
+Channel = tuple[float, Measurand] | None
 """Offset (m) and quantity of a sensor; None: the load channel."""
 LargestValues = Mapping[Channel, float]
 """Largest value of each channel: for the load, N above its value at rest; for a velocity, m/s in
@@ -44,7 +45,7 @@ def flat_velocity(sensor: Sensor, noise: float, step: float, largest: bool) -> f
     step : float, s, sampling interval
     largest : bool, True: the drop is the largest one of its point
     """
-    if sensor.quantity == "velocity":
+    if sensor.quantity.integrations:
         return flat_level(sensor.values - np.median(sensor.values[:REST_SAMPLES]), noise)
     velocity = _velocity_of_displacement(sensor, step)
     velocity_noise = _velocity_noise(sensor, noise, step)
@@ -66,7 +67,7 @@ def _velocity_of_displacement(sensor: Sensor, step: float) -> FloatArray:
 
 def _velocity_noise(sensor: Sensor, noise: float, step: float) -> float:
     """Return the noise of the velocity that `flat_velocity` examines, m/s."""
-    if sensor.quantity == "velocity":
+    if sensor.quantity.integrations:
         return noise
     return float(np.sqrt(2.0)) * noise / (_difference_samples(step) * step)
 
@@ -80,7 +81,7 @@ def largest_values(records: Sequence[Record]) -> dict[Channel, float]:
         values: dict[Channel, float] = {None: float(record.load.max()) - rest}
         for sensor in record.sensors:
             velocity: FloatArray = sensor.values
-            if sensor.quantity == "displacement":
+            if not sensor.quantity.integrations:
                 velocity = _velocity_of_displacement(sensor, step)
             velocity = velocity - np.median(velocity[:REST_SAMPLES])
             values[sensor.offset, sensor.quantity] = float(np.abs(velocity).max())
@@ -136,7 +137,7 @@ def flat_sensor_level(
         return None
     # With an offset of the zero line the measuring range is smaller on one side.
     rest = abs(float(np.median(sensor.values[:REST_SAMPLES])))
-    margin = 2.0 * rest if sensor.quantity == "velocity" else 0.0
+    margin = 2.0 * rest if sensor.quantity.integrations else 0.0
     highest = largest.get((sensor.offset, sensor.quantity), level) - margin
     return None if is_exceeded(level, highest, _velocity_noise(sensor, noise, step)) else level
 

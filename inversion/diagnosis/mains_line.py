@@ -64,7 +64,9 @@ def without_mains_line(drop: PreparedDrop, record: Record) -> tuple[PreparedDrop
     record : Record
     """
     lines = [
-        find_line(sensor.values[: channel.model.samples], drop.step, velocity=channel.integrates)
+        find_line(
+            sensor.values[: channel.model.samples], drop.step, velocity=channel.integrations > 0
+        )
         for channel, sensor in zip(drop.channels, record.sensors, strict=True)
     ]
     channels = tuple(

@@ -48,7 +48,7 @@ def estimate_pre_trigger_noise(records: Sequence[Record]) -> list[PreTriggerNois
         drop = prepare(ordered).with_tail()
         channels = [
             hum_before(
-                sensor.values[: channel.model.samples], drop.step, velocity=channel.integrates
+                sensor.values[: channel.model.samples], drop.step, velocity=channel.integrations > 0
             )
             for sensor, channel in zip(ordered.sensors, drop.channels, strict=True)
         ]

@@ -31,6 +31,7 @@ from inversion.fitting.coordinates import Coordinate, coordinate_of, parameter_v
 from inversion.fitting.parameters import Parameter
 from inversion.forward.layered import LayeredGround, Medium
 from inversion.forward.nonlinear_stiffness import NonlinearStiffness
+from pfwd_plugins.quantities import Measurand
 
 Scope = Literal["drop", "point", "device"]
 Values = Mapping[str, float]
@@ -54,7 +55,7 @@ class DropContext:
     largest_load : float, N, peak of the point's largest drop
     plate_radius : float, m
     poisson_ratio : float
-    quantities : tuple of "velocity" or "displacement", of each sensor
+    quantities : tuple of Measurand, of each sensor
     contact_end : float, s, end of the load pulse on the axis ``time``
     index : int, of the drop within the point, from 0
     count : int, number of drops of the point
@@ -82,7 +83,7 @@ class DropContext:
     largest_load: float
     plate_radius: float
     poisson_ratio: float
-    quantities: tuple[str, ...]
+    quantities: tuple[Measurand, ...]
     contact_end: float
     index: int
     count: int

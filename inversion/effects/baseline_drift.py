@@ -3,6 +3,7 @@
 from inversion.arrays import FloatArray
 from inversion.effects.base import DropContext, Effect, Values
 from inversion.fitting.parameters import Parameter
+from pfwd_plugins.quantities import Measurand
 
 
 class BaselineDrift(Effect):
@@ -24,11 +25,11 @@ class BaselineDrift(Effect):
 
         For a recorded velocity, whose offset is subtracted, only the drift.
         """
-        return self.parameters if "displacement" in drop.quantities else self.parameters[1:]
+        return self.parameters[Measurand.DISPLACEMENT not in drop.quantities :]
 
     def recorded_values(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
         """Return the offset of a recorded velocity before the pulse."""
-        if "displacement" in drop.quantities:
+        if Measurand.DISPLACEMENT in drop.quantities:
             return ()
         return (("velocity_offset", "m/s", drop.rest[0]),)
 

@@ -25,7 +25,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from inversion.arrays import FloatArray
-from inversion.measured.record import PreparedDrop, Quantity, Record, prepare
+from inversion.measured.record import PreparedDrop, Record, prepare
+from pfwd_plugins.quantities import Measurand
 
 Fault = Literal["drift", "against the others", "no contact"]
 
@@ -74,12 +75,12 @@ class BadSensor:
     Parameters
     ----------
     offset : float, m, as in the record
-    quantity : "velocity" or "displacement"
+    quantity : Measurand
     fault : "drift", "against the others" or "no contact"
     """
 
     offset: float
-    quantity: Quantity
+    quantity: Measurand
     fault: Fault
 
 

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import Literal
 
 import numpy as np
 
 from inversion.arrays import FloatArray
 from inversion.errors import RecordError
 from inversion.forward.model import Instrument
-
-Quantity = Literal["velocity", "displacement"]
+from pfwd_plugins.quantities import Measurand, motion
 
 CALIBRATED_ERROR = 0.028
 """Relative error (95 %) of a modulus due to the instrument, where a calibration is recorded: gains
@@ -53,13 +51,16 @@ class Sensor:
     ----------
     offset : float, m, distance from the plate centre; negative: on the other side of the plate. The
         model depends on the distance only
-    quantity : "velocity" (m/s) or "displacement" (m), downward positive
-    values : (n,) ndarray of float
+    quantity : Measurand of a motion, or its name
+    values : (n,) ndarray of float, in the SI unit of the quantity, downward positive
     """
 
     offset: float
-    quantity: Quantity
+    quantity: Measurand
     values: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "quantity", motion(self.quantity))
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,12 +271,12 @@ class ChannelNoise:
     Parameters
     ----------
     model : NoiseModel in m/s or m
-    integrates : bool, True for a velocity channel
+    integrations : int, number of integrations to a displacement
     baseline_samples : int, samples before the pulse whose mean was subtracted
     """
 
     model: NoiseModel
-    integrates: bool
+    integrations: int
     baseline_samples: int = field(default=0)
 
 
@@ -309,14 +310,14 @@ def prepare(record: Record) -> PreparedDrop:
         ChannelNoise(
             # All samples before the pulse are used: slow noise needs a long time.
             noise_before(s.values[: max(baseline, first) if baseline else 0]),
-            s.quantity == "velocity",
-            baseline if s.quantity == "velocity" else _settled_samples(first, step),
+            s.quantity.integrations,
+            baseline if s.quantity.integrations else _settled_samples(first, step),
         )
         for s in record.sensors
     )
     noise = np.array([displacement_rms(c, count, step) for c in channels])
     quantum = np.array(
-        [_quantum(s.values) * (np.sqrt(count) * step / 2 if s.quantity == "velocity" else 1.0)
+        [_quantum(s.values) * (np.sqrt(count) * step / 2 if s.quantity.integrations else 1.0)
          for s in record.sensors]
     )  # fmt: skip
     return PreparedDrop(
@@ -361,11 +362,12 @@ def native_rows(rows: FloatArray, channel: ChannelNoise, step: float) -> FloatAr
     It is the adjoint of baseline removal and trapezoidal integration, (k, baseline + n).
     """
     weights = rows
-    if channel.integrates:
+    for _ in range(channel.integrations):
         # w_j = step * (v_0/2 + v_1 + ... + v_j/2), so each v_i contributes to all later w_j.
-        later = np.cumsum(rows[:, ::-1], axis=1)[:, ::-1]
-        weights = step * (later - 0.5 * rows)
-        weights[:, 0] = 0.5 * step * (later[:, 0] - rows[:, 0])
+        later = np.cumsum(weights[:, ::-1], axis=1)[:, ::-1]
+        first = 0.5 * step * (later[:, 0] - weights[:, 0])
+        weights = step * (later - 0.5 * weights)
+        weights[:, 0] = first
     before = channel.baseline_samples
     result = np.zeros((rows.shape[0], before + rows.shape[1]))
     result[:, before:] = weights
@@ -391,15 +393,16 @@ def _start_index(load: FloatArray, peak: int, step: float) -> int:
 
 
 def _displacement(sensor: Sensor, baseline: int, first: int, step: float) -> FloatArray:
-    if sensor.quantity == "displacement":
+    if not sensor.quantity.integrations:
         # An integrated channel may have drifted: its zero is taken just before the pulse.
         settled = _settled_samples(first, step)
         rest = sensor.values[first - settled : first].mean() if settled else sensor.values[first]
         return np.asarray(sensor.values[first:] - rest)
     values = sensor.values - (sensor.values[:baseline].mean() if baseline else 0.0)
-    moving = values[first:]
-    result = np.zeros(moving.size)
-    result[1:] = np.cumsum(0.5 * step * (moving[1:] + moving[:-1]))
+    result = values[first:]
+    for _ in range(sensor.quantity.integrations):
+        steps = 0.5 * step * (result[1:] + result[:-1])
+        result = np.concatenate([[0.0], np.cumsum(steps)])
     return result
 
 

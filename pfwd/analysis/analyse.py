@@ -295,8 +295,10 @@ def rehearse(
     load_surrogate(drop, setup, options, library)
     time = np.asarray(np.arange(-200, 1000) * 1e-4, np.float64)
     pulse = np.where((time > 0) & (time < 0.015), np.sin(np.pi * time / 0.015), 0.0)
-    shapes = {"displacement": 3e-4 * pulse, "velocity": 3e-4 * np.gradient(pulse, time)}
-    channels = tuple(replace(c, values=shapes[c.quantity]) for c in drop.channels)
+    shapes = [3e-4 * pulse]  # by the number of integrations to a displacement
+    while len(shapes) <= max(channel.quantity.integrations for channel in drop.channels):
+        shapes.append(np.gradient(shapes[-1], time))
+    channels = tuple(replace(c, values=shapes[c.quantity.integrations]) for c in drop.channels)
     made_up = Drop(1, time, 8000.0 * pulse, channels)
     quick = replace(options, method=None if options.published else "posterior")
     analyse_drop(made_up, setup, Screening("measured"), quick, library)

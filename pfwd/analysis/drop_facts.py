@@ -18,10 +18,13 @@ from pfwd_device.drop import Peaks
 from pfwd_device.signals import (
     correct_response,
     displacement_of,
+    integrated,
     quiet_samples,
     remove_offset,
     trace_peaks,
+    velocity_of,
 )
+from pfwd_plugins.quantities import Measurand
 
 FACTS_VERSION = 1
 """Version of the stored facts: to be increased when :func:`point_drop` changes, so that facts of
@@ -389,15 +392,11 @@ def _centre_motion(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return deflection, m, and velocity, m/s, without the geophone's declared response."""
     frequency, damping = setup.geophone_natural_frequency, setup.geophone_damping
-    if channel.quantity != "velocity":
-        moved = displacement_of(channel, drop.time)
-        return moved, np.gradient(moved, drop.time)
-    velocity = remove_offset(drop.time, channel.values)
-    if frequency is None or damping is None:
+    velocity = velocity_of(channel, drop.time)
+    if channel.quantity is not Measurand.VELOCITY or frequency is None or damping is None:
         return displacement_of(channel, drop.time), velocity
     velocity = correct_response(velocity, drop.sampling_rate, frequency, damping)
-    steps = np.diff(drop.time) * (velocity[1:] + velocity[:-1]) / 2
-    return np.concatenate([[0.0], np.cumsum(steps)]), velocity
+    return integrated(velocity, drop.time), velocity
 
 
 def _judged_window(time: NDArray[np.float64], start: int, duration: float) -> slice:
@@ -415,7 +414,7 @@ def _deflection(
     if peak <= 0:
         return {}
     facts = {"peak_deflection": peak, "peak_velocity": float(velocity[part].max())}
-    if channel.quantity == "displacement":
+    if not channel.quantity.integrations:
         # For an integrated velocity both values would be drift of the integration.
         quiet = quiet_samples(drop.time)
         if quiet:

@@ -60,7 +60,7 @@ def question_of(records: Iterable[Record], settings: object, remarks: object = (
         digest.update(repr(_declared(record)).encode())
         for values in (record.time, record.load, *(sensor.values for sensor in record.sensors)):
             digest.update(np.ascontiguousarray(values, np.float64).tobytes())
-        digest.update(repr([(s.offset, s.quantity) for s in record.sensors]).encode())
+        digest.update(repr([(s.offset, s.quantity.value) for s in record.sensors]).encode())
     digest.update(repr(settings).encode())
     digest.update(json.dumps(remarks, sort_keys=True, default=str).encode())
     return digest.hexdigest()[:_DIGITS]

@@ -31,6 +31,7 @@ from pfwd_device.schema import (
     keys_of,
 )
 from pfwd_device.text import clean
+from pfwd_plugins.quantities import Measurand
 
 if TYPE_CHECKING:
     from pfwd_device import Drop
@@ -476,7 +477,7 @@ def setup_warnings(setup: PointSetup, drops: "Sequence[Drop]" = ()) -> tuple[Not
         values = {"plate_mass_kg": setup.plate_mass, "plate_radius_m": setup.plate_radius}
         warnings.append(Notice("plate-mass-too-small", values))
     if setup.geophone_natural_frequency is None and any(
-        channel.quantity == "velocity" for drop in drops for channel in drop.channels
+        channel.quantity is Measurand.VELOCITY for drop in drops for channel in drop.channels
     ):
         warnings.append(Notice("geophone-not-declared"))
     if setup.plate_radius > MAX_PLATE_RADIUS_M:

@@ -38,8 +38,9 @@ from pfwd.files.header import (
 )
 from pfwd.files.output_path import replaced_at_once
 from pfwd.toml_reading import LARGEST_TOML
-from pfwd_device import Channel, Drop, Quantity
+from pfwd_device import Channel, Drop
 from pfwd_device.recording import SurveyDrop
+from pfwd_plugins.quantities import MOTIONS, Measurand
 
 MAX_FILE_BYTES = 500_000_000
 """Largest trace file; a point of ten drops takes under 10 MB."""
@@ -66,16 +67,13 @@ MAX_TEXT_LINE_CHARACTERS = 65_536
 _BLOCK_LINES = 4096
 """Lines that are parsed together in the search for a damaged line."""
 
-DROP_COLUMN, TIME_COLUMN, LOAD_COLUMN = "drop", "time_s", "load_N"
+DROP_COLUMN, TIME_COLUMN, LOAD_COLUMN = "drop", "time_s", Measurand.LOAD.column
 
-_SENSOR_COLUMNS: dict[str, Quantity] = {
-    "velocity_m_s": "velocity",
-    "displacement_m": "displacement",
-}
+_SENSOR_COLUMNS = {quantity.column: quantity for quantity in MOTIONS}
 _SENSOR_NAME = re.compile(rf"({'|'.join(_SENSOR_COLUMNS)})@([0-9.eE+-]+)")
 _COLUMN_NAMES = (
     f"{DROP_COLUMN}, {TIME_COLUMN}, {LOAD_COLUMN}, "
-    "velocity_m_s@R or displacement_m@R with R in metres"
+    f"{' or '.join(f'{name}@R' for name in _SENSOR_COLUMNS)} with R in metres"
 )
 
 _FORMAT_LINE = re.compile(rf"#\s*{TRACES_FORMAT_KEY}\s*=")
@@ -87,7 +85,7 @@ class Sensor:
 
     index: int
     """Index of the column, from 0."""
-    quantity: Quantity
+    quantity: Measurand
     """Measured quantity."""
     offset: float
     """Distance from the plate centre, m; negative: the other side of the plate."""
@@ -540,10 +538,9 @@ def parse_columns(row: str, where: str) -> Columns:
     )
 
 
-def sensor_name(quantity: Quantity, offset: float) -> str:
+def sensor_name(quantity: Measurand, offset: float) -> str:
     """Return the column name of a sensor, such as ``velocity_m_s@0.3``."""
-    prefix = next(name for name, value in _SENSOR_COLUMNS.items() if value == quantity)
-    return f"{prefix}@{offset!r}"
+    return f"{quantity.column}@{offset!r}"
 
 
 def _parse_sensor(index: int, name: str, where: str) -> Sensor:

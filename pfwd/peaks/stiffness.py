@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from pfwd.files.header import PointSetup
 from pfwd.peaks.basin import CENTRE_TOLERANCE_M
 from pfwd_device import Channel, Drop
-from pfwd_device.signals import correct_response, remove_offset
+from pfwd_device.signals import correct_response, integrated, remove_offset, velocity_of
+from pfwd_plugins.quantities import Measurand
 
 STIFFNESS_BAND_HZ = (15.0, 30.0)
 """Lower and upper frequency, Hz, between which the dynamic stiffness is averaged."""
@@ -63,8 +64,7 @@ def stiffness_of(drop: Drop, setup: PointSetup) -> Stiffness | None:
     # Some devices store a last sample of 0, which is no measurement.
     time, load = drop.time[:-1], remove_offset(drop.time, drop.load)[:-1]
     velocity = _velocity(channel, drop, setup)[:-1]
-    steps = np.diff(time) * (velocity[1:] + velocity[:-1]) / 2
-    displacement = np.concatenate([[0.0], np.cumsum(steps)])
+    displacement = integrated(velocity, time)
     load_peak = int(np.argmax(load))
     # Search the peak near that of the load: a drifting trace is larger later.
     end = min(load.size, 2 * load_peak - int(np.argmin(np.abs(time))) + 1)
@@ -79,10 +79,8 @@ def stiffness_of(drop: Drop, setup: PointSetup) -> Stiffness | None:
 
 
 def _velocity(channel: Channel, drop: Drop, setup: PointSetup) -> NDArray[np.float64]:
-    values = remove_offset(drop.time, channel.values)
-    if channel.quantity == "displacement":
-        return np.asarray(np.gradient(values, drop.time), np.float64)
+    velocity = velocity_of(channel, drop.time)
     frequency, damping = setup.geophone_natural_frequency, setup.geophone_damping
-    if frequency is None or damping is None:
-        return values
-    return correct_response(values, drop.sampling_rate, frequency, damping)
+    if channel.quantity is not Measurand.VELOCITY or frequency is None or damping is None:
+        return velocity
+    return correct_response(velocity, drop.sampling_rate, frequency, damping)

@@ -33,6 +33,7 @@ from pfwd.scripting.options import DECLARED_OPTIONS, Header, analysis_options, r
 from pfwd_device.drop import Channel, Peaks
 from pfwd_device.drop import Drop as DeviceDrop
 from pfwd_device.signals import displacement_of
+from pfwd_plugins.quantities import MOTIONS, MotionName, motion
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -80,7 +81,7 @@ class Drop(display.Displayable):
     @property
     def quantities(self) -> tuple[str, ...]:
         """Recorded quantity of each sensor: ``velocity`` (m/s) or ``displacement`` (m)."""
-        return tuple(channel.quantity for channel in self._drop.channels)
+        return tuple(channel.quantity.value for channel in self._drop.channels)
 
     @property
     def displacement(self) -> NDArray[np.float64]:
@@ -157,14 +158,18 @@ class Drop(display.Displayable):
         OptionError
             If xarray is not installed.
         """
-        is_velocity = np.array(self.quantities)[:, None] == "velocity"
-        velocity = np.where(is_velocity, self.values, np.nan)
         axes, m, s = ("sensor", "time"), {"units": "m"}, {"units": "s"}
+        recorded = np.array(self.quantities)[:, None]
+        motions = {
+            str(each): (axes, np.where(recorded == each, self.values, np.nan), {"units": each.unit})
+            for each in MOTIONS
+            if each.integrations
+        }
         dataset: Dataset = display.imported("xarray", "to_xarray").Dataset(
             {
                 "load": ("time", self.load, {"units": "N"}),
                 "displacement": (axes, self.displacement, m),
-                "velocity": (axes, velocity, {"units": "m/s"}),
+                **motions,
             },
             {"time": ("time", self.time, s), "offset": ("sensor", np.array(self.offsets), m)},
             {"file": self.file, **self.declared, DROP_COLUMN: self.number},
@@ -321,7 +326,7 @@ def drop(
     load: ArrayLike,
     values: ArrayLike,
     *,
-    quantity: Literal["displacement", "velocity"] = "displacement",
+    quantity: MotionName = "displacement",
     offsets: float | Sequence[float] | None = None,
     geophone_natural_frequency: float | None = None,
     geophone_damping: float | None = None,
@@ -352,8 +357,9 @@ def drop(
     SurveyError
         If the arrays do not fit together or a value is outside its range.
     """
-    if quantity not in ("displacement", "velocity"):
-        raise OptionError(refusal("quantity", "displacement or velocity", quote(quantity)))
+    if quantity not in MOTIONS:
+        raise OptionError(refusal("quantity", " or ".join(MOTIONS), quote(quantity)))
+    measured = motion(quantity)
     axis, force = time_and_load(time, load)
     table = np.atleast_2d(numbers("values", values))
     if table.ndim != 2 or table.shape[1] != axis.size:
@@ -368,10 +374,9 @@ def drop(
         geophone_natural_frequency=geophone_natural_frequency,
         geophone_damping=geophone_damping,
     )
-    sensors = (Channel(r, quantity, row) for r, row in zip(places, table, strict=True))
+    sensors = (Channel(r, measured, row) for r, row in zip(places, table, strict=True))
     made = DeviceDrop(1, axis, force, tuple(sensors))
-    unit = "m" if quantity == "displacement" else "m/s"
-    hint = f"is the time in s, the load in N, and are the values in {unit}?"
+    hint = f"is the time in s, the load in N, and are the values in {measured.unit}?"
     refuse_wrong_units([made], setup, "arrays", hint)
     return Drop(TracePoint(ARRAYS_FILE, setup, (made,), setup_warnings(setup, [made])), 0)
 

@@ -6,7 +6,7 @@ from pfwd.errors import OptionError
 from pfwd.session.events import CalibrationChanged, Repeats
 from pfwd.session.survey_recorder import SurveyRecorder
 from pfwd_device.errors import RecordingError, SetupError
-from pfwd_device.identity import UNIT_OF_ROLE, ChannelIdentity, Identity, identity_from_dict
+from pfwd_device.identity import ChannelIdentity, Identity, identity_from_dict
 from pfwd_device.recording import SurveyWriter
 
 
@@ -42,9 +42,9 @@ def _channel_changes(before: ChannelIdentity, now: ChannelIdentity) -> Iterator[
     name = now.name
     if before.name != name:
         yield f"channel {name!r} replaces {before.name!r}"
-    if before.role != now.role:
-        yield f"role of {name} is {now.role}, was {before.role}"
-    sensitivity = f"V per {UNIT_OF_ROLE[now.role]}"
+    if before.quantity is not now.quantity:
+        yield f"role of {name} is {now.quantity.role}, was {before.quantity.role}"
+    sensitivity = f"V per {now.quantity.unit}"
     for quantity, unit, value, earlier in (
         ("sensitivity", sensitivity, now.sensitivity, before.sensitivity),
         ("zero", "V", now.zero, before.zero),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pfwd.session.events import LiveSamples
 from pfwd_device.calibration import load_channel, sensor_channels, to_si
+from pfwd_plugins.quantities import Measurand
 
 ENVELOPE_INTERVAL = 0.01
 """Length of an interval, s: shorter than a pulse, and short enough that the window has more
@@ -33,11 +34,11 @@ class Envelope:
     load: NDArray[np.float64]
     """Smallest and largest load, (n, 2), N."""
     velocity: NDArray[np.float64]
-    """Smallest and largest value of the first sensor, (n, 2), in `unit`."""
+    """Smallest and largest value of the first sensor, (n, 2), SI unit of `quantity`."""
     samples: int
     """Number of samples received since the start of the session."""
-    unit: str
-    """Unit of the first sensor: "m/s", or "m" for a displacement sensor."""
+    quantity: Measurand
+    """Quantity of the first sensor."""
 
 
 class LiveTrace:
@@ -53,7 +54,7 @@ class LiveTrace:
         self._lock = threading.Lock()
         self._length = max(1, round(window / ENVELOPE_INTERVAL))
         self._samples = 0
-        self._unit = "m/s"
+        self._quantity = Measurand.VELOCITY
         self._clear()
 
     def _clear(self) -> None:
@@ -85,7 +86,7 @@ class LiveTrace:
         first = int(index[0])
         with self._lock:
             self._samples += len(samples.counts)
-            self._unit = "m" if identity.channels[sensor].role == "displacement" else "m/s"
+            self._quantity = identity.channels[sensor].quantity
             if samples.stream != self._stream:
                 self._clear()
                 self._stream = samples.stream
@@ -101,8 +102,8 @@ class LiveTrace:
         """Return the last `window` seconds as smallest and largest values of short intervals."""
         with self._lock:
             rows = self._rows.copy()
-            samples, unit = self._samples, self._unit
-        return Envelope(ENVELOPE_INTERVAL, rows[:, 0:2], rows[:, 2:4], samples, unit)
+            samples, quantity = self._samples, self._quantity
+        return Envelope(ENVELOPE_INTERVAL, rows[:, 0:2], rows[:, 2:4], samples, quantity)
 
     @property
     def samples(self) -> int:

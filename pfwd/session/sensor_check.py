@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from inversion.notices import Notice, Value
 from pfwd_device.acquisition.items import Samples
 from pfwd_device.calibration import load_channel, to_si
-from pfwd_device.identity import UNIT_OF_ROLE, Identity, Role
+from pfwd_device.identity import Identity
 
 AT_REST = 0.3
 """Length of the samples at rest that are evaluated, s: fifteen periods of mains hum."""
@@ -202,10 +202,8 @@ class SensorChecker:
         channels = []
         for channel, column in zip(identity.channels, counts.T, strict=True):
             noise = float(to_si(column, channel, scale).std())
-            channels.append(
-                {"name": channel.name, "noise": noise, "unit": UNIT_OF_ROLE[channel.role]}
-            )
-            if channel.role is not Role.UNUSED and np.ptp(column) == 0:
+            channels.append({"name": channel.name, "noise": noise, "unit": channel.quantity.unit})
+            if channel.is_used and np.ptp(column) == 0:
                 constant: dict[str, Value] = {"channel": channel.name, "value": int(column[0])}
                 faults.append(Notice("channel-constant", constant))
         details = {"zero_n": zero, "span_ratio": ratio, "channels": channels}

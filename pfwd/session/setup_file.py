@@ -26,7 +26,7 @@ from pfwd.procedures import Procedure, find_procedure, parse_procedure, read_pro
 from pfwd.toml_reading import read_toml_text
 from pfwd_device.drop import nearest_first
 from pfwd_device.errors import RecordingError, SetupError
-from pfwd_device.identity import UNIT_OF_ROLE, ChannelIdentity, Identity, Role
+from pfwd_device.identity import ChannelIdentity, Identity
 from pfwd_device.recording.record import point_name
 from pfwd_device.schema import AnyOf, Flag, Key, Table, TableReader, Text, unknown_key
 from pfwd_device.setup import (
@@ -36,6 +36,7 @@ from pfwd_device.setup import (
     DeviceSetup,
     read_device_setup,
 )
+from pfwd_plugins.quantities import Measurand
 
 MAX_FILE_CHARACTERS = 100_000
 """Largest length of a setup file; it usually has a few thousand characters."""
@@ -154,8 +155,8 @@ def _refuse_scale(channel: ChannelIdentity, adc_range: float) -> None:
     """Raise SetupError if the sensitivity of a channel is implausible."""
     full_scale = adc_range / abs(channel.sensitivity)
     smallest, largest = FULL_SCALE_RANGE
-    if channel.role is not Role.UNUSED and not smallest <= full_scale <= largest:
-        unit = UNIT_OF_ROLE[channel.role]
+    if channel.is_used and not smallest <= full_scale <= largest:
+        unit = channel.quantity.unit
         raise SetupError(
             f"channel {channel.name!r}: sensitivity: expected one with a full scale from "
             f"{smallest:g} to {largest:g} {unit}, got {channel.sensitivity:g} V per {unit} and "
@@ -185,14 +186,16 @@ def _differences(
 
 
 def _text_of(value: object) -> str:
-    return str(value) if isinstance(value, datetime.date | Role) else repr(value)
+    if isinstance(value, Measurand):
+        return value.role
+    return str(value) if isinstance(value, datetime.date) else repr(value)
 
 
 def _calibration_date(identity: Identity) -> str | None:
     """Return the date of the oldest calibration of a channel; None: one is missing or expired."""
     dates = []
     for channel in identity.channels:
-        if channel.role is Role.UNUSED:
+        if not channel.is_used:
             continue
         has_expired = channel.due is not None and channel.due < datetime.date.today()
         if channel.calibrated is None or has_expired:
@@ -216,7 +219,7 @@ def _geophone_response(identity: Identity) -> dict[str, float]:
 
 
 def _geophones(identity: Identity) -> list[ChannelIdentity]:
-    geophones = [channel for channel in identity.channels if channel.role is Role.GEOPHONE]
+    geophones = [each for each in identity.channels if each.quantity is Measurand.VELOCITY]
     return sorted(geophones, key=lambda channel: nearest_first(channel.offset))
 
 

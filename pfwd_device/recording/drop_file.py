@@ -31,6 +31,7 @@ from pfwd_device.recording.hdf5_tree import (
 from pfwd_device.recording.payload import Array, decode_json, encode_json
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.text import clean
+from pfwd_plugins.quantities import motion
 
 SURVEY_FORMAT = "pfwd-survey"
 """Attribute ``format`` of a plain export of a survey, which this program does not read."""
@@ -48,7 +49,6 @@ MAX_CALIBRATION_ATTRIBUTES = 2048
 """Largest number of attributes with the calibration of the channels: 64 channels with 32 each.
 Further values are only in the JSON text ``metadata``."""
 
-_UNITS = {"velocity": "m/s", "displacement": "m"}
 
 _ATTRIBUTES = (
     "plate_radius_m",
@@ -245,9 +245,9 @@ def _traces(drop: Drop) -> dict[str, Group | Dataset]:
         about: dict[str, Attribute] = {
             "offset": float(channel.offset),
             "offset_units": "m",
-            "quantity": channel.quantity,
+            "quantity": channel.quantity.value,
         }
-        values = Dataset(channel.values, {"units": _UNITS[channel.quantity], **about})
+        values = Dataset(channel.values, {"units": channel.quantity.unit, **about})
         sensors[str(index)] = Group({"values": values}, about)
     if sensors:
         members["sensors"] = Group(sensors)
@@ -276,7 +276,7 @@ def _record(tree: Group, where: str) -> tuple[DropRecord, int]:
         )
     channels = []
     for sensor in sensors:
-        quantity: Any = str(sensor.attributes["quantity"])
+        quantity = motion(str(sensor.attributes["quantity"]))
         offset = float(sensor.attributes["offset"])
         channels.append(Channel(offset, quantity, _array(sensor, "values")))
     bounces = [

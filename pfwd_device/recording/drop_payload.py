@@ -15,6 +15,7 @@ from pfwd_device.errors import RecordingError
 from pfwd_device.recording.payload import Array, decode_payload, encode_payload
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.signals import trace_peaks
+from pfwd_plugins.quantities import motion
 
 MAX_SENSORS = 1024
 MAX_REBOUNDS = 1024
@@ -162,7 +163,7 @@ def peaks_problem(payload: bytes) -> str | None:
     largest = [float(np.abs(values).max()) for values in (drop.load, *_values(drop))]
     duration = float(drop.time[-1] - drop.time[0])
     scales = [
-        size * (duration if channel.quantity == "velocity" else 1.0)
+        size * duration**channel.quantity.integrations
         for size, channel in zip(largest[1:], drop.channels, strict=True)
     ]
     pairs = [("load", "N", recorded.load, computed.load, largest[0])]
@@ -195,7 +196,7 @@ def drop_from_parts(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> Dro
             drop = Drop.of_peaks(number, _only_peaks(data["only_peaks"], sensors))
         else:
             channels = tuple(
-                Channel(_number(offset), _quantity(quantity), arrays[f"sensor {index}"])
+                Channel(_number(offset), motion(quantity), arrays[f"sensor {index}"])
                 for index, (offset, quantity) in enumerate(sensors, start=1)
             )
             drop = Drop(number, arrays["time"], arrays["load"], channels)
@@ -290,12 +291,6 @@ def _integer(value: object) -> int:
 def _text(value: object) -> str:
     if not isinstance(value, str):
         raise TypeError(f"expected a text, got {type(value).__name__}")
-    return value
-
-
-def _quantity(value: object) -> Any:
-    if value not in ("velocity", "displacement"):
-        raise ValueError(f"expected the quantity velocity or displacement, got {value!r:.40}")
     return value
 
 

@@ -7,7 +7,7 @@ import datetime
 import struct
 
 from pfwd_device.errors import SetupError
-from pfwd_device.identity import LONGEST_NAME, ChannelIdentity, Identity, Role
+from pfwd_device.identity import LONGEST_NAME, ChannelIdentity, Identity
 from pfwd_device.wire.fields import (
     BYTE,
     Reader,
@@ -17,6 +17,7 @@ from pfwd_device.wire.fields import (
     encode_optional,
     text,
 )
+from pfwd_plugins.quantities import Measurand
 
 VERSION = 2
 """Version of the protocol."""
@@ -26,7 +27,7 @@ _CHANNEL = struct.Struct("<BddddddII")
 _BUFFERS = struct.Struct("<IIHB")
 """Samples of the ring, samples of the longest drop, drop slots, flags."""
 _LASTING, _STREAMS, _OTHER_SPEED = 1, 2, 4
-_ROLES = (Role.UNUSED, Role.LOAD, Role.GEOPHONE, Role.DISPLACEMENT)
+_QUANTITY_BY_CODE = {quantity.code: quantity for quantity in Measurand}
 _SEATS = ("plate", "ground")
 
 
@@ -57,7 +58,7 @@ def _pack_buffers(identity: Identity) -> bytes:
 
 def _pack_channel(channel: ChannelIdentity) -> bytes:
     return text(channel.name) + _CHANNEL.pack(
-        _ROLES.index(channel.role),
+        channel.quantity.code,
         channel.offset,
         channel.sensitivity,
         channel.zero,
@@ -110,13 +111,13 @@ def read_identity(payload: bytes) -> Identity:
 
 def _read_channel(reader: Reader) -> ChannelIdentity:
     name = reader.text(LONGEST_NAME)
-    role, offset, sensitivity, zero, frequency, damping, shunt, calibrated, due = reader.fields(
+    code, offset, sensitivity, zero, frequency, damping, shunt, calibrated, due = reader.fields(
         _CHANNEL
     )
     return ChannelIdentity(
         name=name,
         # A role of a newer version is unknown to this program, so it ignores the channel.
-        role=_ROLES[role] if role < len(_ROLES) else Role.UNUSED,
+        quantity=_QUANTITY_BY_CODE.get(code, Measurand.VOLTAGE),
         offset=offset,
         sensitivity=sensitivity,
         zero=zero,

@@ -10,6 +10,7 @@ import math
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from pfwd_plugins.quantities import QUANTITY_BY_ROLE, Measurand
 from simulators.instrument.scenario import ChannelEffect, ChannelSettings, Scenario
 from simulators.instrument.units import UNIT_DROP_DURATION_S, UNIT_DROP_STEP_S, UnitDrop
 from simulators.mesh import Array
@@ -120,12 +121,12 @@ def _read(
     channel: ChannelSettings, effects: list[ChannelEffect], unit: UnitDrop, row: int, padding: int
 ) -> Array:
     """Return the readings of one channel in a unit drop, (n,), in N, m/s or m."""
-    match channel.role:
-        case "load":
+    match QUANTITY_BY_ROLE[channel.role]:
+        case Measurand.LOAD:
             signal = unit.load
-        case "geophone":
+        case Measurand.VELOCITY:
             signal = unit.velocity[row]
-        case "displacement":
+        case Measurand.DISPLACEMENT:
             signal = unit.displacement[row]
         case _:
             signal = np.zeros_like(unit.load)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from pfwd_device.errors import SetupError, refusal
-from pfwd_device.identity import ChannelIdentity, Identity, Role
+from pfwd_device.identity import ChannelIdentity, Identity
 from pfwd_device.schema import (
     JSON_SCHEMA,
     Array,
@@ -34,6 +34,7 @@ from pfwd_device.schema import (
     table_of,
     table_schema,
 )
+from pfwd_plugins.quantities import QUANTITY_BY_ROLE
 from simulators.drop import STANDARD_GRAVITY
 from simulators.instrument.language import LANGUAGES
 from simulators.mesh import Ground, GroundError, Layer, Plate, SimulationError
@@ -112,7 +113,9 @@ class ChannelSettings:
     """Settings of a channel: its declared properties and its undeclared errors."""
 
     name: str = declared("", Text(), "up to 32 characters, sent")
-    role: str = declared("geophone", Choice(Role), "measured quantity, sent: one of the roles")
+    role: str = declared(
+        "geophone", Choice(QUANTITY_BY_ROLE), "measured quantity, sent: one of the roles"
+    )
     offset: float = declared(
         0.0, Number(), "from the plate centre, m, negative on the other side of the plate, sent"
     )
@@ -140,7 +143,7 @@ class ChannelSettings:
         """Return the properties of the channel that the instrument reports to the host."""
         return ChannelIdentity(
             name=self.name,
-            role=Role(self.role),
+            quantity=QUANTITY_BY_ROLE[self.role],
             offset=self.offset,
             sensitivity=self.sensitivity,
             zero=self.zero,

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pfwd_plugins.quantities import QUANTITY_BY_ROLE
 from simulators.instrument.response import MAX_RESPONSE_S, DropResponse, channel_gain
 from simulators.instrument.scenario import Scenario
 from simulators.instrument.units import UnitDrops
@@ -173,7 +174,7 @@ class Bench:
         sensors = [
             row
             for row, channel in enumerate(self.scenario.device.channels)
-            if channel.role in ("geophone", "displacement")
+            if QUANTITY_BY_ROLE[channel.role].is_motion
         ]
         deflection = float(np.max(unit.displacement[sensors[0]])) if sensors else math.nan
         return float(np.max(unit.load)), deflection

@@ -22,6 +22,7 @@ from pfwd_device.transport.base import Transport
 from pfwd_device.transport.opening import open_transport
 from pfwd_device.wire.binary import BinaryDialect
 from pfwd_device.wire.messages import Arm, Armed, DropOffer, Hello
+from pfwd_plugins.quantities import Measurand
 from simulators.bad_link import BadLink
 from simulators.firmware import (
     BoardOptions,
@@ -241,7 +242,7 @@ def test_a_trace_file_is_played(tmp_path: Path, played: Played) -> None:
     time_s = np.arange(-100, 500) / 5000.0
     load = np.where((time_s > 0) & (time_s < 0.02), 8000 * np.sin(np.pi * time_s / 0.02), 0.0)
     records = [np.column_stack([load * scale + 100.0, load * 1e-5 * scale]) for scale in (0.9, 1.0)]
-    made = play_records(records, 5000.0, [("geophone", 0.0)], 0.15, "traces")
+    made = play_records(records, 5000.0, [(Measurand.VELOCITY, 0.0)], 0.15, "traces")
     with HostBoard(made, BoardOptions(speed=4.0)) as board:
         measured(board, tmp_path / "survey")
     for number, drop in enumerate(read_survey(tmp_path / "survey").drops):

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from pfwd_device.errors import SetupError
-from pfwd_device.identity import ChannelIdentity, Identity, Role
+from pfwd_device.identity import ChannelIdentity, Identity
 from pfwd_device.wire.ascii_lines import MAX_LINE_BYTES, AsciiDialect
 from pfwd_device.wire.binary import BinaryDialect, BinaryInstrumentEnd, encode_message
 from pfwd_device.wire.framing import MAX_FRAME_BYTES, encode_frame
 from pfwd_device.wire.identity_layout import pack_identity, read_identity
 from pfwd_device.wire.messages import Refusal, SampleBlock
+from pfwd_plugins.quantities import Measurand
 
 Target = Callable[[bytes], None]
 TARGETS: dict[str, dict[str, Target]] = {}
@@ -41,7 +42,7 @@ IDENTITY = Identity(
     sampling_rate=10_000.0,
     adc_bits=16,
     adc_range=2.5,
-    channels=(ChannelIdentity("load", Role.LOAD), ChannelIdentity("g0", Role.GEOPHONE)),
+    channels=(ChannelIdentity("load", Measurand.LOAD), ChannelIdentity("g0", Measurand.VELOCITY)),
 )
 
 

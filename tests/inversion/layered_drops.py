@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from inversion import Instrument, Record, Sensor
 from inversion.fitting.misfit import WeightedDrop
-from inversion.measured.record import Quantity, prepare
+from inversion.measured.record import prepare
+from pfwd_plugins.quantities import MotionName
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Ground, Layer, Plate
 
@@ -50,7 +51,7 @@ def recorded(
     noise: float = 0.0,
     seed: int = 0,
     scale: float = 1.0,
-    quantity: Quantity = "velocity",
+    quantity: MotionName = "velocity",
     rock_depth: float | None = DEPTH,
     density: float | None = None,
 ) -> Record:

@@ -23,7 +23,8 @@ from inversion.fitting.misfit import WeightedDrop
 from inversion.fitting.parameters import ParameterSpace
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.forward.surrogate import Surrogate
-from inversion.measured.record import Quantity, prepare
+from inversion.measured.record import prepare
+from pfwd_plugins.quantities import MotionName
 
 Array = NDArray[np.float64]
 
@@ -37,7 +38,7 @@ TRUTH = {MODULUS: 45e6, VISCOSITY: 5e4, DENSITY: 1900.0, DEPTH: 1.1}
 class Scene:
     """How a drop is recorded; standard deviations of white noise in the channel's unit."""
 
-    quantity: Quantity = "displacement"
+    quantity: MotionName = "displacement"
     sensor_noise: float = 0.0
     load_noise: float = 0.0
     pre_trigger: float = 0.04

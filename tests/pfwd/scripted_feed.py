@@ -13,17 +13,18 @@ from pfwd.session.plan import Ending, SessionPlan
 from pfwd.session.session import Session
 from pfwd_device.acquisition.items import Connected, Disconnected, Gap, Samples, StreamBegan
 from pfwd_device.errors import StorageFull
-from pfwd_device.identity import ChannelIdentity, Identity, Role
+from pfwd_device.identity import ChannelIdentity, Identity
 from pfwd_device.recording import DropRecord, Rebound, SurveyWriter, read_survey
 from pfwd_device.wire.messages import DropOffer, Status
+from pfwd_plugins.quantities import Measurand
 
 RATE = 10_000
 NOW = datetime.datetime(2026, 5, 4, 12, 0, tzinfo=datetime.UTC)
 # 24 bits over 8 V: a count of the load is 1 N, one of the geophone a micrometre per second.
 VOLTS_PER_COUNT = 8.0 / 2**23
-LOAD = ChannelIdentity("load", Role.LOAD, sensitivity=VOLTS_PER_COUNT)
+LOAD = ChannelIdentity("load", Measurand.LOAD, sensitivity=VOLTS_PER_COUNT)
 GEOPHONE = ChannelIdentity(
-    "g0", Role.GEOPHONE, sensitivity=1e6 * VOLTS_PER_COUNT, natural_frequency=4.5, damping=0.6
+    "g0", Measurand.VELOCITY, sensitivity=1e6 * VOLTS_PER_COUNT, natural_frequency=4.5, damping=0.6
 )
 IDENTITY = Identity(
     serial_number="T-1",

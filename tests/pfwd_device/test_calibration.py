@@ -15,14 +15,15 @@ from pfwd_device.calibration import (
     to_si,
 )
 from pfwd_device.errors import SetupError
-from pfwd_device.identity import ChannelIdentity, Identity, Role
+from pfwd_device.identity import ChannelIdentity, Identity
+from pfwd_plugins.quantities import Measurand
 
 # 12 bits over 2.048 V: one count is 1 mV.
-LOAD = ChannelIdentity("load", Role.LOAD, sensitivity=0.0005, zero=0.1)
-FAR = ChannelIdentity("far", Role.GEOPHONE, offset=0.3, sensitivity=20.0)
-CENTRE = ChannelIdentity("centre", Role.GEOPHONE, sensitivity=-25.0)
-LASER = ChannelIdentity("laser", Role.DISPLACEMENT, offset=0.6, sensitivity=1000.0, zero=1.0)
-SPARE = ChannelIdentity("spare", Role.UNUSED)
+LOAD = ChannelIdentity("load", Measurand.LOAD, sensitivity=0.0005, zero=0.1)
+FAR = ChannelIdentity("far", Measurand.VELOCITY, offset=0.3, sensitivity=20.0)
+CENTRE = ChannelIdentity("centre", Measurand.VELOCITY, sensitivity=-25.0)
+LASER = ChannelIdentity("laser", Measurand.DISPLACEMENT, offset=0.6, sensitivity=1000.0, zero=1.0)
+SPARE = ChannelIdentity("spare", Measurand.VOLTAGE)
 
 
 def identity(*channels: ChannelIdentity) -> Identity:
@@ -90,6 +91,6 @@ def test_a_sensor_of_motion_is_needed() -> None:
 def test_the_end_of_a_calibration_is_announced(
     dates: dict[str, datetime.date], said: list[str]
 ) -> None:
-    channel = ChannelIdentity("load", Role.LOAD, **dates)  # type: ignore[arg-type]
+    channel = ChannelIdentity("load", Measurand.LOAD, **dates)  # type: ignore[arg-type]
     today = datetime.date(2026, 5, 4)
     assert calibration_warnings(identity(channel, SPARE), today) == said

@@ -6,9 +6,10 @@ from typing import Any
 import pytest
 
 from pfwd_device.errors import DeviceError, SetupError
-from pfwd_device.identity import ChannelIdentity, Identity, Role
+from pfwd_device.identity import ChannelIdentity, Identity
+from pfwd_plugins.quantities import Measurand
 
-LOAD = ChannelIdentity("load", Role.LOAD)
+LOAD = ChannelIdentity("load", Measurand.LOAD)
 
 
 def identity(**changes: Any) -> Identity:
@@ -71,7 +72,7 @@ def test_an_impossible_instrument_is_refused(changes: dict[str, Any], match: str
 )
 def test_an_impossible_channel_is_refused(changes: dict[str, Any], match: str) -> None:
     with pytest.raises(SetupError, match=match):
-        ChannelIdentity(**{"name": "c", "role": Role.GEOPHONE, **changes})
+        ChannelIdentity(**{"name": "c", "quantity": Measurand.VELOCITY, **changes})
 
 
 def test_the_extremes_are_allowed() -> None:
@@ -80,7 +81,7 @@ def test_the_extremes_are_allowed() -> None:
         model="x" * 32,
         sampling_rate=50_000,
         adc_bits=8,
-        channels=(ChannelIdentity("é" * 32, Role.GEOPHONE, sensitivity=-1e-300),) * 8,
+        channels=(ChannelIdentity("é" * 32, Measurand.VELOCITY, sensitivity=-1e-300),) * 8,
         plate_mass=0.0,
     )
 

@@ -44,7 +44,7 @@ def test_every_built_in_scenario_reads_and_has_a_plate(name: str) -> None:
     assert scenario.name == name
     identity = scenario.device.identity(scenario.device.sampling_rate)
     assert identity.plate_radius == 0.15
-    assert identity.channels[0].role == "load"
+    assert identity.channels[0].quantity == "load"
 
 
 def test_the_default_is_what_a_user_would_assume() -> None:

@@ -6,12 +6,16 @@ import json
 import pytest
 
 from pfwd.ports import Adapter, Port, Probe
-from pfwd_device.identity import ChannelIdentity, Identity, Role
+from pfwd_device.identity import ChannelIdentity, Identity
+from pfwd_plugins.quantities import Measurand
 from tui.commands import ports
 
 IDENTITY = Identity(
     "SN-7", "Model\x1b[2J", "1.2", 10_000.0, 24, 2.5,
-    (ChannelIdentity("load", Role.LOAD), ChannelIdentity("g0", Role.GEOPHONE, 0.3)),
+    (
+        ChannelIdentity("load", Measurand.LOAD),
+        ChannelIdentity("g0", Measurand.VELOCITY, 0.3)
+    ),
     plate_radius=0.15,
 )  # fmt: skip
 PORTS = [

@@ -178,8 +178,7 @@ def _played(file: str, drops: int | None) -> "Played":
 
     point = read_traces(file)
     chosen = point.drops[:drops]
-    roles = {"velocity": "geophone", "displacement": "displacement"}
-    sensors = [(roles[each.quantity], each.offset) for each in chosen[0].channels]
+    sensors = [(each.quantity, each.offset) for each in chosen[0].channels]
     records = [
         np.column_stack([drop.load, *(each.values for each in drop.channels)]) for drop in chosen
     ]

@@ -94,16 +94,16 @@ def _ask(draft: "MapDraft") -> "MapDraft":
 
 
 def _ask_about(column: "DraftColumn") -> "DraftColumn":
-    from pfwd.files.foreign.column_map import COLUMN_UNITS
+    from pfwd.files.foreign.units import COLUMN_UNITS
+    from pfwd_plugins.quantities import MOTIONS, motion
 
     name = clean(column.name or f"column {column.position}")
     role = _choice(f"{name}: {', '.join(ROLES)}", ROLES, column.role)
     answer = replace(column, role=role)  # type: ignore[arg-type]
     if role == "sensor":
-        kinds = ("displacement", "velocity")
-        quantity = _choice(f"{name}: displacement or velocity", kinds, column.quantity)
+        quantity = motion(_choice(f"{name}: {' or '.join(MOTIONS)}", MOTIONS, column.quantity))
         offset = _number(f"{name}: distance from the centre of the plate in m", column.offset)
-        answer = replace(answer, quantity=quantity, offset=offset)  # type: ignore[arg-type]
+        answer = replace(answer, quantity=quantity, offset=offset)
     if role in ("time", "load", "sensor"):
         units = tuple(COLUMN_UNITS[answer.quantity if role == "sensor" else role])
         default = answer.unit if answer.unit in units else None

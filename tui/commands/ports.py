@@ -81,7 +81,7 @@ def _identity(probe: "Probe | None") -> Mapping[str, Any] | None:
         "plate_mass_kg": identity.plate_mass,
         "sampling_rate_hz": identity.sampling_rate,
         "channels": [
-            {"name": clean(channel.name), "role": str(channel.role), "offset_m": channel.offset}
+            {"name": clean(channel.name), "role": channel.quantity.role, "offset_m": channel.offset}
             for channel in identity.channels
         ],
     }

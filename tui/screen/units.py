@@ -7,6 +7,7 @@ from typing import Literal
 
 from pfwd.digits import rounded, with_ends
 from pfwd.procedures import Quantity
+from pfwd_plugins.quantities import INCH_M, POUND_FORCE_N, Measurand, Unit
 
 UnitsName = Literal["si", "us"]
 QuantityName = Literal[
@@ -14,7 +15,6 @@ QuantityName = Literal[
     "load",
     "deflection",
     "settlement",
-    "velocity",
     "length",
     "depth",
     "mass",
@@ -25,26 +25,13 @@ QuantityName = Literal[
 
 NO_VALUE = "-"
 
-_POUND_FORCE = 4.4482216152605  # N, exact by definition
-_INCH = 0.0254  # m
-_PSI = _POUND_FORCE / _INCH**2  # Pa
+_PSI = POUND_FORCE_N / INCH_M**2  # Pa
 
-
-@dataclass(frozen=True, slots=True)
-class Unit:
-    """Unit in which numbers are shown: name and size."""
-
-    name: str
-    scale: float
-    """Size of the unit in SI units."""
-
-
-_SI: Mapping[QuantityName, Unit] = {
+_SI: Mapping[str, Unit] = {
+    **{quantity: quantity.screen_unit for quantity in Measurand},
     "modulus": Unit("MPa", 1e6),
-    "load": Unit("kN", 1e3),
-    "deflection": Unit("µm", 1e-6),
+    "deflection": Measurand.DISPLACEMENT.screen_unit,
     "settlement": Unit("mm", 1e-3),  # the judged quantity, as its standard writes it
-    "velocity": Unit("mm/s", 1e-3),
     "length": Unit("mm", 1e-3),
     "depth": Unit("m", 1.0),
     "mass": Unit("kg", 1.0),
@@ -52,18 +39,17 @@ _SI: Mapping[QuantityName, Unit] = {
     "viscosity": Unit("kPa s", 1e3),
     "density": Unit("kg/m³", 1.0),
 }
-_US: Mapping[QuantityName, Unit] = {
+_US: Mapping[str, Unit] = {
+    **{quantity: quantity.us_screen_unit for quantity in Measurand},
     "modulus": Unit("ksi", 1e3 * _PSI),
-    "load": Unit("lbf", _POUND_FORCE),
-    "deflection": Unit("mil", 1e-3 * _INCH),
-    "settlement": Unit("mil", 1e-3 * _INCH),
-    "velocity": Unit("in/s", _INCH),
-    "length": Unit("in", _INCH),
-    "depth": Unit("ft", 12 * _INCH),
+    "deflection": Measurand.DISPLACEMENT.us_screen_unit,
+    "settlement": Unit("mil", 1e-3 * INCH_M),
+    "length": Unit("in", INCH_M),
+    "depth": Unit("ft", 12 * INCH_M),
     "mass": Unit("lb", 0.45359237),
     "pressure": Unit("psi", _PSI),
     "viscosity": Unit("psi s", _PSI),
-    "density": Unit("lb/ft³", 0.45359237 / (12 * _INCH) ** 3),
+    "density": Unit("lb/ft³", 0.45359237 / (12 * INCH_M) ** 3),
 }
 
 
@@ -73,7 +59,7 @@ class Units:
 
     name: UnitsName
 
-    def of(self, quantity: QuantityName) -> Unit:
+    def of(self, quantity: QuantityName | Measurand) -> Unit:
         """Return the unit in which a quantity is shown."""
         return (_US if self.name == "us" else _SI)[quantity]
 

@@ -23,7 +23,7 @@ from pfwd.analysis.screening.drops import NO_DROP, unbroken_part
 from pfwd.files.traces import TracePoint
 from pfwd.peaks.stiffness import stiffness_of
 from pfwd_device import Drop
-from pfwd_device.signals import remove_offset
+from pfwd_device.signals import remove_offset, velocity_of
 
 # Beginnings of the reasons by which the screening reports that no weight fell.
 
@@ -208,9 +208,7 @@ def rig_drop(drop: Drop, stiffness: float, rig: int, name: str) -> RigDrop | Non
     )
     if reason is not None or channel is None:
         return None
-    values = remove_offset(unbroken.time, channel.values)
-    if channel.quantity == "displacement":
-        values = np.asarray(np.gradient(values, unbroken.time), np.float64)
+    values = velocity_of(channel, unbroken.time)
     # Some devices store a last sample of 0, which is no measurement.
     load = remove_offset(unbroken.time, unbroken.load)[:-1]
     return RigDrop(unbroken.time[:-1], load, values[:-1], stiffness, rig, name)

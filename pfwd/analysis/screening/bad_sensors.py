@@ -10,7 +10,7 @@ from inversion.notices import Notice
 from pfwd.analysis.screening.drops import Screening, unbroken_part
 from pfwd.files.traces import TracePoint
 from pfwd.notice_texts import TERMS
-from pfwd_device.drop import Quantity, nearest_first
+from pfwd_device.drop import nearest_first
 
 if TYPE_CHECKING:
     from inversion.measured.bad_sensors import Fault
@@ -33,7 +33,7 @@ def leave_out_bad_sensors(
     screenings : sequence of Screening
         One for each drop.
     """
-    faults_by_sensor: dict[tuple[float, Quantity], set[Fault]] = {}
+    faults_by_sensor: dict[tuple[float, str], set[Fault]] = {}
     for drop, screening in zip(point.drops, screenings, strict=True):
         channels = [c for c in drop.channels if c.offset not in screening.left_out]
         if screening.status == "rejected" or len(channels) < MIN_SENSORS:
@@ -74,7 +74,7 @@ def leave_out_bad_sensors(
     )
 
 
-def _warning(offset: float, quantity: Quantity, faults: set[Fault]) -> Notice:
+def _warning(offset: float, quantity: str, faults: set[Fault]) -> Notice:
     # Without the numbers of the drops, so that equal warnings of a point or of several are one.
     ordered = tuple(fault for fault in TERMS if fault in faults)
-    return Notice("sensor-bad", {"quantity": quantity, "offset_m": offset, "faults": ordered})
+    return Notice("sensor-bad", {"quantity": str(quantity), "offset_m": offset, "faults": ordered})

@@ -608,7 +608,7 @@ def _channel_warnings(channel: Channel, pulse: _Pulse, drop: Drop) -> list[Notic
     moved = displacement_of(channel, drop.time)[: pulse.end]
     deflection = float(np.abs(moved).max())
     if deflection > SUSPECT_DEFLECTION:
-        unit = "m" if channel.quantity == "displacement" else "m/s"
+        unit = channel.quantity.unit
         values = {**_channel(channel), "deflection_m": deflection, "unit": unit}
         warnings.append(Notice("deflection-suspect", values))
     if _is_centre(channel) and moved[pulse.start :].mean() < 0:
@@ -618,7 +618,7 @@ def _channel_warnings(channel: Channel, pulse: _Pulse, drop: Drop) -> list[Notic
 
 def _channel(channel: Channel) -> dict[str, Value]:
     """Return quantity and offset of a sensor as values of a warning."""
-    return {"quantity": channel.quantity, "offset_m": channel.offset}
+    return {"quantity": channel.quantity.value, "offset_m": channel.offset}
 
 
 def _dead_extra(channel: Channel, pulse: _Pulse, drop: Drop) -> Notice | None:

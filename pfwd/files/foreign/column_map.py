@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from pfwd.errors import TraceError, quote, refusal
-from pfwd.files.foreign.units import DISPLACEMENT_UNITS, FORCE_UNITS, TIME_UNITS, VELOCITY_UNITS
+from pfwd.files.foreign.units import COLUMN_UNITS
 from pfwd.files.header import Declaration, Declarations
 from pfwd.toml_reading import parse_user_toml, read_toml_text
-from pfwd_device.drop import Quantity
 from pfwd_device.schema import (
     AnyOf,
     Array,
@@ -23,16 +22,10 @@ from pfwd_device.schema import (
     TableReader,
     Text,
 )
+from pfwd_plugins.quantities import MOTIONS, Measurand, motion
 
 DELIMITERS = {",": ",", ";": ";", "\t": "\t", "tab": "\t", "|": "|", "blank": None}
 """Characters between columns, by the name in a map; None: one or more blanks."""
-
-COLUMN_UNITS: Mapping[str, Mapping[str, float]] = {
-    "time": TIME_UNITS,
-    "load": FORCE_UNITS,
-    "velocity": VELOCITY_UNITS,
-    "displacement": DISPLACEMENT_UNITS,
-}
 
 
 class Encoding(Text):
@@ -64,7 +57,7 @@ class SensorColumn:
     """Column with the trace of a sensor."""
 
     where: Column
-    quantity: Quantity
+    quantity: Measurand
     offset: float
     """Distance from the plate centre, m; negative: the other side of the plate."""
 
@@ -147,14 +140,14 @@ def _signed(keys: Mapping[str, Key]) -> dict[str, Key]:
 
 _SENSOR_KEYS = _signed(
     {
-        **_column_keys("displacement"),
+        **_column_keys(Measurand.DISPLACEMENT),
         "unit": Key(
-            Choice((*COLUMN_UNITS["displacement"], *COLUMN_UNITS["velocity"])),
+            Choice([unit for quantity in reversed(MOTIONS) for unit in quantity.units]),
             meaning="Unit of the numbers.",
             hint=_MAP_EXAMPLE,
         ),
         "quantity": Key(
-            Choice(("velocity", "displacement")),
+            Choice(MOTIONS),
             meaning="Recorded quantity.",
             hint=_MAP_EXAMPLE,
             required=True,
@@ -249,7 +242,7 @@ def parse_map(table: Mapping[str, Any], file: str) -> ColumnMap:
         sensors=tuple(
             SensorColumn(
                 _column(sensor, sensor["quantity"], f"{file}, sensor[{number}]"),
-                sensor["quantity"],
+                motion(sensor["quantity"]),
                 sensor["offset"],
             )
             for number, sensor in enumerate(values["sensors"], 1)

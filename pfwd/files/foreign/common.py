@@ -27,8 +27,9 @@ from pfwd.files.header import (
 )
 from pfwd.files.traces import MIN_SAMPLES, TracePoint
 from pfwd_device import Channel, Drop
-from pfwd_device.drop import Peaks, Quantity
+from pfwd_device.drop import Peaks
 from pfwd_device.text import LONGEST_TEXT, clean
+from pfwd_plugins.quantities import Measurand
 
 MAX_TIME_DEVIATION_STEPS = 0.05
 """Largest deviation of a time from an even axis, in steps: more than the rounding of times that are
@@ -108,7 +109,7 @@ def make_drop(
     number: int,
     time: Values,
     load: Values,
-    channels: Sequence[tuple[float, Quantity, Values]],
+    channels: Sequence[tuple[float, Measurand, Values]],
     where: str,
 ) -> Drop:
     """Return a drop with traces.

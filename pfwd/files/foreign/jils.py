@@ -41,9 +41,10 @@ from pfwd.files.foreign.jils_peaks import (
     station_name,
 )
 from pfwd.files.foreign.peaks_text import OFFSETS_KEY
-from pfwd.files.foreign.units import DISPLACEMENT_UNITS, FORCE_UNITS, POUND_FORCE_N, TIME_UNITS
+from pfwd.files.foreign.units import TIME_UNITS
 from pfwd.files.traces import MAX_FILE_DROPS, MAX_FILE_NUMBERS, TracePoint
 from pfwd_device import Drop
+from pfwd_plugins.quantities import POUND_FORCE_N, Measurand
 
 MAX_DROP_SAMPLES = 1_000_000
 """Largest number of samples of a drop; longer records are damaged headers."""
@@ -159,8 +160,8 @@ def _read_peaks_file(
 def _block_peaks(block: _Block) -> tuple[float, list[float]]:
     """Return peak load, N, and peak deflections, m, of a drop."""
     table = block.table
-    deflections = -table[:, 2:].min(axis=0) * DISPLACEMENT_UNITS["mil"]
-    return float(table[:, 1].max()) * FORCE_UNITS["kip"], deflections.tolist()
+    deflections = -table[:, 2:].min(axis=0) * Measurand.DISPLACEMENT.units["mil"]
+    return float(table[:, 1].max()) * Measurand.LOAD.units["kip"], deflections.tolist()
 
 
 class _Lines:
@@ -256,8 +257,8 @@ def _drop(file: str, number: int, block: _Block, offsets: Sequence[float]) -> Dr
     sensors = []
     for index in used:
         # The file is positive upward. 0.0 - x and not -x, which would turn 0 into -0.
-        values = 0.0 - table[:, 2 + index] * DISPLACEMENT_UNITS["mil"]
-        sensors.append((offsets[index], "displacement", values))
+        values = 0.0 - table[:, 2 + index] * Measurand.DISPLACEMENT.units["mil"]
+        sensors.append((offsets[index], Measurand.DISPLACEMENT, values))
     time = even_time(table[:, 0] * TIME_UNITS["ms"], where)
-    load = table[:, 1] * FORCE_UNITS["kip"]
-    return make_drop(number, time, load, sensors, where)  # type: ignore[arg-type]
+    load = table[:, 1] * Measurand.LOAD.units["kip"]
+    return make_drop(number, time, load, sensors, where)

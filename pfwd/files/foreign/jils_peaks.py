@@ -38,9 +38,10 @@ from pfwd.files.foreign.peaks_text import (
     number_of,
     points_of_stations,
 )
-from pfwd.files.foreign.units import DISPLACEMENT_UNITS, FORCE_UNITS, celsius
+from pfwd.files.foreign.units import celsius
 from pfwd.files.header import MAX_REMARK_CHARACTERS
 from pfwd.files.traces import TracePoint
+from pfwd_plugins.quantities import Measurand
 
 MIN_DROP_CELLS = 7
 """Smallest number of fields in the line of a drop: four numbers, load, one deflection, temperature.
@@ -142,10 +143,8 @@ def _add_drop(
     key = (cells[0], cells[1], cells[2])
     load, *deflections = [number_of(cell, "a load and deflections", where) for cell in cells[4:-1]]
     station = stations.setdefault(key, PeaksStation(key))
-    mil = DISPLACEMENT_UNITS["mil"]
-    station.drops.append(
-        (load * FORCE_UNITS["kip"], tuple(mil * deflection for deflection in deflections), line)
-    )
+    kip, mil = Measurand.LOAD.units["kip"], Measurand.DISPLACEMENT.units["mil"]
+    station.drops.append((kip * load, tuple(mil * deflection for deflection in deflections), line))
     surface = finite(cells[-1])
     if surface is not None:
         station.noted.setdefault("surface_temperature_c", _celsius(surface))
@@ -184,10 +183,10 @@ def find_peaks_file(file: str) -> str | None:
     return None
 
 
-LOAD_ROUNDING_N = 0.006 * FORCE_UNITS["kip"]
+LOAD_ROUNDING_N = 0.006 * Measurand.LOAD.units["kip"]
 """Largest difference of a load that rounding to two decimals in kip explains."""
 
-DEFLECTION_ROUNDING_M = 0.011 * DISPLACEMENT_UNITS["mil"]
+DEFLECTION_ROUNDING_M = 0.011 * Measurand.DISPLACEMENT.units["mil"]
 """Largest difference of a deflection that rounding to two decimals in mil explains."""
 
 

@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from pfwd.errors import TraceError, refusal
-from pfwd.files.foreign.column_map import COLUMN_UNITS, TextLayout
+from pfwd.files.foreign.column_map import TextLayout
+from pfwd.files.foreign.units import COLUMN_UNITS
 from pfwd.files.toml import toml_line
-from pfwd_device.drop import Quantity
+from pfwd_plugins.quantities import MOTIONS, Measurand
 
 Role = Literal["time", "load", "sensor", "drop", "none"]
 
@@ -70,7 +71,7 @@ class DraftColumn:
     role: Role = "none"
     unit: str | None = None
     """Unit of the numbers; None: not recognised."""
-    quantity: Quantity = "displacement"
+    quantity: Measurand = Measurand.DISPLACEMENT
     """Quantity, if the column is a sensor."""
     offset: float | None = None
     """Distance of a sensor from the plate centre, m; None: the name does not state it."""
@@ -230,14 +231,10 @@ def _column(position: int, name: str, unit: str, before: Sequence[DraftColumn]) 
     role: Role = next((r for r in roles if r == "sensor" or r not in assigned), "none")
     if role == "none":
         # The name matches no pattern, so the unit decides.
-        roles_by_kind = {
-            "time": "time",
-            "load": "load",
-            "velocity": "sensor",
-            "displacement": "sensor",
-        }
         by_unit = [
-            roles_by_kind[kind] for kind in COLUMN_UNITS if _unit_of(unit_text, kind) is not None
+            "sensor" if kind in MOTIONS else kind
+            for kind in COLUMN_UNITS
+            if _unit_of(unit_text, kind) is not None
         ]
         free: list[Role] = [r for r in ("time", "load") if r in by_unit and r not in assigned]
         role = free[0] if free else "sensor" if "sensor" in by_unit else "none"
@@ -245,9 +242,8 @@ def _column(position: int, name: str, unit: str, before: Sequence[DraftColumn]) 
         return DraftColumn(position, name, role)
     if role != "sensor":
         return DraftColumn(position, name, role, _unit_of(unit_text, role))
-    quantity: Quantity = (
-        "velocity" if _unit_of(unit_text, "velocity") is not None else "displacement"
-    )
+    named = (quantity for quantity in MOTIONS if _unit_of(unit_text, quantity) is not None)
+    quantity = next(named, Measurand.DISPLACEMENT)
     first = not any(column.role == "sensor" for column in before)
     return DraftColumn(
         position, name, role, _unit_of(unit_text, quantity), quantity, _offset(name, first=first)

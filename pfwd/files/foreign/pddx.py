@@ -30,8 +30,9 @@ from pfwd.files.foreign.peaks_text import (
     points_of_stations,
     require_plate_radius,
 )
-from pfwd.files.foreign.units import INCH_M, POUND_FORCE_N, celsius
+from pfwd.files.foreign.units import celsius
 from pfwd.files.traces import TracePoint
+from pfwd_plugins.quantities import INCH_M, POUND_FORCE_N
 
 BEGIN = b"[Pavement Deflection Data Exchange File]"
 MAX_ENTRIES = 200_000

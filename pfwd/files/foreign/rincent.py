@@ -48,7 +48,8 @@ from pfwd.files.foreign.rincent_xml import (
 from pfwd.files.header import PEAK_DEVIATIONS
 from pfwd.files.traces import TracePoint
 from pfwd_device import Channel, Drop
-from pfwd_device.signals import displacement_of, remove_offset, trace_peaks
+from pfwd_device.signals import displacement_of, integrated, remove_offset, trace_peaks
+from pfwd_plugins.quantities import Measurand
 
 JSON_NAME, XML_NAME, TRACE_FOLDER = "database.json", "database.xml", "rawdata/"
 
@@ -194,7 +195,7 @@ def _raw_points(project: _Project, request: Request) -> list[TracePoint]:
         for raw_drop in sorted(raw_drops_of_point, key=lambda drop: drop.number):
             where = f"{project.file}, {point.name}, drop {raw_drop.number}"
             time = sampled_time(raw_drop.load.size, rate, facts.pre_trigger)
-            quantity = raw_drop.quantity or "velocity"
+            quantity = raw_drop.quantity or Measurand.VELOCITY
             drops.append(
                 make_drop(
                     raw_drop.number, time, raw_drop.load, [(0.0, quantity, raw_drop.sensor)], where
@@ -289,10 +290,9 @@ def _stored_point(source: _Source, point: PointFacts, stored: Stored, member: st
     drops = []
     for number, stored_drop in enumerate(stored.drops, start=1):
         time = sampled_time(stored_drop.load.size, rate, facts.pre_trigger)
-        sensors = [(offsets[i], "displacement", stored_drop.displacement[i]) for i in used]
-        drops.append(
-            make_drop(number, time, stored_drop.load, sensors, f"{where}, drop {number}")  # type: ignore[arg-type]
-        )
+        quantity = Measurand.DISPLACEMENT
+        sensors = [(offsets[i], quantity, stored_drop.displacement[i]) for i in used]
+        drops.append(make_drop(number, time, stored_drop.load, sensors, f"{where}, drop {number}"))
     remarks += compare_peaks(drops, point.peaks, _short(facts.where), "stored_traces")
     point = _with_deviations(point, peak_deviations(drops, point.peaks))
     return _point(source, point, drops, *remarks)
@@ -506,11 +506,10 @@ def smoothed_as_stored(drop: Drop) -> Drop:
 
     def displacement(channel: Channel) -> Channel:
         values = smooth(channel.values)
-        if channel.quantity == "velocity":
+        for _ in range(channel.quantity.integrations):
             # The offset is removed before the filter and not again after it.
-            steps = np.diff(drop.time) * (values[1:] + values[:-1]) / 2
-            values = np.concatenate([[0.0], np.cumsum(steps)])
-        return Channel(channel.offset, "displacement", values)
+            values = integrated(values, drop.time)
+        return Channel(channel.offset, Measurand.DISPLACEMENT, values)
 
     channels = tuple(displacement(channel) for channel in drop.channels)
     return Drop(drop.number, drop.time, smooth(drop.load), channels)

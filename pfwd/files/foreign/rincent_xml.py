@@ -30,7 +30,7 @@ from pfwd.files.foreign.rincent_facts import (
     point_facts,
     project_facts,
 )
-from pfwd_device.drop import Quantity
+from pfwd_plugins.quantities import Measurand
 
 ROOT = "MDDataSet"
 MAX_XML_DEPTH = 32
@@ -42,7 +42,7 @@ MAX_XML_CELLS = 500_000
 MAX_XML_NAME_CHARACTERS = 256
 """Characters of a name; those of the format have up to twenty."""
 
-QUANTITY_BY_SENSOR_TYPE: Mapping[int, Quantity | None] = {1: None, 2: "velocity", 3: "displacement"}
+QUANTITY_BY_SENSOR_TYPE = {1: None, 2: Measurand.VELOCITY, 3: Measurand.DISPLACEMENT}
 """Measured quantity by ``IdTypeCapteur``; None: acceleration, which this program does not read."""
 
 _UNESCAPED_SIGN = re.compile(
@@ -72,7 +72,7 @@ class RawDrop:
     """Number within the point, from 1."""
     load: Values
     """Load, (n,), N, including the offset of the load cell."""
-    quantity: Quantity | None
+    quantity: Measurand | None
     """Quantity of the sensor; None: acceleration."""
     sensor: Values
     """Values of the sensor, (n,), m/s or m, including its offset."""

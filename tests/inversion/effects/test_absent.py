@@ -11,7 +11,7 @@ from inversion import SurrogateLibrary
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.effects import CATALOGUE, DropContext, Effect, Ground
-from inversion.measured.record import Quantity
+from pfwd_plugins.quantities import MotionName
 from tests.inversion.synthetic import TRUTH, Array, Scene, record
 
 GROUND = Ground(TRUTH["modulus"], TRUTH["viscosity"], TRUTH["density"], 0.0, 10.0)
@@ -46,7 +46,7 @@ CASES = [
 
 @pytest.mark.parametrize(("effect", "quantity"), CASES)
 def test_absent_is_without_it_and_a_start_shows(
-    effect: Effect, quantity: Quantity, library: SurrogateLibrary
+    effect: Effect, quantity: MotionName, library: SurrogateLibrary
 ) -> None:
     drops = tuple(
         record(library, Scene(quantity, peak=peak, offsets=(0.0, 0.3, 0.6), length=0.1))

@@ -18,13 +18,13 @@ from inversion.measured.record import (
     ChannelNoise,
     NoiseModel,
     PreparedDrop,
-    Quantity,
     Record,
     Sensor,
     displacement_rms,
     native_rows,
     prepare,
 )
+from pfwd_plugins.quantities import MotionName
 
 Array = NDArray[Any]
 
@@ -56,7 +56,7 @@ def swing(time: Array) -> tuple[Array, Array]:
 
 def make_record(
     values: Array | None = None,
-    quantity: Quantity = "velocity",
+    quantity: MotionName = "velocity",
     load: Array | None = None,
     time: Array | None = None,
 ) -> Record:
@@ -118,7 +118,7 @@ def test_start_is_just_before_the_pulse() -> None:
 
 
 @pytest.mark.parametrize("quantity", ["velocity", "displacement"])
-def test_a_load_that_is_recorded_late_is_not_where_the_motion_starts(quantity: Quantity) -> None:
+def test_a_load_that_is_recorded_late_is_not_where_the_motion_starts(quantity: MotionName) -> None:
     """What moves before the load does is neither noise nor a baseline."""
     time = time_axis()
     velocity, displacement = swing(time)
@@ -212,7 +212,7 @@ def held(values: Array, samples: int) -> Array:
     return result
 
 
-def makers_record(samples: int, quantity: Quantity = "displacement") -> Record:
+def makers_record(samples: int, quantity: MotionName = "displacement") -> Record:
     """What a filter that looks ahead leaves: the motion stands, the load is nought."""
     time = time_axis(end=0.04)
     velocity, displacement = swing(time)
@@ -284,7 +284,7 @@ def correlated(rng: np.random.Generator, count: int, memory: float = 0.8) -> Arr
 
 
 def drops_of_noise(
-    make: Any, quantity: Quantity, pre_trigger: float, count: int = 300
+    make: Any, quantity: MotionName, pre_trigger: float, count: int = 300
 ) -> list[PreparedDrop]:
     """Drops whose sensor recorded nothing but noise."""
     rng = np.random.default_rng(20)
@@ -302,7 +302,7 @@ def stated_over_true(drops: list[PreparedDrop]) -> float:
 
 @pytest.mark.parametrize("quantity", ["velocity", "displacement"])
 @pytest.mark.parametrize("pre_trigger", [0.02, 0.05, 0.2])
-def test_white_noise(pre_trigger: float, quantity: Quantity) -> None:
+def test_white_noise(pre_trigger: float, quantity: MotionName) -> None:
     drops = drops_of_noise(white, quantity, pre_trigger)
     assert stated_over_true(drops) == pytest.approx(1, abs=0.15)
 
@@ -359,7 +359,7 @@ def test_quadratic_form_is_that_of_the_toeplitz_matrix() -> None:
     assert found == pytest.approx(rows @ full @ rows.T, rel=1e-9, abs=1e-12)
 
 
-def weighted_displacement(quantity: Quantity) -> tuple[Array, Array]:
+def weighted_displacement(quantity: MotionName) -> tuple[Array, Array]:
     """Rows times the prepared displacement of noise, directly and through `native_rows`."""
     rng = np.random.default_rng(4)
     time = time_axis(0.05)

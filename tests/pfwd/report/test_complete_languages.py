@@ -40,8 +40,8 @@ from pfwd.report.slip_blocks import slip_blocks
 from pfwd.report.texts import load_texts
 from pfwd.session.position import FIX_NAMES
 from pfwd_device import Channel
-from pfwd_device.identity import Role
 from pfwd_device.recording import DropRecord, SurveyWriter
+from pfwd_plugins.quantities import QUANTITY_BY_ROLE
 from tests.pfwd.report.surveys import half_sine_drop, result_of
 
 CODES = ["de", "zh"]
@@ -85,7 +85,7 @@ def test_names_of_the_program_are_translated(code: str) -> None:
     texts = load_texts(code)
     names = {effect.name for effect in OWN} | {effect.result_name for effect in OWN} - {""}
     names |= {parameter.name for effect in OWN for parameter in effect.parameters}
-    names |= {"half-space", "layer", "rig", "measured", "half-sine", *map(str, Role)}
+    names |= {"half-space", "layer", "rig", "measured", "half-sine", *QUANTITY_BY_ROLE}
     names |= {*PLATE_MODELS, "sensor_on_plate", "sensor_on_ground", "declared", "edited", "nmea"}
     names |= {*FIX_NAMES.values(), "unknown"}
     own = {name for name in names if texts.word(name) == name.replace("_", " ")}

@@ -43,7 +43,7 @@ def test_a_peak_of_one_sample_is_there_with_its_unit() -> None:
     shown = trace.envelope()
     assert shown.load[5, 1] == pytest.approx(8000.0)  # a count is a newton
     assert shown.velocity[5, 1] == pytest.approx(0.25)  # and a micrometre per second
-    assert shown.unit == "m/s"
+    assert shown.quantity == "velocity"
 
 
 def test_only_the_last_seconds_are_kept() -> None:

@@ -30,9 +30,10 @@ from pfwd.session.plan import Ending, SessionPlan
 from pfwd.session.session import Session
 from pfwd.session.setup_file import parse_setup
 from pfwd_device.acquisition.items import RateDeviation
-from pfwd_device.identity import ChannelIdentity, Role
+from pfwd_device.identity import ChannelIdentity
 from pfwd_device.recording import SurveyWriter, check, read_survey
 from pfwd_device.wire.messages import Event, EventKind
+from pfwd_plugins.quantities import Measurand
 from tests.pfwd.report.surveys import result_of
 from tests.pfwd.scripted_feed import (
     GEOPHONE,
@@ -293,7 +294,7 @@ def test_a_survey_of_a_session_is_whole(log: Log, tmp_path: Path) -> None:
 
 
 def test_an_unused_channel_is_recorded_and_not_inverted(log: Log, writer: Any) -> None:
-    unused = ChannelIdentity("aux", Role.UNUSED)
+    unused = ChannelIdentity("aux", Measurand.VOLTAGE)
     identity = dataclasses.replace(IDENTITY, channels=(unused, LOAD, GEOPHONE))
     counts = np.column_stack([np.arange(len(ONE_DROP)), ONE_DROP]).astype(np.int32)
     run(ScriptedFeed(connected(identity), began(), pieces(counts)), log, writer)

@@ -22,8 +22,9 @@ from pfwd.session.setup_file import (
     setup_of,
 )
 from pfwd_device.errors import DeviceError, SetupError
-from pfwd_device.identity import ChannelIdentity, Role
+from pfwd_device.identity import ChannelIdentity
 from pfwd_device.setup import CHANNEL_KEYS, DETECTION_KEYS, INSTRUMENT_KEYS, LINK_KEYS
+from pfwd_plugins.quantities import Measurand
 from tests.pfwd.scripted_feed import GEOPHONE, IDENTITY, LOAD, NOW
 
 DAY, WEEK = datetime.date(2026, 5, 31), datetime.timedelta(days=7)
@@ -160,8 +161,10 @@ def test_lines_that_are_declared_completely() -> None:
     identity = setup.device.declared_identity()
     assert identity.sampling_rate == 5000
     assert identity.channels == (
-        ChannelIdentity("load", Role.LOAD, sensitivity=4e-4),
-        ChannelIdentity("g0", Role.GEOPHONE, sensitivity=28.8, natural_frequency=4.5, damping=0.6),
+        ChannelIdentity("load", Measurand.LOAD, sensitivity=4e-4),
+        ChannelIdentity(
+            "g0", Measurand.VELOCITY, sensitivity=28.8, natural_frequency=4.5, damping=0.6
+        ),
     )
     assert setup.device.apply(identity) is identity
     assert setup.setup_with(identity).plate_radius == 0.1

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pfwd_device.acquisition.driver import Driver
 from pfwd_device.acquisition.items import Gap, Item, Samples
 from pfwd_device.errors import DeviceLost, PortError
-from pfwd_device.identity import ChannelIdentity, Identity, Role
+from pfwd_device.identity import ChannelIdentity, Identity
 from pfwd_device.wire.binary import BinaryInstrumentEnd, encode_message
 from pfwd_device.wire.messages import (
     Configure,
@@ -31,6 +31,7 @@ from pfwd_device.wire.messages import (
     Status,
     Stop,
 )
+from pfwd_plugins.quantities import Measurand
 
 CHANNELS = 3
 
@@ -38,8 +39,8 @@ CHANNELS = 3
 def identity(
     serial_number: str = "SN-1", rate: float = 2000.0, channels: int = CHANNELS
 ) -> Identity:
-    names = [ChannelIdentity("load", Role.LOAD)]
-    names += [ChannelIdentity(f"g{k}", Role.GEOPHONE, 0.3 * k) for k in range(channels - 1)]
+    names = [ChannelIdentity("load", Measurand.LOAD)]
+    names += [ChannelIdentity(f"g{k}", Measurand.VELOCITY, 0.3 * k) for k in range(channels - 1)]
     return Identity(
         serial_number, "Scripted", "1.0", rate, 24, 2.5, tuple(names), plate_radius=0.15
     )

@@ -19,7 +19,8 @@ from pfwd_device.acquisition.detection import (
 from pfwd_device.acquisition.detector import Detector
 from pfwd_device.acquisition.items import Gap, Samples
 from pfwd_device.errors import SetupError
-from pfwd_device.identity import ChannelIdentity, Identity, Role
+from pfwd_device.identity import ChannelIdentity, Identity
+from pfwd_plugins.quantities import Measurand
 
 RATE = 10_000
 # One count is 1 N: 2.0 V over 2^23 counts, and that many volts per newton.
@@ -32,8 +33,8 @@ IDENTITY = Identity(
     adc_bits=24,
     adc_range=2.0,
     channels=(
-        ChannelIdentity("load", Role.LOAD, sensitivity=VOLTS_PER_COUNT),
-        ChannelIdentity("g0", Role.GEOPHONE, sensitivity=1.0),
+        ChannelIdentity("load", Measurand.LOAD, sensitivity=VOLTS_PER_COUNT),
+        ChannelIdentity("g0", Measurand.VELOCITY, sensitivity=1.0),
     ),
 )
 NOW = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)

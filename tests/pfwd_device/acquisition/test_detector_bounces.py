@@ -17,7 +17,8 @@ from pfwd_device.acquisition.detection import (
 )
 from pfwd_device.acquisition.detector import Detector
 from pfwd_device.acquisition.items import Gap, Samples
-from pfwd_device.identity import ChannelIdentity, Identity, Role
+from pfwd_device.identity import ChannelIdentity, Identity
+from pfwd_plugins.quantities import Measurand
 
 RATE = 10_000
 IDENTITY = Identity(
@@ -28,7 +29,7 @@ IDENTITY = Identity(
     adc_bits=24,
     adc_range=2.0,
     # One count is 1 N.
-    channels=(ChannelIdentity("load", Role.LOAD, sensitivity=2.0 / 2**23),),
+    channels=(ChannelIdentity("load", Measurand.LOAD, sensitivity=2.0 / 2**23),),
 )
 NOW = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)
 THRESHOLD = 400.0

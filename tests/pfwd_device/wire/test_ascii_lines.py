@@ -9,16 +9,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pfwd_device.errors import SetupError
-from pfwd_device.identity import ChannelIdentity, Identity, Role
+from pfwd_device.identity import ChannelIdentity, Identity
 from pfwd_device.wire.ascii_lines import AsciiDialect
 from pfwd_device.wire.messages import Refusal, SampleBlock, Start
+from pfwd_plugins.quantities import Measurand
 from tests.fuzz.targets import check_stream
 
 STEP = 100  # us, at 10 kHz
 
 
 def identity(channels: int = 2, rate: float = 10_000.0) -> Identity:
-    names = tuple(ChannelIdentity(f"c{i}", Role.GEOPHONE) for i in range(channels))
+    names = tuple(ChannelIdentity(f"c{i}", Measurand.VELOCITY) for i in range(channels))
     return Identity("1", "m", "f", rate, 16, 2.5, names)
 
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pfwd_device.errors import ProtocolError
-from pfwd_device.identity import FASTEST_SAMPLING, ChannelIdentity, Identity, Role
+from pfwd_device.identity import FASTEST_SAMPLING, ChannelIdentity, Identity
 from pfwd_device.text import clean
 from pfwd_device.wire.binary import BinaryDialect, BinaryInstrumentEnd, encode_message
 from pfwd_device.wire.fields import day, day_of, pack_int24, unpack_int24
@@ -38,6 +38,7 @@ from pfwd_device.wire.messages import (
     Stop,
     Trigger,
 )
+from pfwd_plugins.quantities import Measurand
 from tests.pfwd_device.wire import by_hand
 from tests.pfwd_device.wire.test_protocol_document import IDENTITY, STATED
 
@@ -58,7 +59,7 @@ def channels(draw: st.DrawFn) -> ChannelIdentity:
     geophone = draw(st.booleans())
     return ChannelIdentity(
         name=draw(NAME),
-        role=draw(st.sampled_from(Role)),
+        quantity=draw(st.sampled_from(Measurand)),
         offset=draw(FINITE),
         sensitivity=draw(FINITE.filter(bool)),
         zero=draw(FINITE),
@@ -278,7 +279,7 @@ def test_unknown_flags_roles_and_seats_do_no_harm() -> None:
     (identity,) = BinaryDialect().feed(by_hand.frame(0x81, 0, bytes(changed)))
     assert isinstance(identity, Identity)
     assert identity.centre_sensor == "plate"
-    assert [channel.role for channel in identity.channels] == [Role.UNUSED, Role.GEOPHONE]
+    assert [channel.quantity for channel in identity.channels] == ["voltage", "velocity"]
     (block,) = BinaryDialect().feed(by_hand.frame(0x82, 0, by_hand.samples(1, 0, 0, [[1]], 0xFE)))
     assert isinstance(block, SampleBlock)
     assert not block.shunt

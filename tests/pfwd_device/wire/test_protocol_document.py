@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pfwd_device.identity import ChannelIdentity, Identity, Role
+from pfwd_device.identity import ChannelIdentity, Identity
 from pfwd_device.wire.binary import BinaryDialect, BinaryInstrumentEnd, encode_message
 from pfwd_device.wire.fields import pack_int24
 from pfwd_device.wire.messages import (
@@ -38,6 +38,7 @@ from pfwd_device.wire.messages import (
     Stop,
     Trigger,
 )
+from pfwd_plugins.quantities import Measurand
 from tests.pfwd_device.wire import by_hand
 
 JANUARY = datetime.date(2026, 1, 31)
@@ -53,7 +54,7 @@ IDENTITY = Identity(
     channels=(
         ChannelIdentity(
             name="load",
-            role=Role.LOAD,
+            quantity=Measurand.LOAD,
             sensitivity=1e-4,
             zero=0.05,
             shunt=5000.0,
@@ -62,7 +63,7 @@ IDENTITY = Identity(
         ),
         ChannelIdentity(
             name="centre",
-            role=Role.GEOPHONE,
+            quantity=Measurand.VELOCITY,
             sensitivity=-28.8,
             natural_frequency=4.5,
             damping=0.56,
@@ -194,7 +195,7 @@ def test_limits_are_as_documented() -> None:
         serial_number="",
         model="",
         firmware="",
-        channels=(ChannelIdentity("", Role.LOAD),),
+        channels=(ChannelIdentity("", Measurand.LOAD),),
     )
     assert len(by_hand.uncobs(encode_message(minimal, 0)[:-1])) == 108 + 7
 

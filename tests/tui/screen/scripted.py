@@ -31,8 +31,9 @@ from pfwd.session.events import (
 from pfwd.session.plan import Ending, SessionPlan
 from pfwd_device.acquisition.items import Samples
 from pfwd_device.drop import Channel, Drop
-from pfwd_device.identity import ChannelIdentity, Identity, Role
+from pfwd_device.identity import ChannelIdentity, Identity
 from pfwd_device.wire.messages import Status
+from pfwd_plugins.quantities import Measurand
 from tui.screen.app import PfwdApp
 from tui.screen.drawing.glyphs import BRAILLE, Glyphs
 from tui.screen.opened.app import OpenApp
@@ -48,8 +49,10 @@ IDENTITY = Identity(
     adc_bits=24,
     adc_range=8.0,
     channels=(
-        ChannelIdentity("load", Role.LOAD, sensitivity=8.0 / 2**23, due=datetime.date(2027, 3, 2)),
-        ChannelIdentity("g0", Role.GEOPHONE, natural_frequency=4.5, damping=0.6),
+        ChannelIdentity(
+            "load", Measurand.LOAD, sensitivity=8.0 / 2**23, due=datetime.date(2027, 3, 2)
+        ),
+        ChannelIdentity("g0", Measurand.VELOCITY, natural_frequency=4.5, damping=0.6),
     ),
     plate_radius=0.15,
     plate_mass=10.0,

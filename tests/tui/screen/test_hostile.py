@@ -12,7 +12,8 @@ import pytest
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.judging import PointView
 from pfwd.session.events import Edited, InstrumentLost, Notice
-from pfwd_device.identity import ChannelIdentity, Identity, Role
+from pfwd_device.identity import ChannelIdentity, Identity
+from pfwd_plugins.quantities import Measurand
 from tests.tui.screen.scripted import (
     NOON,
     App,
@@ -60,7 +61,10 @@ def events(text: str) -> list[Any]:
         sampling_rate=1e4,
         adc_bits=24,
         adc_range=8.0,
-        channels=(ChannelIdentity(text[:32], Role.LOAD), ChannelIdentity("g", Role.GEOPHONE)),
+        channels=(
+            ChannelIdentity(text[:32], Measurand.LOAD),
+            ChannelIdentity("g", Measurand.VELOCITY),
+        ),
         plate_radius=0.15,
     )
     point = PointView(text[:60], title=text, notes=(text,))

@@ -11,6 +11,7 @@ from pfwd.judging import Job, Station
 from pfwd.procedures import find_procedure, plain_procedure
 from pfwd.session.events import JobReported
 from pfwd.session.live_trace import Envelope
+from pfwd_plugins.quantities import Measurand
 from tests.snapshots import check_snapshot
 from tests.tui.screen.scripted import Session, analysed, complete_point, ready, saved, status
 from tui.screen.drawing.glyphs import ASCII, BRAILLE, Glyphs
@@ -32,7 +33,7 @@ def view(*events: Any, units: Units = SI, glyphs: Glyphs = BRAILLE, **more: Any)
     for event in events:
         state.take(event)
     rest = np.zeros((500, 2))
-    envelope = Envelope(0.01, rest, rest, 50_000, "m/s")
+    envelope = Envelope(0.01, rest, rest, 50_000, Measurand.VELOCITY)
     word = status_of(state, 100.0)
     return MeasureView(
         state,

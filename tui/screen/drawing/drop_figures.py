@@ -281,9 +281,8 @@ def live_figures(envelope: Envelope, units: Units, window: float) -> list[Figure
     times = -(np.arange(count)[::-1] + 0.5) * envelope.interval
     time = np.repeat(times, 2)
     load = envelope.load.reshape(-1) / units.of("load").scale
-    moving = units.of("velocity" if envelope.unit == "m/s" else "deflection")
+    moving = units.of(envelope.quantity)
     motion = envelope.velocity.reshape(-1) / moving.scale
-    name = "velocity" if envelope.unit == "m/s" else "displacement"
     return [
         Figure(
             "live load",
@@ -296,12 +295,12 @@ def live_figures(envelope: Envelope, units: Units, window: float) -> list[Figure
             min_range=1.0,
         ),
         Figure(
-            f"live {name}",
+            f"live {envelope.quantity}",
             moving.name,
             (Curve(time, motion, "measured", ""),),
             -window,
             0.0,
             "s",
-            min_range=20.0 if envelope.unit == "m/s" else 1.0,
+            min_range=envelope.quantity.live_range,
         ),
     ]
