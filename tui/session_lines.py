@@ -125,8 +125,8 @@ class SessionLines:
                 self._say(text, logging.ERROR)
             case DropNotPublished():
                 self._not_published(event)
-            case SurveyFilesChanged(text, safe):
-                self._say(text, logging.INFO if safe else logging.ERROR)
+            case SurveyFilesChanged(text):
+                self._say(text, logging.ERROR)
             case DropAnalysed():
                 self._analysis(event)
             case PointDiagnosed():

@@ -168,12 +168,10 @@ class DropNotSaved:
 
 @dataclass(frozen=True, slots=True)
 class SurveyFilesChanged:
-    """Files of the survey were removed, its folder cannot be written, or this was repaired."""
+    """Files of the survey were removed or changed, or its folder cannot be written."""
 
     text: str
     """Sentence to show."""
-    safe: bool
-    """True: all acknowledged drops are in the folder of the survey again."""
 
 
 @dataclass(frozen=True, slots=True)

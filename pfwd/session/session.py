@@ -420,8 +420,6 @@ class Session:
             if self._pipeline.diagnoses is not None:
                 self._pipeline.diagnoses.take_responses()
             if self._recorder is not None:
-                if self._stop:
-                    self._recorder.writer.expect_end()
                 self._recorder.retry()
             self._answer_requests()
             if self._operator:

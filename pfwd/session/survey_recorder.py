@@ -19,14 +19,7 @@ from pfwd.session.events import (
     SurveyFilesChanged,
 )
 from pfwd_device.errors import RecordingError, StorageFull
-from pfwd_device.recording import (
-    FallbackMerged,
-    FilesRewritten,
-    PublishingFailed,
-    SpareUsed,
-    SurveyFilesRemoved,
-    SurveyMovedAway,
-)
+from pfwd_device.recording import PublishingFailed, SurveyNotSafe
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.recording.survey_writer import SurveyWriter
 from pfwd_device.wire.fields import pack_int24
@@ -60,12 +53,8 @@ def report_file_changes(writer: SurveyWriter, report: Report) -> None:
         match change:
             case PublishingFailed(_, point, drop, reason):
                 report(DropNotPublished(point, drop, reason))
-            case SurveyFilesRemoved() | SpareUsed() | SurveyMovedAway():
-                report(SurveyFilesChanged(change.text, safe=False))
-            case FilesRewritten(lost=lost):
-                report(SurveyFilesChanged(change.text, safe=not lost))
-            case FallbackMerged():
-                report(SurveyFilesChanged(change.text, safe=True))
+            case SurveyNotSafe():
+                report(SurveyFilesChanged(change.text))
 
 
 def _counts_of(record: DropRecord) -> NDArray[np.int32]:
@@ -228,7 +217,6 @@ class SurveyRecorder:
         patience : float, s
             Duration of the attempts otherwise.
         """
-        self.writer.expect_end()
         if self._held:
             self._save()
         until = time.monotonic() + patience
@@ -248,7 +236,7 @@ class SurveyRecorder:
                 f"{len(away)} drops are NOT in {self.writer.folder} but in the spare folder "
                 f"{folder}; pfwd recover {self.writer.folder} moves them back"
             )
-            self._report(SurveyFilesChanged(text, safe=False))
+            self._report(SurveyFilesChanged(text))
 
     def _save(self) -> None:
         while self._held:

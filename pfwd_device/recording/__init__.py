@@ -19,8 +19,8 @@ Survey-wide number
 Key
     Text that identifies a drop on its instrument, so that a drop that is sent twice is stored once.
 Home, spare folder
-    Home is the folder of the survey. The spare folder receives records while home cannot be
-    written; they are merged into home later.
+    Home is the folder of the survey. The spare folder receives all records after home could not be
+    written or was changed by others; a recovery merges them into home.
 """
 
 import logging
@@ -33,13 +33,9 @@ from pfwd_device.recording.recovery import RecoveryReport, recover
 from pfwd_device.recording.spare import SpareFolder
 from pfwd_device.recording.storage import Storage
 from pfwd_device.recording.storage_reports import (
-    FallbackMerged,
-    FilesRewritten,
     PublishingFailed,
-    SpareUsed,
     StorageReport,
-    SurveyFilesRemoved,
-    SurveyMovedAway,
+    SurveyNotSafe,
 )
 from pfwd_device.recording.survey_reader import Survey, SurveyDrop, SurveyPoint, read_survey
 from pfwd_device.recording.survey_writer import SurveyWriter
@@ -50,19 +46,15 @@ __all__ = [
     "CapturedBytes",
     "CheckReport",
     "DropRecord",
-    "FallbackMerged",
-    "FilesRewritten",
     "PublishingFailed",
     "Rebound",
     "RecoveryReport",
     "SpareFolder",
-    "SpareUsed",
     "Storage",
     "StorageReport",
     "Survey",
     "SurveyDrop",
-    "SurveyFilesRemoved",
-    "SurveyMovedAway",
+    "SurveyNotSafe",
     "SurveyPoint",
     "SurveyWriter",
     "check",

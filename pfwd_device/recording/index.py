@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording.framing import Kind
+from pfwd_device.recording.framing import Frame, Kind
 from pfwd_device.recording.journal import Located, Stretch, read_record, scan_journal
 from pfwd_device.recording.layout import FORMAT_VERSION, Layout
 from pfwd_device.recording.ledger import (
@@ -158,6 +158,8 @@ class Index:
     """Records of checks of the zero or the span of a channel."""
     entries: dict[int, Entry] = field(default_factory=dict)
     """Undamaged records by sequence number."""
+    elsewhere: dict[int, Layout] = field(default_factory=dict)
+    """Paths of the spare folder for the records that are only there, by sequence number."""
     lost: dict[int, Entry] = field(default_factory=dict)
     """Records that the ledger lists and the journal no longer contains, by sequence number."""
     gaps: list[int] = field(default_factory=list)
@@ -228,14 +230,19 @@ class Index:
             return []
         return self.drops_by_peaks.setdefault(str(sorted(peaks.items())), [])
 
-    def relocate(self, moved: Mapping[int, Entry]) -> None:
-        """Replace the places of records that were written again elsewhere.
+    def relocate(self, moved: Mapping[int, Entry], layout: Layout) -> None:
+        """Store the places of records that were written to another folder.
 
         Parameters
         ----------
         moved : mapping of int to Entry
             New places by sequence number.
+        layout : Layout
+            Paths of that folder.
         """
+        self.elsewhere.update(dict.fromkeys(moved, layout))
+        if self.entries.keys().isdisjoint(moved):
+            return
 
         def now(entry: Entry) -> Entry:
             return moved.get(entry.sequence, entry)
@@ -243,11 +250,22 @@ class Index:
         self.entries = {number: now(entry) for number, entry in self.entries.items()}
         for drop in self.drops.values():
             drop.entry = now(drop.entry)
-        for listed in self.files.values():
-            listed.entry = now(listed.entry)
         # The lists of rebounds of the drops are the same objects as those in `rebounds`.
         for entries in (self.events, self.checks, *self.rebounds.values()):
             entries[:] = map(now, entries)
+
+    def read(self, layout: Layout, entry: Entry) -> Frame:
+        """Read a record of the survey with these paths, or from the folder that has it elsewhere.
+
+        Raises
+        ------
+        RecordingError
+            If the place has no undamaged record, or another one.
+        """
+        frame = read_record(self.elsewhere.get(entry.sequence, layout), entry.segment, entry.offset)
+        if (frame.sequence, frame.check) != (entry.sequence, entry.check):
+            raise RecordingError(f"expected record {entry.sequence}, got {frame.sequence}")
+        return frame
 
     def _add(self, entry: Entry, data: Mapping[str, Any]) -> None:
         match entry.kind:
@@ -442,8 +460,7 @@ def complete_keys(layout: Layout, index: Index) -> None:
         return
     for drop in index.drops.values():
         if drop.key is None:
-            frame = read_record(layout, drop.entry.segment, drop.entry.offset)
-            data = payload_data(frame.payload)
+            data = payload_data(index.read(layout, drop.entry).payload)
             index.with_peaks(data.get("peaks")).append(drop.number)
             key = data.get("key")
             if isinstance(key, str):

@@ -7,8 +7,9 @@ returns. The ledger is a text file with a line for each record that reached the 
 import contextlib
 import io
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,7 +17,7 @@ from pfwd_device.errors import RecordingError, SurveyLocked
 from pfwd_device.recording.framing import Damage, Frame, read_frame, scan
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import Entry
-from pfwd_device.recording.storage import Stamp, Storage
+from pfwd_device.recording.storage import OpenFile, Storage
 
 MAX_SEGMENT_BYTES = 256 * 2**20
 """Largest segment, bytes, so that copying and reading one stay fast."""
@@ -61,19 +62,6 @@ class Record:
         return Entry(
             self.sequence, self.kind, segment, offset, len(self.data), self.check, self.about
         )
-
-
-@dataclass(slots=True)
-class _Segment:
-    """Open file of the journal."""
-
-    descriptor: int
-    end: int
-    """Length according to this program, bytes."""
-    stamp: Stamp
-    """Stamp after the last write or verification by this program."""
-    doubtful: bool = False
-    """True if another program may have written to it since the last verification."""
 
 
 def open_segment(layout: Layout, number: int, storage: Storage) -> int:
@@ -135,17 +123,17 @@ class JournalWriter:
         self._layout = layout
         self._storage = storage
         self._number = 0
-        self._current: _Segment | None = None
-        self._earlier: dict[int, _Segment] = {}
+        self._current: OpenFile | None = None
+        self._earlier: dict[int, OpenFile] = {}
         last = continued[0] if continued is not None else None
         for number in layout.segments()[-MAX_OPEN_SEGMENTS:]:
             if number != last:
                 with contextlib.suppress(OSError):  # it only cannot be read after a deletion
                     descriptor = storage.open(layout.segment(number))
-                    self._earlier[number] = self._segment(descriptor)
+                    self._earlier[number] = self._segment(number, descriptor)
         if continued is not None:
             self._number, descriptor = continued
-            self._current = self._segment(descriptor)
+            self._current = self._segment(self._number, descriptor)
 
     def append(self, record: Record) -> Entry:
         """Append a record; return its entry for the list of saved records when it is on the disk.
@@ -215,46 +203,20 @@ class JournalWriter:
             self._current.end = end if number == self._number else 0
             self._cut(self._current)
 
-    def problem(self) -> str | None:
-        """Return a message if a file of the journal was deleted, replaced or changed; else None."""
-        for number, segment in sorted(self._open().items()):
-            path = self._layout.segment(number)
-            why = self._storage.misplaced(segment.descriptor, path, segment.end)
-            if why is not None:
-                return f"journal/{why}"
-        return None
-
-    def has_names(self) -> bool:
-        """Return True if no open file of the journal was deleted; it may have been moved."""
-        return all(self._storage.names(each.descriptor) for each in self._open().values())
-
-    def name_of(self, number: int) -> str:
-        """Return the path within the survey of the file of the journal with a number."""
-        return self._layout.relative(self._layout.segment(number))
-
-    def stamps_changed(self) -> dict[int, Stamp]:
-        """Return the files of the journal that another program may have changed, by number.
-
-        A stamp is the pair of times at which content and metadata of a file were changed.
-        """
-        stamps = {}
-        for number, segment in self._open().items():
-            stamp = self._storage.stamp(segment.descriptor)
-            if segment.doubtful or stamp is None or stamp != segment.stamp:
-                stamps[number] = stamp
-        return stamps
-
-    def accept_stamps(self, stamps: Mapping[int, Stamp]) -> None:
-        """Store the stamps of files as those of unchanged files, after their records were verified.
+    def problem(self, compare: Callable[[int], str | None]) -> str | None:
+        """Return a message if a file of the journal was deleted, replaced or changed; else None.
 
         Parameters
         ----------
-        stamps : mapping
-            Result of `stamps_changed`.
+        compare : callable
+            Function that reads the records of the file with a number, and returns a text about the
+            first damaged one.
         """
-        for number, segment in self._open().items():
-            if number in stamps:
-                segment.stamp, segment.doubtful = stamps[number], False
+        for number, segment in sorted(self._open().items()):
+            why = segment.problem(partial(compare, number))
+            if why is not None:
+                return f"journal/{why}"
+        return None
 
     def read(self, entry: Entry) -> Record | None:
         """Read a record of the journal, also if its file was deleted; None if it is damaged."""
@@ -276,21 +238,19 @@ class JournalWriter:
         """Close all files of the journal."""
         self._leave()
         for segment in self._earlier.values():
-            with contextlib.suppress(OSError):  # all its records were synced
-                self._storage.close(segment.descriptor)
+            segment.close()
         self._earlier.clear()
 
-    def _segment(self, descriptor: int) -> _Segment:
-        storage = self._storage
-        return _Segment(descriptor, storage.size(descriptor), storage.stamp(descriptor))
+    def _segment(self, number: int, descriptor: int) -> OpenFile:
+        return OpenFile(self._storage, self._layout.segment(number), descriptor)
 
-    def _open(self) -> dict[int, _Segment]:
+    def _open(self) -> dict[int, OpenFile]:
         """Return the open files of the journal by number."""
         if self._current is None:
             return self._earlier
         return {**self._earlier, self._number: self._current}
 
-    def _ready(self, length: int) -> _Segment:
+    def _ready(self, length: int) -> OpenFile:
         """Return the file for a record of `length` bytes; begin a new file if necessary."""
         segment = self._current
         if segment is not None and (
@@ -303,21 +263,16 @@ class JournalWriter:
             segment = None
         return segment if segment is not None else self._begin_segment()
 
-    def _write(self, segment: _Segment, data: bytes) -> None:
-        # The stamp of this write would hide earlier writes of other programs.
-        segment.doubtful |= self._storage.stamp(segment.descriptor) != segment.stamp
+    def _write(self, segment: OpenFile, data: bytes) -> None:
         try:
-            self._storage.write_at(segment.descriptor, data, segment.end)
+            segment.write(data)
         except OSError:
             self._cut(segment)
             raise
-        # Before the sync: a write of another program during the sync changes the stamp again.
-        segment.stamp = self._storage.stamp_after_write(segment.descriptor)
 
-    def _cut(self, segment: _Segment) -> None:
+    def _cut(self, segment: OpenFile) -> None:
         try:
-            self._storage.truncate(segment.descriptor, segment.end)
-            segment.stamp = self._storage.stamp_after_write(segment.descriptor)
+            segment.cut()
         except OSError:
             self._leave(keeps_length=False)
 
@@ -334,16 +289,14 @@ class JournalWriter:
                 segment.end = self._storage.size(segment.descriptor)
         self._earlier[self._number] = segment
         while len(self._earlier) > MAX_OPEN_SEGMENTS:
-            oldest = self._earlier.pop(min(self._earlier))
-            with contextlib.suppress(OSError):
-                self._storage.close(oldest.descriptor)
+            self._earlier.pop(min(self._earlier)).close()
 
-    def _begin_segment(self) -> _Segment:
+    def _begin_segment(self) -> OpenFile:
         self._leave(keeps_length=False)
         number = max([self._number, *self._layout.segments()]) + 1
         descriptor = self._storage.open(self._layout.segment(number), create=True)
         self._storage.lock(descriptor)  # no other program can have locked a new file
-        self._number, self._current = number, self._segment(descriptor)
+        self._number, self._current = number, self._segment(number, descriptor)
         try:
             self._storage.sync_directory(self._layout.journal)
         except OSError:

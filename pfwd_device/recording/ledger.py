@@ -8,7 +8,6 @@ header of the record and ``crc`` the CRC-32 of the line before it, both as eight
 The first line names the format and the survey.
 """
 
-import contextlib
 import errno
 import os
 import re
@@ -20,7 +19,7 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import quote, unquote
 
-from pfwd_device.recording.storage import Stamp, Storage, has_content
+from pfwd_device.recording.storage import OpenFile, Storage, has_content
 from pfwd_device.text import clean
 
 MAX_LEDGER_BYTES = 24 * 2**20
@@ -195,9 +194,7 @@ class LedgerWriter:
         self._survey = survey
         self._storage = storage
         self._entries = entries
-        self._descriptor: int | None = None
-        self._end = 0
-        self._stamp: Stamp | None = None
+        self._file: OpenFile | None = None
         self.doubtful: Entry | None = None
         """Line of a failed append that may be on the disk until the ledger is rewritten."""
         self._in_place = True
@@ -210,32 +207,29 @@ class LedgerWriter:
         OSError
             If the disk fails or the ledger is too long; the record does not count then.
         """
-        if self._descriptor is None:
-            self._reopen()
-        assert self._descriptor is not None
+        file = self._file if self._file is not None else self._reopen()
         line = entry.line()
-        if self._end + len(line) > MAX_LEDGER_BYTES:  # a larger ledger could not be read
+        if file.end + len(line) > MAX_LEDGER_BYTES:  # a larger ledger could not be read
             raise OSError(errno.EFBIG, f"{self._path.name} is full: begin another survey")
         self.doubtful = entry
         try:
-            # The stamp of this write would hide earlier writes of other programs.
-            unchanged = self._storage.stamp(self._descriptor) == self._stamp
-            self._storage.write_at(self._descriptor, line, self._end)
-            stamp = self._storage.stamp_after_write(self._descriptor)
-            self._stamp = stamp if unchanged else None
+            file.write(line)
         except OSError:
             self.doubtful = None  # readers ignore an incomplete line
-            self._cut()
+            try:
+                file.cut()
+            except OSError:
+                self.close()
             raise
         try:
-            self._storage.sync(self._descriptor)
+            self._storage.sync(file.descriptor)
         except OSError:
             # After a failed sync the state of the disk is unknown, and a second sync may report
             # success without having written the data.
             self.close()
             self._rewrite([*self._entries, entry])
         else:
-            self._end += len(line)
+            file.end += len(line)
         self._entries.append(entry)
         self.doubtful = None
 
@@ -246,26 +240,18 @@ class LedgerWriter:
 
     def problem(self) -> str | None:
         """Return a message if the file was deleted, replaced or changed by others; else None."""
-        if self._descriptor is None:  # the next append writes a complete ledger
-            return None
-        why = self._storage.misplaced(self._descriptor, self._path, self._end)
-        return why if why is not None else self._changed()
+        # Without an open file the next append writes a complete ledger.
+        return self._file.problem(self._compare) if self._file is not None else None
 
-    def _changed(self) -> str | None:
-        """Return a message if another program changed the lines and not their length; else None."""
-        assert self._descriptor is not None
-        stamp = self._storage.stamp(self._descriptor)
-        if stamp is not None and stamp == self._stamp:
-            return None
+    def _compare(self) -> str | None:
+        """Return a text if the lines differ from the entries; else None."""
+        assert self._file is not None
         content = ledger_bytes(self._survey, self._entries)
         try:
-            actual = self._storage.read_at(self._descriptor, self._end, 0)
+            actual = self._storage.read_at(self._file.descriptor, self._file.end, 0)
         except OSError as err:
-            return f"{self._path.name} can no longer be read ({err.strerror or err})"
-        if actual != content:
-            return f"{self._path.name} was overwritten by another program"
-        self._stamp = stamp
-        return None
+            return f" ({err.strerror or err})"
+        return None if actual == content else ""
 
     def replace(self, entries: list[Entry]) -> None:
         """Replace the file by one that lists exactly these records; raise OSError if that fails."""
@@ -276,10 +262,9 @@ class LedgerWriter:
 
     def close(self) -> None:
         """Close the file; the next append opens it again."""
-        if self._descriptor is not None:
-            descriptor, self._descriptor = self._descriptor, None
-            with contextlib.suppress(OSError):  # all its lines were synced
-                self._storage.close(descriptor)
+        if self._file is not None:
+            self._file.close()
+            self._file = None
 
     def forget(self, sequence: int) -> None:
         """Remove the lines of the records from a sequence number on.
@@ -291,14 +276,15 @@ class LedgerWriter:
         while self._entries and self._entries[-1].sequence >= sequence:
             self._entries.pop()
 
-    def _reopen(self) -> None:
+    def _reopen(self) -> OpenFile:
         # `_data` is the content at the start; it is valid until the first line is added.
         content, self._data = self._data or ledger_bytes(self._survey, self._entries), None
         if not (self._in_place and has_content(self._path, content)):
             self._rewrite(self._entries)
-        self._descriptor = self._storage.open(self._path)
-        self._end = len(content)
-        self._stamp = None  # the next call of `problem` compares the content
+        descriptor = self._storage.open(self._path)
+        self._file = OpenFile(self._storage, self._path, descriptor)
+        self._file.end = len(content)
+        return self._file
 
     def _rewrite(self, entries: list[Entry]) -> None:
         # Until the new name is on the disk, a power cut may restore an earlier ledger.
@@ -306,14 +292,6 @@ class LedgerWriter:
         self._storage.write_file(self._path, ledger_bytes(self._survey, entries))
         self._in_place = True
         self.doubtful = None
-
-    def _cut(self) -> None:
-        assert self._descriptor is not None
-        try:
-            self._storage.truncate(self._descriptor, self._end)
-            self._stamp = None
-        except OSError:
-            self.close()
 
 
 def _closed(text: str) -> bytes:

@@ -4,53 +4,38 @@ The journal contains the records; the ledger is a text file with a line for each
 the disk. A record is acknowledged, reported as saved, when both contain it.
 
 A record is written to the folder of the survey, called home. Before it counts, the open files are
-compared with the files at their paths. If journal, ledger or lock file was deleted, replaced, cut
-or written to by another program, new files are created there, and the records that the folder has
-lost are written again. If home fails, the record is written to the spare folder, if there is one,
-with the same number. It is merged into home as soon as home works again.
+compared with the files at their paths. If home refuses it, or journal, ledger or folder were
+deleted, replaced, cut or written to by another program, this and all later records are written to
+the spare folder, with the records that home no longer contains. Nothing is written at home any
+more; the next recovery merges the spare folder into it.
 """
 
 import contextlib
 import errno
 import os
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 from pfwd_device.errors import RecordingError, StorageFull
 from pfwd_device.recording.framing import Kind, encode_frame
-from pfwd_device.recording.index import Index, build_index
+from pfwd_device.recording.index import FileStates, build_index, file_states
 from pfwd_device.recording.journal import JournalWriter, Record
-from pfwd_device.recording.layout import Layout, refuse_links
+from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import Entry, LedgerWriter, read_about
 from pfwd_device.recording.lock import SurveyLock
 from pfwd_device.recording.payload import Array, encode_payload
 from pfwd_device.recording.spare import SpareFolder, SparePart
 from pfwd_device.recording.storage import Storage, is_full
-from pfwd_device.recording.storage_reports import (
-    FallbackMerged,
-    FilesRewritten,
-    SpareUsed,
-    StorageReport,
-    SurveyFilesRemoved,
-    SurveyMovedAway,
-)
+from pfwd_device.recording.storage_reports import StorageReport, SurveyNotSafe
 
 RESERVE_BYTES = 2 * 2**20
 """Disk space that is reserved for the present drop when the disk is full, bytes: enough for several
 drops."""
 
 RECENT_BYTES = 32 * 2**20
-"""Memory for the latest records, bytes, some 300 drops: they are written again if the journal is
-cut while it is open."""
-
-HOME_RETRY_INTERVAL_S = 2.0
-"""Time between attempts to write to the survey's folder while the spare folder is used, s."""
-
-MAX_REPAIRS = 3
-"""Largest number of times that new files are created for one record, if they are deleted again."""
+"""Memory for the latest records, bytes, some 300 drops: they are written to the spare folder if the
+journal is cut while it is open."""
 
 
 class RecordFiles:
@@ -124,8 +109,10 @@ class RecordFiles:
         When it returns, all of it is on the disk. Raise OSError if the disk fails.
         """
         new = self._journal.append_all(records)
+        self.lost -= new.keys()
         entries_by_number = {entry.sequence: entry for entry in self._ledger.entries} | new
-        self._ledger.replace([entry for _, entry in sorted(entries_by_number.items())])
+        if new:
+            self._ledger.replace([entry for _, entry in sorted(entries_by_number.items())])
         return new
 
     def forget(self, sequence: int) -> None:
@@ -134,25 +121,15 @@ class RecordFiles:
 
     def problem(self) -> str | None:
         """Return a message if a file was deleted, replaced or changed by others; else None."""
-        return self._journal.problem() or self._overwritten() or self._ledger.problem()
+        return self._journal.problem(self._first_damaged) or self._ledger.problem()
 
-    def _overwritten(self) -> str | None:
-        """Return a message if another program changed records and not the file size; else None."""
-        changed = self._journal.stamps_changed()
-        if not changed:
-            return None
+    def _first_damaged(self, segment: int) -> str | None:
+        """Return the first unreadable record of a file of the journal in parentheses, or None."""
         for entry in self._ledger.entries:
-            if entry.segment not in changed or entry.sequence in self.lost:
-                continue
-            if self._journal.read(entry) is None:
-                name = self._journal.name_of(entry.segment)
-                return f"{name} was overwritten by another program ({_name_of(entry)})"
-        self._journal.accept_stamps(changed)
+            is_expected = entry.segment == segment and entry.sequence not in self.lost
+            if is_expected and self._journal.read(entry) is None:
+                return f" ({_name_of(entry)})"
         return None
-
-    def has_names(self) -> bool:
-        """Return True if no open file of the journal was deleted; it may have been moved."""
-        return self._journal.has_names()
 
     def read(self, entry: Entry) -> Record | None:
         """Read a record from the open files, also if they were deleted; None if unreadable."""
@@ -165,7 +142,7 @@ class RecordFiles:
 
 
 class RecordLog:
-    """Writer of the records of a survey, to its folder or while that fails to the spare folder.
+    """Writer of the records of a survey to its folder (home), and after any trouble to the spare.
 
     Parameters
     ----------
@@ -205,29 +182,24 @@ class RecordLog:
         self.lock = threading.RLock()
         self.report: Callable[[StorageReport], None] = lambda _: None
         """Function that receives reports for the operator on the state of the files."""
-        self.moved: Callable[[Mapping[int, Entry]], None] = lambda _: None
-        """Function that receives the new places of records, by sequence number."""
+        self.moved: Callable[[Mapping[int, Entry], Layout], None] = lambda _, __: None
+        """Function that receives the places of records in the spare folder, by sequence number, and
+        the paths of the spare folder."""
         self.spare: SpareFolder | None = None
-        """Folder for records while home cannot be written; None: an error is raised instead."""
+        """Folder for records when home has failed; None: an error is raised instead."""
+        self.part: SparePart | None = None
+        """Subfolder of the spare folder that receives all records since home has failed."""
         self._closed = False
-        self._ending = False
-        self.is_abandoned = False
-        """True if the survey was moved away and is not written again in its old place."""
         self._survey_lock = lock
         self._sequence = max((entry.sequence for entry in entries), default=0) + 1
         self._recent: dict[int, Record] = {}
         self._recent_bytes = 0
-        self._disk = _disk_of(layout.folder.parent)
-        self._spare_part: SparePart | None = None
-        self._spare_files: RecordFiles | None = None
-        self._spare_holds_home = False
-        self._away: dict[int, Entry] = {}
-        self._refused_records: set[tuple[int, int]] = set()
-        self._home_failure: RecordingError | None = None
-        self._next_try = 0.0
-        self._reported_problem: str | None = None
+        self._failure: RecordingError | None = None
+        self._home_states: FileStates | None = ()
+        self._has_moved = False
+        self._last_report: SurveyNotSafe | None = None
         try:
-            self._home = RecordFiles(
+            home = RecordFiles(
                 layout,
                 survey,
                 storage,
@@ -238,6 +210,8 @@ class RecordLog:
             )
         except OSError as err:
             raise refused(err, "the journal") from err
+        self._files = [home]
+        """Home and the files in the spare folder, also deleted ones; the last are written."""
 
     def append(
         self,
@@ -284,52 +258,41 @@ class RecordLog:
             self._sequence += 1
             return entry
 
-    def append_record(self, record: Record) -> Entry:
-        """Write a record from the spare folder with its sequence number, which must be free."""
+    def append_records(self, records: Iterable[Record]) -> dict[int, Entry]:
+        """Write records of the spare folder with their sequence numbers to the survey's folder.
+
+        Return their entries in the list of saved records. Raise RecordingError if that fails.
+        """
         with self.lock:
             self._refuse_closed()
-            self._remember(record)
-            entry = self._append(record)
-            self._sequence = max(self._sequence, record.sequence + 1)
-            return entry
-
-    def spare_folder_of(self, entry: Entry) -> Path | None:
-        """Return the spare folder that contains a record; None if it is in the survey's folder."""
-        with self.lock:
-            if entry.sequence in self._away and self._spare_part is not None:
-                return self._spare_part.layout.folder
-            return None
+            try:
+                self._require_home()
+                entries = self._files[0].append_all(records)
+            except OSError as err:
+                raise refused(err, str(self.layout.folder)) from err
+            self._sequence = max([self._sequence, *(number + 1 for number in entries)])
+            return entries
 
     def maintain(self) -> None:
-        """Verify that the files of the survey are in place, and restore them if they are not.
+        """Verify that the files of the survey are in place, and use the spare folder if not.
 
         No error is raised; problems are passed to `report`. The caller should call it about every
         second, because files may be deleted while no drop is recorded.
         """
         with self.lock:
-            if self._closed or (self._home_failure is not None and not self._try_home()):
-                return
-            if not self._away and self._problem() is None:
+            if self._closed:
                 return
             try:
-                self._settle(for_drop=False)
+                if self.part is None:
+                    self._require_home()
+                else:
+                    self._use_spare()
             except (OSError, RecordingError) as err:
-                self._home_refused(_as_recording_error(err, self.layout))
-                if self.spare is not None and not self.is_abandoned:
-                    # The next drop reports an error of the spare folder.
-                    with contextlib.suppress(OSError, RecordingError):
-                        self._open_spare()
-            else:
-                self._home_failure = None
-
-    def expect_end(self) -> None:
-        """Announce the end of the session.
-
-        If the survey is moved to another place from now on, that is only reported. Before, and for
-        a late drop, its files are written again in the old place.
-        """
-        with self.lock:
-            self._ending = True
+                failure = _as_recording_error(err, self.layout)
+                try:
+                    self._use_spare(failure)
+                except RecordingError as final:
+                    self._report(SurveyNotSafe(str(final)))
 
     def make_reserve(self, size: int = RESERVE_BYTES) -> bool:
         """Create the file that reserves disk space; return False if the disk is nearly full.
@@ -363,8 +326,10 @@ class RecordLog:
         """Close all files; no record can be written after that."""
         with self.lock:
             self._closed = True
-            self._home.close()
-            self._close_spare()
+            if self.part is not None:
+                self._leave_part()
+            for files in self._files:
+                files.close()
 
     def _refuse_closed(self) -> None:
         if self._closed:
@@ -382,266 +347,187 @@ class RecordLog:
         if self._recent.pop(record.sequence, None) is not None:
             self._recent_bytes -= len(record.data)
 
-    def _try_home(self) -> bool:
-        return self._home_failure is None or time.monotonic() >= self._next_try
-
     def _append(self, record: Record) -> Entry:
-        if self._try_home() or self.is_abandoned:
+        if self.part is None:
             try:
-                entry = self._append_home(record)
-            except RecordingError as err:
-                self._home_refused(err)
-                self._refused_records.add((record.sequence, record.check))
-                if self.spare is None or self.is_abandoned:
-                    raise
-            else:
-                self._home_failure = None
-                return entry
+                return self._append_home(record)
+            except (OSError, RecordingError) as err:
+                failure = _as_recording_error(err, self.layout)
+                self._use_spare(failure)
+        else:
+            self._use_spare()
         return self._append_spare(record)
 
-    def _home_refused(self, err: RecordingError) -> None:
-        self._home_failure = err
-        # Without a spare folder the write of every record tries the survey's folder again.
-        self._next_try = time.monotonic() + (
-            HOME_RETRY_INTERVAL_S if self.spare is not None else 0.0
-        )
-
     def _append_home(self, record: Record) -> Entry:
-        for_drop = record.kind in (Kind.DROP, Kind.REBOUND)
+        self._require_home()
+        home = self._files[0]
         try:
-            self._settle(for_drop=for_drop)
-            try:
-                entry = self._home.append(record)
-            except OSError as err:
-                if not (is_full(err) and self.release_reserve()):
-                    raise
-                entry = self._home.append(record)
-            try:
-                # Verify after the write: the files may have been deleted during it.
-                moved = self._settle(for_drop=for_drop)
-            except BaseException:
-                self._home.forget(record.sequence)
+            entry = home.append(record)
+        except OSError as err:
+            if not (is_full(err) and self.release_reserve()):
                 raise
-        except (OSError, RecordingError) as err:
-            raise _as_recording_error(err, self.layout) from err
-        return moved.get(record.sequence, entry)
-
-    def _problem(self) -> str | None:
-        if not self.layout.folder.is_dir():
-            return f"{self.layout.folder.name}, the folder of the survey, was deleted or moved"
-        return self._survey_lock.problem() or self._home.problem()
-
-    def _is_moved_away(self) -> bool:
-        """Return True if the folder of the survey was moved and not deleted."""
-        return not self.layout.folder.is_dir() and self._home.has_names()
-
-    def _settle(self, *, for_drop: bool) -> dict[int, Entry]:
-        """Write lost records, and those of the spare folder, to the survey's folder.
-
-        Return their new places by sequence number.
-        """
-        moved: dict[int, Entry] = {}
-        repairs = 0
-        while (problem := self._problem()) is not None:
-            if self._ending and not for_drop and self._is_moved_away():
-                report = SurveyMovedAway(self.layout.folder)
-                if not self.is_abandoned:
-                    self.is_abandoned = True
-                    self.report(report)
-                raise RecordingError(report.text)
-            if repairs == MAX_REPAIRS:
-                raise OSError(errno.EBUSY, f"{problem}, also after {MAX_REPAIRS} repairs")
-            repairs += 1
-            moved |= self._rewrite_files(problem)
-        self._reported_problem, self.is_abandoned = None, False
-        if self._away:
-            moved |= self._bring_home()
-        return moved
-
-    def _rewrite_files(self, problem: str) -> dict[int, Entry]:
-        """Create new files in the survey's folder and write the lost records to them.
-
-        Return the places of all records by sequence number.
-        """
-        if problem != self._reported_problem:
-            self._reported_problem = problem
-            self.report(SurveyFilesRemoved(self.layout.folder, problem))
-        self._prepare_folder()
-        index = build_index(self.layout)
-        acknowledged = {entry.sequence: entry for entry in self._home.entries}
-        self._refuse_strangers(index, acknowledged)
-        present = {
-            number: index.entries[number]
-            for number, entry in acknowledged.items()
-            if number in index.entries and index.entries[number].check == entry.check
-        }
-        entries = [present.get(number, entry) for number, entry in sorted(acknowledged.items())]
-        files = RecordFiles(self.layout, self.survey, self.storage, entries=entries)
-        lost: list[Entry] = []
-        missing = [entry for number, entry in sorted(acknowledged.items()) if number not in present]
+            entry = home.append(record)
         try:
-            rewritten = files.append_all(self._still_readable(missing, lost))
+            self._require_home()  # the files may have been deleted during the write
         except BaseException:
-            files.close()
+            home.forget(record.sequence)
             raise
-        files.lost = {entry.sequence for entry in lost}
-        self._home.close()
-        self._home = files
-        moved = present | rewritten
-        self.moved(moved)
-        drops = sum(entry.kind == Kind.DROP for entry in rewritten.values())
-        self.report(
-            FilesRewritten(
-                self.layout.folder, len(rewritten), drops, tuple(_name_of(entry) for entry in lost)
-            )
-        )
-        return moved
+        return entry
 
-    def _refuse_strangers(self, index: Index, acknowledged: dict[int, Entry]) -> None:
-        """Raise RecordingError if the folder contains records of another program."""
-        mine = {(number, entry.check) for number, entry in (acknowledged | self._away).items()}
-        mine |= self._refused_records
-        theirs = {(line.sequence, line.check) for line in index.ledger.entries} - mine
-        if theirs or index.survey not in (None, self.survey):
-            raise RecordingError(
-                f"{self.layout.folder}: expected the survey that is being written, got one with "
-                "records of another program; move it away, or name another folder"
-            )
-
-    def _prepare_folder(self) -> None:
+    def _require_home(self) -> None:
+        """Raise RecordingError if the survey's folder is not as this program left it."""
         folder = self.layout.folder
-        if not folder.is_dir() and _disk_of(folder.parent) != self._disk:
-            # A new folder would be on the disk below the mount point, and hidden when the right
-            # disk is connected again.
-            raise OSError(errno.ENOENT, f"{folder.parent} is on another disk than before")
-        self.storage.make_folder(folder)
+        problem = self._files[0].problem()
+        if not folder.is_dir():
+            problem = f"{folder.name}, the folder of the survey, was deleted or moved"
+        if problem is not None:
+            raise RecordingError(f"{folder}: {problem}")
         if self._survey_lock.problem() is not None:
             self._survey_lock.reacquire()
-        refuse_links(self.layout)
-        for path in self.layout.folders:
-            self.storage.make_folder(path)
-
-    def _still_readable(self, entries: Iterable[Entry], lost: list[Entry]) -> Iterator[Record]:
-        """Yield records from the open files or from memory; append unreadable ones to `lost`."""
-        for entry in entries:
-            record = self._home.read(entry) or self._recent.get(entry.sequence)
-            if record is not None:
-                yield record
-            else:
-                lost.append(entry)
-
-    def _bring_home(self) -> dict[int, Entry]:
-        assert self._spare_part is not None
-        assert self._spare_files is not None
-        folder = self._spare_part.layout.folder
-        records = []
-        for number, entry in sorted(self._away.items()):
-            record = self._spare_files.read(entry) or self._recent.get(number)
-            if record is None:
-                raise OSError(errno.EIO, f"the spare folder {folder} cannot be read")
-            records.append(record)
-        moved = self._home.append_all(records)
-        problem = self._problem()
-        if problem is not None:
-            raise OSError(errno.EBUSY, problem)
-        self._away.clear()
-        self._close_spare()
-        self.moved(moved)
-        drops = sum(entry.kind == Kind.DROP for entry in moved.values())
-        self.report(FallbackMerged(self.layout.folder, folder, len(moved), drops))
-        return moved
 
     def _append_spare(self, record: Record) -> Entry:
-        assert self._home_failure is not None
+        assert self.part is not None
+        files = self._files[-1]
         try:
-            files = self._open_spare()
             entry = files.append(record)
             try:
                 problem = files.problem()
                 if problem is not None:
                     raise OSError(errno.EBUSY, problem)
             except BaseException:
-                # The next record gets the same number.
-                files.forget(record.sequence)
+                files.forget(record.sequence)  # the next record gets the same number
                 raise
-        except (OSError, RecordingError) as err:
-            reason = None if isinstance(err, RecordingError) else err.strerror
-            error = type(self._home_failure)
-            raise error(
-                f"{self._home_failure}; the spare folder refuses it too: {reason or err}"
-            ) from err
-        self._away[record.sequence] = entry
+        except OSError as err:
+            if not self._has_moved:
+                self._leave_part()  # home may accept the record when it is saved again
+            raise self._refused_twice(err) from err
+        self._has_moved = True
+        self.moved({record.sequence: entry}, self.part.layout)
         return entry
 
-    def _open_spare(self) -> RecordFiles:
-        """Return the journal and ledger in the spare folder, open for writing.
+    def _use_spare(self, failure: RecordingError | None = None) -> None:
+        """Write to the spare folder what home no longer contains; later records follow there.
 
-        They also receive the records that the survey's folder has lost.
+        Parameters
+        ----------
+        failure : RecordingError, optional
+            Failure of home, if the spare folder is not used yet.
+
+        Raises
+        ------
+        RecordingError
+            `failure` if there is no spare folder, or an error that names both failures.
         """
-        assert self.spare is not None
-        if self._spare_files is not None and self._spare_files.problem() is not None:
-            self._replace_spare()
-        if self._spare_files is None:
-            files = self._begin_spare()
-            try:
-                self._copy_to_spare(files)
-            except BaseException:
-                self._close_spare()
-                raise
-            folder = self._spare_part.layout.folder if self._spare_part else self.spare.root
-            self.report(SpareUsed(self.layout.folder, folder, str(self._home_failure)))
-        else:
-            files = self._spare_files
-            self._copy_to_spare(files)
-        return files
-
-    def _begin_spare(self) -> RecordFiles:
-        assert self.spare is not None
-        part = self.spare.open(self.layout.folder, self.survey, self.storage)
+        self._failure = failure or self._failure
+        assert self._failure is not None
+        if self.spare is None:
+            raise self._failure
+        states = self._states_at_home()
+        is_open = self.part is not None and self._files[-1].problem() is None
+        if is_open and states == self._home_states:
+            return
+        self._home_states = ()
         try:
-            files = RecordFiles(part.layout, self.survey, self.storage, entries=part.entries)
+            if is_open:
+                copied, lost = self._copy_missing(self._files[:-1], self._files[-1])
+            else:
+                copied, lost = self._open_part(self.spare)
+        except (OSError, RecordingError) as err:
+            raise self._refused_twice(err) from err
+        assert self.part is not None
+        self._home_states = states
+        if copied:
+            self.moved(copied, self.part.layout)
+        drops = sum(entry.kind == Kind.DROP for entry in copied.values())
+        self._report(SurveyNotSafe(str(self._failure), self.part.layout.folder, drops, lost))
+
+    def _open_part(self, spare: SpareFolder) -> tuple[dict[int, Entry], tuple[str, ...]]:
+        """Open the spare folder and copy to it what home no longer contains.
+
+        Return the places of the copies, and the names of unreadable records.
+        """
+        if self.part is not None:  # its files were deleted; they stay open for reading
+            self.part.lock.release()
+        part = spare.open(self.layout.folder, self.survey, self.storage)
+        try:
+            entries, lost = part.entries, part.lost
+            files = RecordFiles(part.layout, self.survey, self.storage, entries=entries, lost=lost)
+            try:
+                result = self._copy_missing(self._files, files)
+            except BaseException:
+                files.close()
+                raise
         except BaseException:
             part.lock.release()
             raise
-        self._spare_part, self._spare_files, self._spare_holds_home = part, files, False
-        return files
+        self.part = part
+        self._files.append(files)
+        return result
 
-    def _replace_spare(self) -> None:
-        """Open the spare folder again after its files were deleted, and write them again."""
-        assert self._spare_files is not None
-        records = []
-        for number, entry in self._away.items():
-            record = self._spare_files.read(entry) or self._recent.get(number)
-            if record is not None:
-                records.append(record)
-        self._close_spare()
-        self._away |= self._begin_spare().append_all(records)
+    def _leave_part(self) -> None:
+        assert self.part is not None
+        self._files.pop().close()
+        self.part.lock.release()
+        self.part = None
 
-    def _copy_to_spare(self, spare: RecordFiles) -> None:
-        """Copy the records of survey and points to the spare folder.
+    def _copy_missing(
+        self, sources: list[RecordFiles], target: RecordFiles
+    ) -> tuple[dict[int, Entry], tuple[str, ...]]:
+        """Copy the records that are no longer intact at home, and those of survey and points.
 
-        If the survey's folder is damaged, all records are copied.
+        They are read from the open files, also if they were deleted, or from memory. Return the
+        places of the copies, and the names of unreadable records.
         """
-        home_is_damaged = self._home.problem() is not None
-        if self._spare_holds_home and home_is_damaged:
-            return
-        entries_by_number = {entry.sequence for entry in spare.entries}
-        missing = [
-            entry
-            for entry in self._home.entries
-            if (home_is_damaged or entry.kind in (Kind.SURVEY, Kind.POINT))
-            and entry.sequence not in entries_by_number
-        ]
-        if missing:
-            spare.append_all(self._still_readable(missing, []))
-        self._spare_holds_home = home_is_damaged
+        intact = self._intact_at_home()
+        present = {(e.sequence, e.check) for e in target.entries if e.sequence not in target.lost}
+        unreadable: dict[tuple[int, int], Entry] = {}
 
-    def _close_spare(self) -> None:
-        files, self._spare_files = self._spare_files, None
-        if files is not None:
-            files.close()
-        if self._spare_part is not None:
-            self._spare_part.lock.release()
+        def missing() -> Iterator[Record]:
+            for files in sources:
+                for entry in files.entries:
+                    key = entry.sequence, entry.check
+                    if key in present or entry.sequence in files.lost:
+                        continue
+                    if key in intact and entry.kind not in (Kind.SURVEY, Kind.POINT):
+                        continue
+                    record = files.read(entry) or self._recent.get(entry.sequence)
+                    if record is not None and record.check == entry.check:
+                        present.add(key)
+                        yield record
+                    elif key not in intact:
+                        unreadable[key] = entry
+
+        copied = target.append_all(missing())
+        lost = [_name_of(entry) for key, entry in unreadable.items() if key not in present]
+        return copied, tuple(lost)
+
+    def _intact_at_home(self) -> set[tuple[int, int]]:
+        """Return number and check of the records that a reader finds in the survey's folder."""
+        try:
+            index = build_index(self.layout, parse_drops=False)
+        except (OSError, RecordingError):
+            return set()
+        if index.survey != self.survey:
+            return set()
+        return {(number, entry.check) for number, entry in index.entries.items()}
+
+    def _states_at_home(self) -> FileStates | None:
+        try:
+            return file_states(self.layout)
+        except OSError:
+            return None
+
+    def _refused_twice(self, err: OSError | RecordingError) -> RecordingError:
+        assert self._failure is not None
+        reason = None if isinstance(err, RecordingError) else err.strerror
+        return type(self._failure)(
+            f"{self._failure}; the spare folder refuses it too: {reason or err}"
+        )
+
+    def _report(self, report: SurveyNotSafe) -> None:
+        if report != self._last_report:
+            self._last_report = report
+            self.report(report)
 
 
 def refused(err: OSError, where: str) -> RecordingError:
@@ -675,10 +561,3 @@ def _as_recording_error(err: Exception, layout: Layout) -> RecordingError:
 def _name_of(entry: Entry) -> str:
     about = read_about(entry.about) if entry.kind == Kind.DROP else None
     return f"drop {about[1]}/{about[2]}" if about is not None else f"record {entry.sequence}"
-
-
-def _disk_of(folder: Path) -> int | None:
-    try:
-        return os.stat(folder).st_dev
-    except OSError:
-        return None

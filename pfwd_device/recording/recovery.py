@@ -279,7 +279,6 @@ def _begin(
         continued=continued,
         lock=lock,
     )
-    log.moved = index.relocate
     return log, index
 
 

@@ -40,7 +40,9 @@ class SparePart:
     layout: Layout
     """Paths of the subfolder."""
     entries: list[Entry]
-    """Records that its ledger lists."""
+    """Records that its ledger or its journal contains."""
+    lost: frozenset[int]
+    """Sequence numbers of the records among them that its journal does not contain."""
     lock: SurveyLock
     """Lock that excludes other programs."""
 
@@ -98,10 +100,10 @@ class SpareFolder:
             lock.release()
             raise
         entries = [entry for _, entry in sorted((index.lost | index.entries).items())]
-        return SparePart(layout, entries, lock)
+        return SparePart(layout, entries, frozenset(index.lost), lock)
 
     def parts(self, *, home: Path | None = None, survey: bytes | None = None) -> list[Layout]:
-        """Return the subfolders with records of a survey.
+        """Return the subfolders with records of a survey, the last written first.
 
         Parameters
         ----------
@@ -122,7 +124,14 @@ class SpareFolder:
                 fits = home is not None and facts["survey"] == str(home)
             if fits:
                 layouts.append(layout)
-        return layouts
+        return sorted(layouts, key=_last_write, reverse=True)
+
+
+def _last_write(layout: Layout) -> float:
+    try:
+        return layout.ledger.stat().st_mtime
+    except OSError:
+        return 0.0
 
 
 def home_of(folder: Path) -> dict[str, str] | None:

@@ -14,7 +14,12 @@ from pfwd_device.recording.index import Index, about_of, build_index, complete_k
 from pfwd_device.recording.journal import Record, read_record
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import Entry, read_about
-from pfwd_device.recording.payload import Array, decode_payload, encode_payload
+from pfwd_device.recording.payload import (
+    Array,
+    decode_payload,
+    encode_payload,
+    payload_data,
+)
 from pfwd_device.recording.record_log import RecordLog
 from pfwd_device.recording.spare import SpareFolder, renumbered_records, store_renumbered_records
 
@@ -121,25 +126,24 @@ def merge_spare_records(log: RecordLog, index: Index, spare: SpareFolder | None)
     actions = []
     for part, entries in records_only_in_spare(spare, index):
         complete_keys(log.layout, index)
+        unchanged: list[tuple[Entry, dict[str, Any]]] = []
+        for entry in entries:
+            data = payload_data(read_record(part, entry.segment, entry.offset).payload)
+            if not _is_free(entry, index) or _is_present(entry, data, index):
+                break  # later ones get new numbers too: a gap would look like a loss
+            unchanged.append((entry, data))
+        places = log.append_records(_record_in(part, entry) for entry, _ in unchanged)
+        for entry, data in unchanged:
+            index.add(places[entry.sequence], data)
+            index.lost.pop(entry.sequence, None)
+        index.gaps = [number for number in index.gaps if number not in index.entries]
+        drops = sum(entry.kind == Kind.DROP for entry, _ in unchanged)
         numbers: dict[int, int] = {}
         renumbered = renumbered_records(part)
-        drops = 0
-        is_renumbering = False
-        for entry in entries:
+        for entry in entries[len(unchanged) :]:
             frame = read_record(part, entry.segment, entry.offset)
-            free = frame.sequence not in index.entries and frame.sequence not in index.lost
-            if free and not is_renumbering:
-                data, _ = decode_payload(frame.payload)
-                if data.get("number") in numbers or _is_present(entry, data, index):
-                    pass  # the survey has this drop under another number
-                else:
-                    _take_in(log, index, part, frame, entry, data)
-                    drops += entry.kind == Kind.DROP
-                    continue
             drops += _write_renumbered(log, index, frame, numbers)
             renumbered.add((frame.sequence, frame.check))
-            # If later records kept their numbers, the gap before them would look like a loss.
-            is_renumbering |= free and frame.sequence not in index.entries
         store_renumbered_records(part, log.storage, renumbered)
         actions.append(f"{drops} drops moved to the survey from the spare folder {part.folder}")
     return actions
@@ -150,13 +154,16 @@ def _is_home(entry: Entry, index: Index) -> bool:
     return entry_at_home is not None and entry_at_home.check == entry.check
 
 
-def _take_in(
-    log: RecordLog, index: Index, part: Layout, frame: Frame, entry: Entry, data: dict[str, Any]
-) -> None:
+def _is_free(entry: Entry, index: Index) -> bool:
+    """Return True if the survey has no record with this number, or has lost this very record."""
+    lost = index.lost.get(entry.sequence)
+    return entry.sequence not in index.entries and (lost is None or lost.check == entry.check)
+
+
+def _record_in(part: Layout, entry: Entry) -> Record:
     with part.segment(entry.segment).open("rb") as stream:
-        stream.seek(frame.offset)
-        raw = stream.read(frame.length)
-    index.add(log.append_record(Record(frame.sequence, frame.kind, raw, entry.about)), data)
+        stream.seek(entry.offset)
+        return Record(entry.sequence, entry.kind, stream.read(entry.length), entry.about)
 
 
 def _is_present(entry: Entry, data: dict[str, Any], index: Index) -> bool:

@@ -5,6 +5,7 @@ import errno
 import os
 import shutil
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 FULL_ERRORS = frozenset(
@@ -120,7 +121,7 @@ class Storage:
         return os.fstat(descriptor).st_size
 
     def names(self, descriptor: int) -> int:
-        """Return the number of names of a file: 0 after its deletion, 2 with an additional link."""
+        """Return the number of names of a file, 2 with an additional link."""
         return os.fstat(descriptor).st_nlink
 
     def stamp(self, descriptor: int) -> Stamp:
@@ -143,33 +144,6 @@ class Storage:
                 status = os.fstat(descriptor)
                 os.utime(descriptor, ns=(status.st_atime_ns, status.st_mtime_ns + 1))
         return self.stamp(descriptor)
-
-    def misplaced(self, descriptor: int, path: Path, end: int) -> str | None:
-        """Return a message if a path no longer leads to an open file of the right length, or None.
-
-        Parameters
-        ----------
-        descriptor : int
-            The open file.
-        path : Path
-            Path at which it was opened.
-        end : int
-            Length that this program has written, bytes.
-        """
-        try:
-            present = os.lstat(path)
-        except OSError as err:
-            if isinstance(err, FileNotFoundError):
-                return f"{path.name} was deleted"
-            return f"{path.name} can no longer be accessed ({err.strerror or err})"
-        opened = os.fstat(descriptor)
-        if not os.path.samestat(opened, present):
-            return f"{path.name} was replaced by another file"
-        if opened.st_size < end:
-            return f"{path.name} was cut from {end} to {opened.st_size} bytes"
-        if opened.st_size > end:
-            return f"{path.name} was written to by another program"
-        return None
 
     def truncate(self, descriptor: int, size: int) -> None:
         """Cut a file to `size` bytes."""
@@ -244,6 +218,79 @@ class Storage:
             self.unlink(draft)
             raise
         self.close(descriptor)
+
+
+class OpenFile:
+    """File that this program writes at its end, and that no other program should change.
+
+    Parameters
+    ----------
+    storage : Storage
+        Access to the files.
+    path : Path
+        Path of the file.
+    descriptor : int
+        Descriptor of the file, which is open for reading and writing.
+    """
+
+    def __init__(self, storage: Storage, path: Path, descriptor: int) -> None:
+        self.path = path
+        self.descriptor = descriptor
+        self.end = storage.size(descriptor)
+        """Length according to this program, bytes."""
+        self._storage = storage
+        self._stamp = storage.stamp(descriptor)
+
+    def write(self, data: bytes) -> None:
+        """Write bytes at `end`, which the caller advances when they are on the disk."""
+        # The stamp of this write would hide earlier writes of other programs.
+        unchanged = self._storage.stamp(self.descriptor) == self._stamp
+        self._storage.write_at(self.descriptor, data, self.end)
+        # Before the sync: a write of another program during the sync changes the stamp again.
+        stamp = self._storage.stamp_after_write(self.descriptor)
+        self._stamp = stamp if unchanged else None
+
+    def cut(self) -> None:
+        """Cut the file to the length `end`."""
+        self._stamp = None
+        self._storage.truncate(self.descriptor, self.end)
+
+    def problem(self, compare: Callable[[], str | None]) -> str | None:
+        """Return a message if the file was deleted, replaced or changed by others; else None.
+
+        Parameters
+        ----------
+        compare : callable
+            Function that compares the content and returns a message if it was changed. It is called
+            if the times of the file have changed since the last write or comparison.
+        """
+        name = self.path.name
+        try:
+            present = os.lstat(self.path)
+        except FileNotFoundError:
+            return f"{name} was deleted"
+        except OSError as err:
+            return f"{name} can no longer be accessed ({err.strerror or err})"
+        opened = os.fstat(self.descriptor)
+        if not os.path.samestat(opened, present):
+            return f"{name} was replaced by another file"
+        if opened.st_size < self.end:
+            return f"{name} was cut from {self.end} to {opened.st_size} bytes"
+        if opened.st_size > self.end:
+            return f"{name} was written to by another program"
+        stamp = self._storage.stamp(self.descriptor)
+        if stamp is not None and stamp == self._stamp:
+            return None
+        damage = compare()
+        if damage is None:
+            self._stamp = stamp
+            return None
+        return f"{name} was overwritten by another program{damage}"
+
+    def close(self) -> None:
+        """Close the file; all of its content was synced."""
+        with contextlib.suppress(OSError):
+            self._storage.close(self.descriptor)
 
 
 def draft_of(path: Path) -> Path:

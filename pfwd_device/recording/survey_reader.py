@@ -23,7 +23,7 @@ from pfwd_device.recording.drop_payload import (
     with_rebounds,
 )
 from pfwd_device.recording.files import file_facts
-from pfwd_device.recording.framing import Frame, Kind
+from pfwd_device.recording.framing import Frame
 from pfwd_device.recording.index import (
     DropEntry,
     FileEntry,
@@ -33,7 +33,6 @@ from pfwd_device.recording.index import (
     no_collections,
     read_index,
 )
-from pfwd_device.recording.journal import read_record
 from pfwd_device.recording.layout import Layout, find_survey
 from pfwd_device.recording.ledger import Entry
 from pfwd_device.recording.payload import (
@@ -427,8 +426,7 @@ class Survey:
     def _data(self, entries: list[Entry]) -> Iterator[dict[str, Any]]:
         for entry in entries:
             try:
-                frame = read_record(self._layout, entry.segment, entry.offset)
-                yield payload_data(frame.payload)
+                yield payload_data(self._index.read(self._layout, entry).payload)
             except RecordingError:
                 continue
 
@@ -439,16 +437,13 @@ class Survey:
         return record
 
     def _frame(self, entry: DropEntry) -> Frame:
-        frame = read_record(self._layout, entry.entry.segment, entry.entry.offset)
-        if (frame.kind, frame.sequence) != (Kind.DROP, entry.entry.sequence):
-            raise RecordingError(f"expected drop {entry.number}, got another record")
-        return frame
+        return self._index.read(self._layout, entry.entry)
 
     def _rebounds(self, entries: list[Entry]) -> tuple[Rebound, ...]:
         rebounds = []
         for entry in entries:
             try:
-                frame = read_record(self._layout, entry.segment, entry.offset)
+                frame = self._index.read(self._layout, entry)
                 rebounds.append(rebound_from_payload(frame.payload))
             except RecordingError:
                 continue

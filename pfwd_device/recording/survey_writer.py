@@ -1,8 +1,8 @@
 """Writing of a survey: a drop is safe on the disk when :meth:`SurveyWriter.save_drop` returns.
 
 All data are appended to the journal of the survey. A child process makes an HDF5 file of each drop
-from the journal ("publishing"). If the folder of the survey (home) cannot be written, records go to
-the spare folder and are merged later.
+from the journal ("publishing"). After the folder of the survey (home) could not be written or was
+changed by others, all records go to the spare folder, and a recovery merges them.
 """
 
 import contextlib
@@ -23,20 +23,13 @@ from pfwd_device.recording.drop_payload import (
     peaks_data,
     rebound_payload,
 )
-from pfwd_device.recording.file_repair import FileRepair
 from pfwd_device.recording.files import file_facts, now, publish_request
 from pfwd_device.recording.framing import Kind
 from pfwd_device.recording.index import EDITS, DropEntry, Index, about_of, complete_keys, read_index
 from pfwd_device.recording.layout import Layout, ResultKind
-from pfwd_device.recording.ledger import Entry
 from pfwd_device.recording.lock import SurveyLock
 from pfwd_device.recording.payload import decode_json, encode_json
-from pfwd_device.recording.publishing import (
-    ChildPublisher,
-    InlinePublisher,
-    Publisher,
-    PublishingThread,
-)
+from pfwd_device.recording.publishing import ChildPublisher, Publisher, PublishingThread
 from pfwd_device.recording.record import COPY_OF, DropRecord, Rebound, point_name
 from pfwd_device.recording.record_log import RESERVE_BYTES, RecordLog, refused
 from pfwd_device.recording.recovery import RecoveryReport, begin, prepare, repair
@@ -95,10 +88,8 @@ class SurveyWriter:
         self._drop_bytes = DEFAULT_DROP_BYTES
         self._closed = False
         self._reports: queue.SimpleQueue[StorageReport] = queue.SimpleQueue()
-        self._deferred: set[int] = set()
-        self._rewritten = False
         log.report = self._reports.put
-        log.moved = self._relocate
+        log.moved = index.relocate
 
     @classmethod
     def open(
@@ -133,7 +124,7 @@ class SurveyWriter:
         spare : SpareFolder, optional
             Folder whose records of the survey are merged.
         fall_back : bool
-            True: write records to the spare folder while the survey's folder cannot be written.
+            True: write records to the spare folder after the survey's folder could not be written.
             False: raise an error.
         edits_only : bool
             True: no drops will be saved. The keys of drops, by which a drop that is sent twice is
@@ -241,20 +232,12 @@ class SurveyWriter:
         return reports
 
     def maintain(self) -> None:
-        """Verify that the survey's folder has all saved data, and restore them if it has not.
+        """Verify that the survey's folder has all saved data, and use the spare folder if not.
 
-        Deleted files are written again, and records in the spare folder are merged. The caller
-        should call it about every second; :meth:`take_reports` returns reports on the result.
+        The caller should call it about every second; :meth:`take_reports` returns reports on the
+        result.
         """
         self._records.maintain()
-
-    def expect_end(self) -> None:
-        """Announce the end of the session.
-
-        If the survey is moved to another place from now on, it is not written again in the old
-        place, but only reported; see :meth:`take_reports`.
-        """
-        self._records.expect_end()
 
     def spare_folder_of(self, number: int) -> Path | None:
         """Return the spare folder that contains a drop, given its survey-wide number.
@@ -262,7 +245,8 @@ class SurveyWriter:
         None if the drop is in the survey's folder.
         """
         with self._lock:
-            return self._records.spare_folder_of(self._drop(number).entry)
+            layout = self._index.elsewhere.get(self._drop(number).entry.sequence)
+            return None if layout is None else layout.folder
 
     def drops_in_spare(self) -> dict[int, Path]:
         """Return the spare folder of each drop that is not in the survey's folder.
@@ -270,10 +254,7 @@ class SurveyWriter:
         The keys are survey-wide numbers.
         """
         with self._lock:
-            places = {
-                n: self._records.spare_folder_of(drop.entry)
-                for n, drop in self._index.drops.items()
-            }
+            places = {number: self.spare_folder_of(number) for number in self._index.drops}
         return {number: place for number, place in places.items() if place is not None}
 
     def next_number(self, point: str) -> int:
@@ -434,6 +415,8 @@ class SurveyWriter:
     ) -> Path:
         """Store a result of an analysis and return the path of its file; earlier results remain.
 
+        While the spare folder is used, the file is made by a recovery.
+
         Parameters
         ----------
         number : int
@@ -450,12 +433,13 @@ class SurveyWriter:
                 count += 1
             text = encode_json(result) + "\n"
             data = text.encode("ascii")
-            try:
-                self._storage.write_file(path, data)
-            except OSError as err:
-                if not self._records.spare:
-                    raise refused(err, str(path)) from err
-                # The record in the journal contains the result; a recovery makes the file from it.
+            # The journal contains the result, too; a recovery makes a missing file from it.
+            if self._records.part is None:
+                try:
+                    self._storage.write_file(path, data)
+                except OSError as err:
+                    if not self._records.spare:
+                        raise refused(err, str(path)) from err
             listed = {
                 "path": self._layout.relative(path),
                 "size": len(data),
@@ -468,7 +452,8 @@ class SurveyWriter:
     def publish(self, number: int) -> None:
         """Request the HDF5 file of a drop, whose rebounds are all saved, and return at once.
 
-        A repeated request has no effect.
+        A repeated request has no effect. While the spare folder is used no file is made; the
+        recovery makes it.
 
         Parameters
         ----------
@@ -477,10 +462,8 @@ class SurveyWriter:
         """
         with self._lock:
             drop = self._drop(number)
-            if self._thread is None or number in self._submitted:
-                return
-            if any(self._records.spare_folder_of(entry) for entry in (drop.entry, *drop.rebounds)):
-                self._deferred.add(number)  # its file is made when the survey's folder has it
+            is_submitted = number in self._submitted
+            if self._thread is None or is_submitted or self._records.part is not None:
                 return
             self._submitted.add(number)
             self._thread.submit(publish_request(self._layout, drop))
@@ -549,7 +532,6 @@ class SurveyWriter:
             if self._closed:
                 return
             self._closed = True
-        self.expect_end()
         with contextlib.ExitStack() as ends:
             ends.callback(self._survey_lock.release)
             ends.callback(self._records.close)
@@ -563,10 +545,6 @@ class SurveyWriter:
 
     def _finish(self, timeout: float) -> None:
         self._records.maintain()
-        if self._records.is_abandoned:
-            for capture in self._captures:
-                capture.close()
-            return  # recovery completes the survey in its new place
         for number in sorted(self._index.drops):
             if self._layout.drop_file_name(number) not in self._index.files:
                 self.publish(number)
@@ -578,12 +556,6 @@ class SurveyWriter:
             capture.close()
             listed = file_facts(self._layout, capture.path)
             self._write(Kind.FILE, listed | {"number": None})
-        if self._rewritten:
-            # Results may have been deleted with the other files; the journal has their content.
-            helper = InlinePublisher(self._storage)
-            FileRepair(
-                self._records, self._index, helper, thorough=False
-            ).repair_results_and_captures()
         self._write(Kind.CLOSE, {"by": "writer"})
 
     def _start(self, helper: Publisher, publish: bool) -> None:
@@ -597,18 +569,6 @@ class SurveyWriter:
         with self._lock:
             drop = self._drop(number)
         self._reports.put(PublishingFailed(number, drop.point, drop.drop, reason))
-
-    def _relocate(self, moved: Mapping[int, Entry]) -> None:
-        """Store the new places of records that were written again; request missing drop files."""
-        self._index.relocate(moved)
-        self._rewritten = True
-        to_publish = self._deferred | {
-            number for number in self._submitted if not self._layout.drop_file(number).exists()
-        }
-        self._deferred = set()
-        self._submitted -= to_publish
-        for number in sorted(to_publish):
-            self.publish(number)
 
     def _list_published(self, request: Mapping[str, Any], answer: Mapping[str, Any]) -> None:
         """Record that the file of a drop was made; called in the publishing thread."""

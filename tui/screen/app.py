@@ -303,9 +303,8 @@ class PfwdApp(App[int]):
                 self._ring(2)
                 self._unsafe.add((point, number))
                 self.show_message(f"drop {number} is NOT SAFE: {reason}")
-            case SurveyFilesChanged(text, safe):
-                if not safe:
-                    self._ring(2)
+            case SurveyFilesChanged(text):
+                self._ring(2)
                 self.show_message(text)
             case DropNotPublished():
                 self.show_message(event.text)

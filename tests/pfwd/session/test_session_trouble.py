@@ -400,7 +400,10 @@ def test_a_survey_that_is_moved_away_while_a_session_ends_is_told_and_not_begun_
     replay(tmp_path / "first", log, output=survey, control=moved)
     assert not survey.exists()
     (changed,) = log.of(SurveyFilesChanged)
-    assert f"{survey}: the survey was moved away while the session ended" in changed.text
+    assert (
+        f"NOT SAFE: {survey}: survey, the folder of the survey, was deleted or moved"
+        in changed.text
+    )
     assert recover(tmp_path / "moved").ok
     assert len(read_survey(tmp_path / "moved").drops) == 1
 
@@ -422,5 +425,5 @@ def test_a_survey_that_is_moved_away_after_the_stop_is_told_and_not_begun_anew(
         assert session.run() is Ending.DONE
     assert not survey.exists()
     (changed,) = log.of(SurveyFilesChanged)
-    assert "nothing is written in the old place" in changed.text
+    assert "was deleted or moved" in changed.text
     assert len(read_survey(tmp_path / "moved").drops) == 1

@@ -14,13 +14,10 @@ import pytest
 
 from pfwd_device.errors import RecordingError, SurveyLocked
 from pfwd_device.recording import (
-    DropRecord,
-    FilesRewritten,
     Rebound,
     SpareFolder,
     Storage,
-    SurveyFilesRemoved,
-    SurveyMovedAway,
+    SurveyNotSafe,
     SurveyWriter,
     check,
     read_drop_file,
@@ -45,10 +42,8 @@ def replace_by_copy(path: Path) -> None:
 def replace_folder_by_copy(path: Path) -> None:
     copy = path.with_name("copy")
     shutil.copytree(path, copy, ignore=shutil.ignore_patterns("*.lock", ".*"))
-    while copy.exists():
-        delete(path)
-        with contextlib.suppress(OSError):  # the writer was faster and has begun it anew
-            os.rename(copy, path)
+    delete(path)
+    os.rename(copy, path)
 
 
 def delete(path: Path) -> None:
@@ -97,19 +92,50 @@ def append(path: Path, data: bytes) -> None:
         stream.write(data)
 
 
-def open_writer(folder: Path) -> SurveyWriter:
-    return SurveyWriter.open(folder, publisher=InlinePublisher(Storage()), reserve_bytes=0)
+def open_writer(folder: Path, spare: SpareFolder | None = None) -> SurveyWriter:
+    publisher = InlinePublisher(Storage())
+    return SurveyWriter.open(folder, publisher=publisher, reserve_bytes=0, spare=spare)
 
 
+def everywhere(survey: Path, spare: SpareFolder) -> dict[int, str]:
+    """Return the digests of the drops that are in the survey's folder or in the spare folder."""
+    drops: dict[int, str] = {}
+    for folder in [survey, *(spare.root.iterdir() if spare.root.exists() else ())]:
+        with contextlib.suppress(RecordingError):  # there is no survey any more
+            for drop in read_survey(folder).drops:
+                with contextlib.suppress(RecordingError):  # a damaged drop
+                    drops[drop.number] = drop_digest(drop.read(), 0)
+    return drops
+
+
+def kill(writer: SurveyWriter) -> None:
+    """As the system does it: files and locks are released, and nothing is written any more."""
+    writer._records.close()
+    writer._survey_lock.release()
+
+
+@pytest.fixture
+def spare(tmp_path: Path) -> SpareFolder:
+    return SpareFolder(tmp_path / "spare")
+
+
+REPAIRED = ("drop files deleted", "lock deleted", "lock replaced")
+"""What endangers no record: the files of drops are made again, and a new lock is locked."""
+
+
+@pytest.mark.parametrize("killed", [False, True], ids=["closed", "killed"])
 @pytest.mark.parametrize("attack", ATTACKS)
-@pytest.mark.parametrize("publish", [False, True])
-def test_nothing_acknowledged_is_lost(tmp_path: Path, attack: str, publish: bool) -> None:
+@pytest.mark.parametrize("publish", [False, True], ids=["journal", "files"])
+def test_nothing_acknowledged_is_lost(
+    tmp_path: Path, spare: SpareFolder, attack: str, publish: bool, killed: bool
+) -> None:
     survey = tmp_path / "survey"
     expected = {}
-    with open_writer(survey) as writer:
+    with open_writer(survey, spare) as writer:
         for number in range(1, 9):
             if number in (4, 7):
-                ATTACKS[attack](survey)
+                with contextlib.suppress(FileNotFoundError):  # it is away since the first time
+                    ATTACKS[attack](survey)
                 shutil.rmtree(tmp_path / "moved", ignore_errors=True)
             expected[number] = save(writer, number)
             if publish:
@@ -118,32 +144,74 @@ def test_nothing_acknowledged_is_lost(tmp_path: Path, attack: str, publish: bool
                 writer.edit("note", "wet", number=1)
                 writer.save_result(1, {"modulus_pa": 45e6})
             # Acknowledged is what others can find, at every moment.
-            assert digests(survey) == {n: expected[n] for n in range(1, number + 1)}
-    told = writer.take_reports()
-    if attack != "drop files deleted":
-        assert any(isinstance(report, SurveyFilesRemoved) for report in told)
-        assert not any(r.lost for r in told if isinstance(r, FilesRewritten))
-    again = recover(survey)
-    assert again.ok, again.damaged
-    assert check(survey).ok
+            assert everywhere(survey, spare) == expected
+            assert read_all(writer) == expected
+        if killed:
+            kill(writer)
+    reports = [report for report in writer.take_reports() if isinstance(report, SurveyNotSafe)]
+    assert bool(reports) == (attack not in REPAIRED)
+    assert all("NOT SAFE" in report.text and not report.lost for report in reports)
+    recovered = recover(survey, spare=spare)
+    assert recovered.ok, recovered.damaged
+    assert check(survey, spare=spare).ok
     assert digests(survey) == expected
     assert read_survey(survey).drops[0].notes == ("wet",)
     assert len(read_survey(survey).drops[0].results) == 1
+    again = recover(survey, spare=spare)
+    assert (again.ok, again.actions) == (True, ())
+
+
+def read_all(writer: SurveyWriter) -> dict[int, str]:
+    return {drop.number: drop_digest(drop.read(), 0) for drop in writer.contents().drops}
 
 
 @pytest.mark.parametrize("attack", ["folder deleted", "journal replaced", "journal cut"])
-def test_what_is_taken_away_is_put_back_before_the_next_drop(tmp_path: Path, attack: str) -> None:
+def test_what_is_taken_away_is_in_the_spare_folder_before_the_next_drop(
+    tmp_path: Path, spare: SpareFolder, attack: str
+) -> None:
     survey = tmp_path / "survey"
-    with open_writer(survey) as writer:
+    with open_writer(survey, spare) as writer:
         expected = {number: save(writer, number) for number in (1, 2, 3)}
         ATTACKS[attack](survey)
         writer.maintain()
-        told = writer.take_reports()
-        assert [type(report) for report in told] == [SurveyFilesRemoved, FilesRewritten]
-        assert "NOT SAFE" in told[0].text
-        assert digests(survey) == expected
+        (report,) = writer.take_reports()
+        assert isinstance(report, SurveyNotSafe)
+        assert report.drops == (0 if attack == "journal replaced" else 3)  # the copy is intact
+        assert everywhere(survey, spare) == expected
         writer.maintain()
         assert writer.take_reports() == []
+
+
+def test_what_is_taken_away_later_is_in_the_spare_folder_too(
+    tmp_path: Path, spare: SpareFolder
+) -> None:
+    survey = tmp_path / "survey"
+    with open_writer(survey, spare) as writer:
+        expected = {number: save(writer, number) for number in (1, 2, 3)}
+        ATTACKS["journal replaced"](survey)
+        expected[4] = save(writer, 4)
+        delete(survey)
+        writer.maintain()
+        assert [report.drops for report in writer.take_reports()] == [0, 3]
+        assert everywhere(survey, spare) == expected
+
+
+@pytest.mark.parametrize("attack", ["folder deleted", "journal written over"])
+def test_without_a_spare_folder_no_drop_is_acknowledged_any_more(
+    tmp_path: Path, attack: str
+) -> None:
+    survey = tmp_path / "survey"
+    with open_writer(survey) as writer:
+        save(writer, 1)
+        ATTACKS[attack](survey)
+        for _ in range(2):
+            writer.maintain()
+        (report,) = writer.take_reports()
+        assert isinstance(report, SurveyNotSafe)
+        assert report.spare is None
+        with pytest.raises(RecordingError, match=f"{survey}: "):
+            writer.save_drop(make_record(2, np.random.default_rng(2)))
+        assert writer.drops_acknowledged == 1
 
 
 class TickingStorage(Storage):
@@ -217,82 +285,95 @@ def test_what_was_lost_before_raises_no_alarm(tmp_path: Path) -> None:
         assert writer.take_reports() == []
 
 
-def test_a_record_of_an_earlier_day_that_is_written_over_is_told(tmp_path: Path) -> None:
-    """It is not in memory any more: what cannot be written again is named at once."""
+def test_a_record_of_an_earlier_day_that_is_written_over_is_told(
+    tmp_path: Path, spare: SpareFolder
+) -> None:
+    """It is not in memory any more: what cannot be read is named at once."""
     survey = tmp_path / "survey"
     with open_writer(survey) as writer:
         for number in (1, 2, 3):
             save(writer, number)
-    with open_writer(survey) as writer:
+    with open_writer(survey, spare) as writer:
         write_over(survey / "journal" / "0001.pfwdj", 1000, 300)
         save(writer, 4)
-        taken, again = writer.take_reports()
-        assert isinstance(taken, SurveyFilesRemoved)
-        assert "NOT SAFE" in taken.text
-        assert "overwritten by another program" in taken.text
-        assert isinstance(again, FilesRewritten)
-        assert again.lost == ("drop P 1/1",)
-    assert recover(survey).ok  # from its file
-    assert check(survey).ok
+        (report,) = writer.take_reports()
+        assert isinstance(report, SurveyNotSafe)
+        assert "overwritten by another program" in report.text
+        assert report.lost == ("drop P 1/1",)
+    assert recover(survey, spare=spare).ok  # from its file
+    assert check(survey, spare=spare).ok
 
 
-def test_a_close_puts_back_what_was_taken_after_the_last_drop(tmp_path: Path) -> None:
+def test_what_is_taken_after_the_last_drop_is_noticed_by_the_close(
+    tmp_path: Path, spare: SpareFolder
+) -> None:
     survey = tmp_path / "survey"
-    with open_writer(survey) as writer:
+    with open_writer(survey, spare) as writer:
         expected = {1: save(writer, 1)}
         writer.save_result(1, {"modulus_pa": 45e6})
         shutil.rmtree(survey)
-    assert digests(survey) == expected
-    assert check(survey).ok
+    assert not survey.exists()
+    assert everywhere(survey, spare) == expected
+    assert recover(survey, spare=spare).ok
+    assert check(survey, spare=spare).ok
+    assert len(read_survey(survey).drops[0].results) == 1
 
 
-def test_older_copies_of_journal_and_ledger_are_completed(tmp_path: Path) -> None:
+def test_older_copies_of_journal_and_ledger_are_completed(
+    tmp_path: Path, spare: SpareFolder
+) -> None:
     """As a restore of a backup does; the records after it must not be believed to be whole."""
     survey = tmp_path / "survey"
-    with open_writer(survey) as writer:
+    with open_writer(survey, spare) as writer:
         expected = {1: save(writer, 1)}
         shutil.copytree(survey, tmp_path / "backup")
         expected |= {number: save(writer, number) for number in (2, 3, 4)}
         for name in ("journal/0001.pfwdj", "acknowledged.txt"):
             os.replace(tmp_path / "backup" / name, survey / name)
         expected[5] = save(writer, 5)
-        assert digests(survey) == expected
-    assert check(survey).ok
+        assert everywhere(survey, spare) == expected
+    with open_writer(survey, spare) as writer:  # the next start
+        assert writer.recovery.ok
+    assert digests(survey) == expected
+    assert check(survey, spare=spare).ok
 
 
-def test_a_cut_journal_is_written_again_from_memory(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_cut_journal_is_copied_from_memory(
+    tmp_path: Path, spare: SpareFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Beyond what memory holds, what cannot be written again is named at once, not later."""
+    """Beyond what memory holds, what cannot be read is named at once, not later."""
     from pfwd_device.recording import record_log
 
     survey = tmp_path / "survey"
     monkeypatch.setattr(record_log, "RECENT_BYTES", 12_000)
-    with open_writer(survey) as writer:
+    with open_writer(survey, spare) as writer:
         for number in range(1, 11):
             save(writer, number)
         os.truncate(survey / "journal" / "0001.pfwdj", 0)
         writer.maintain()
-        (lost,) = [r.lost for r in writer.take_reports() if isinstance(r, FilesRewritten)]
-        there = set(digests(survey))
+        (report,) = writer.take_reports()
+        assert isinstance(report, SurveyNotSafe)
+        there = set(everywhere(survey, spare))
         assert {3, 10} & there == {10}
         named = {f"drop P 1/{number}" for number in range(1, 11) if number not in there}
-        assert named <= set(lost)
-    assert not check(survey).ok
+        assert named <= set(report.lost)
 
 
-def test_another_survey_in_the_place_is_not_written_to(tmp_path: Path) -> None:
+def test_another_survey_in_the_place_is_not_written_to(tmp_path: Path, spare: SpareFolder) -> None:
     survey, other = tmp_path / "survey", tmp_path / "other"
     with open_writer(other) as writer:
         theirs = {1: save(writer, 1)}
-    with open_writer(survey) as writer:
-        save(writer, 1)
+    with open_writer(survey, spare) as writer:
+        expected = {1: save(writer, 1)}
         os.rename(survey, tmp_path / "moved")
         os.rename(other, survey)
-        with pytest.raises(RecordingError, match="records of another program"):
-            writer.save_drop(make_record(2, np.random.default_rng(2)))
+        before = (survey / "journal" / "0001.pfwdj").read_bytes()
+        expected[2] = save(writer, 2)
+        assert (survey / "journal" / "0001.pfwdj").read_bytes() == before
     assert digests(survey) == theirs
-    assert check(survey).ok
+    assert check(survey, spare=spare).ok
+    assert recover(tmp_path / "moved", spare=spare).ok
+    assert digests(tmp_path / "moved") == expected
 
 
 def test_a_second_writer_is_kept_out_though_the_lock_is_gone(tmp_path: Path) -> None:
@@ -320,11 +401,13 @@ with SurveyWriter.open(sys.argv[1], publish=False, reserve_bytes=0) as writer:
 """
 
 
-def test_the_first_writer_stops_where_a_second_one_goes_on(tmp_path: Path) -> None:
+def test_the_first_writer_goes_to_the_spare_folder_where_a_second_one_goes_on(
+    tmp_path: Path, spare: SpareFolder
+) -> None:
     """Lock and journal replaced: nothing keeps the second one out, and it is not written over."""
     survey = tmp_path / "survey"
-    with open_writer(survey) as writer:
-        save(writer, 1)
+    with open_writer(survey, spare) as writer:
+        expected = {1: save(writer, 1)}
         replace_by_copy(survey / "journal" / "0001.pfwdj")
         (survey / "survey.lock").unlink()
         with subprocess.Popen(
@@ -336,23 +419,24 @@ def test_the_first_writer_stops_where_a_second_one_goes_on(tmp_path: Path) -> No
         ) as second:
             assert second.stdout is not None
             assert second.stdout.readline() == "2\n"
-            with pytest.raises(SurveyLocked, match=f"got another: pid {second.pid}"):
-                writer.save_drop(make_record(2, np.random.default_rng(2)))
+            expected[3] = save(writer, 2)
             second.communicate("\n")
-    theirs = drop_digest(make_record(9, np.random.default_rng(9)), 0)
-    assert digests(survey)[2] == theirs
-    assert recover(survey).ok
+    expected[2] = drop_digest(make_record(9, np.random.default_rng(9)), 0)
+    assert recover(survey, spare=spare).ok
+    assert digests(survey) == expected
 
 
-def test_a_journal_that_others_have_written_to_is_left_alone(tmp_path: Path) -> None:
+def test_a_journal_that_others_have_written_to_is_left_alone(
+    tmp_path: Path, spare: SpareFolder
+) -> None:
     survey = tmp_path / "survey"
-    with open_writer(survey) as writer:
+    with open_writer(survey, spare) as writer:
         save(writer, 1)
         append(survey / "journal" / "0001.pfwdj", b"somebody's")
         before = (survey / "journal" / "0001.pfwdj").read_bytes()
         save(writer, 2)
         assert (survey / "journal" / "0001.pfwdj").read_bytes() == before
-        assert (survey / "journal" / "0002.pfwdj").exists()
+        assert writer.spare_folder_of(2) is not None
 
 
 def test_a_journal_with_a_second_name_is_not_appended_to(tmp_path: Path) -> None:
@@ -366,43 +450,6 @@ def test_a_journal_with_a_second_name_is_not_appended_to(tmp_path: Path) -> None
         assert writer.take_reports() == []
     assert (tmp_path / "backup").read_bytes() == before
     assert check(survey).ok
-
-
-def test_someone_who_takes_the_files_away_again_and_again_is_told_of(tmp_path: Path) -> None:
-    survey = tmp_path / "survey"
-
-    class Fast(Storage):
-        def sync(self, descriptor: int) -> None:
-            super().sync(descriptor)
-            if taking:
-                shutil.rmtree(survey / "journal", ignore_errors=True)
-
-    taking: list[bool] = []
-    with SurveyWriter.open(survey, storage=Fast(), publish=False, reserve_bytes=0) as writer:
-        save(writer, 1)
-        taking.append(True)
-        with pytest.raises(RecordingError):
-            writer.save_drop(make_record(2, np.random.default_rng(2)))
-        taking.clear()
-        assert writer.save_drop(make_record(2, np.random.default_rng(2))) == 2
-    assert len(digests(survey)) == 2
-    assert check(survey).ok
-
-
-def test_a_survey_is_not_begun_on_another_disk(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A memory stick that was pulled: what is made in its place would be hidden by it later."""
-    from pfwd_device.recording import record_log
-
-    survey = tmp_path / "stick" / "survey"
-    with open_writer(survey) as writer:
-        save(writer, 1)
-        shutil.rmtree(survey)
-        monkeypatch.setattr(record_log, "_disk_of", lambda folder: -1)
-        with pytest.raises(RecordingError, match="on another disk than before"):
-            writer.save_drop(make_record(2, np.random.default_rng(2)))
-        assert not survey.exists()
 
 
 def test_a_descriptor_that_cannot_be_closed_leaves_no_lock(tmp_path: Path) -> None:
@@ -422,25 +469,9 @@ def test_a_descriptor_that_cannot_be_closed_leaves_no_lock(tmp_path: Path) -> No
         assert again.drops_acknowledged == 1
 
 
-def test_the_file_of_a_drop_is_made_again(
-    tmp_path: Path, new_record: Callable[[int], DropRecord]
+def test_a_journal_that_is_cut_while_a_record_is_written(
+    tmp_path: Path, spare: SpareFolder
 ) -> None:
-    survey = tmp_path / "survey"
-    with open_writer(survey) as writer:
-        for number in (1, 2):
-            writer.save_drop(new_record(number))
-            writer.publish(number)
-        while not (survey / "drops" / "drop-000002.h5").exists():
-            assert writer.publishing_failures == {}
-        delete(survey)
-        writer.save_drop(new_record(3))
-    assert sorted(path.name for path in (survey / "drops").glob("*.h5")) == [
-        f"drop-00000{number}.h5" for number in (1, 2, 3)
-    ]
-    assert check(survey).ok
-
-
-def test_a_journal_that_is_cut_while_a_record_is_written(tmp_path: Path) -> None:
     survey = tmp_path / "survey"
 
     class Cut(Storage):
@@ -451,13 +482,16 @@ def test_a_journal_that_is_cut_while_a_record_is_written(tmp_path: Path) -> None
                 os.truncate(survey / "journal" / "0001.pfwdj", 0)
 
     cuts: list[bool] = []
-    with SurveyWriter.open(survey, storage=Cut(), publish=False, reserve_bytes=0) as writer:
+    with SurveyWriter.open(
+        survey, storage=Cut(), publish=False, reserve_bytes=0, spare=spare
+    ) as writer:
         expected = {1: save(writer, 1)}
         cuts.append(True)
         expected[2] = save(writer, 2)
         assert cuts == []
-        assert digests(survey) == expected
-    assert check(survey).ok
+        assert everywhere(survey, spare) == expected
+    assert recover(survey, spare=spare).ok
+    assert digests(survey) == expected
 
 
 @pytest.mark.parametrize("number", [errno.EIO, errno.ESTALE])
@@ -507,95 +541,62 @@ def test_a_lock_that_cannot_be_released_is_no_error(
     assert recover(tmp_path / "survey").ok
 
 
-def test_a_rebound_that_was_written_again_is_in_its_drop_s_file(tmp_path: Path) -> None:
-    """Its record stands elsewhere in the new journal than in the one that was deleted."""
+def test_everything_said_of_a_drop_is_read_in_the_spare_folder(
+    tmp_path: Path, spare: SpareFolder
+) -> None:
+    """Its record stands elsewhere there than in the journal that was deleted."""
     survey = tmp_path / "survey"
-    with open_writer(survey) as writer:
+    with open_writer(survey, spare) as writer:
         save(writer, 1)
         writer.note_event("gap", {"samples": 7})
         writer.save_rebound(1, Rebound(0.4, 900.0, 4242, np.ones((4, 3), np.int32)))
         (survey / "journal" / "0001.pfwdj").unlink()
         save(writer, 2)
-        writer.publish(1)
-    read = read_survey(survey)
-    assert [event["details"] for event in read.events] == [{"samples": 7}]
-    assert read.drops[0].file is not None
-    for record in (read.drops[0].read(), read_drop_file(read.drops[0].file)):
-        assert [rebound.first_sample for rebound in record.rebounds] == [4242]
+        writer.save_rebound(2, Rebound(0.4, 900.0, 4242, np.ones((4, 3), np.int32)))
+        contents = writer.contents()
+        assert [event["details"] for event in contents.events] == [{"samples": 7}]
+        assert [len(drop.read().rebounds) for drop in contents.drops] == [1, 1]
+    assert recover(survey, spare=spare).ok
+    for drop in read_survey(survey).drops:
+        assert drop.file is not None
+        for record in (drop.read(), read_drop_file(drop.file)):
+            assert [rebound.first_sample for rebound in record.rebounds] == [4242]
 
 
-def test_an_earlier_segment_is_held_open_too(tmp_path: Path) -> None:
+def test_an_earlier_segment_is_held_open_too(tmp_path: Path, spare: SpareFolder) -> None:
     """It was written by a program before, so that nothing of it is in memory."""
     survey = tmp_path / "survey"
-
-    def opened() -> SurveyWriter:
-        return SurveyWriter.open(survey, publish=False, reserve_bytes=0)
-
-    with opened() as writer:
+    with open_writer(survey) as writer:
         expected = {1: save(writer, 1)}
     os.link(survey / "journal" / "0001.pfwdj", tmp_path / "backup")
-    with opened() as writer:
+    with open_writer(survey) as writer:
         expected[2] = save(writer, 2)
     assert (survey / "journal" / "0002.pfwdj").exists()
-    with opened() as writer:
-        (survey / "journal" / "0001.pfwdj").unlink()
+    with open_writer(survey, spare) as writer:
         (tmp_path / "backup").unlink()
+        (survey / "journal" / "0001.pfwdj").unlink()
         expected[3] = save(writer, 3)
-        # The segment in hand is what is looked at, so that it has to go as well.
         (survey / "journal" / "0002.pfwdj").unlink()
         expected[4] = save(writer, 4)
-    assert check(survey).ok
+        assert everywhere(survey, spare) == expected
+    assert recover(survey, spare=spare).ok
     assert digests(survey) == expected
 
 
-@pytest.mark.parametrize("last_check", [True, False], ids=["seen by the last check", "by the end"])
+@pytest.mark.parametrize("is_last", [True, False], ids=["by the close", "by the check"])
 def test_a_survey_that_is_moved_away_at_the_end_is_not_begun_anew(
-    tmp_path: Path, last_check: bool
+    tmp_path: Path, spare: SpareFolder, is_last: bool
 ) -> None:
-    survey, spare = tmp_path / "survey", SpareFolder(tmp_path / "spare")
-    publisher = InlinePublisher(Storage())
-    with SurveyWriter.open(survey, publisher=publisher, reserve_bytes=0, spare=spare) as writer:
+    survey, moved = tmp_path / "survey", tmp_path / "moved"
+    with open_writer(survey, spare) as writer:
         expected = {number: save(writer, number) for number in (1, 2)}
-        writer.expect_end()
-        survey.rename(tmp_path / "moved")
+        survey.rename(moved)
         assert writer.scarce_drops() is None  # a folder that is gone is no full disk
-        if last_check:
+        if not is_last:
             writer.maintain()
-            writer.maintain()
-            assert [type(report) for report in writer.take_reports()] == [SurveyMovedAway]
-            with pytest.raises(RecordingError, match="moved away while the session ended"):
-                writer.save_result(1, {"modulus_pa": 45e6})
-            with pytest.raises(RecordingError, match="moved away while the session ended"):
-                writer.note_event("lost")
-    told = writer.take_reports()
-    assert [type(report) for report in told] == ([] if last_check else [SurveyMovedAway])
+            expected[3] = save(writer, 3)
+    (report,) = writer.take_reports()
+    assert "was deleted or moved" in report.text
     assert not survey.exists()
-    assert not (tmp_path / "spare").exists()
-    assert recover(tmp_path / "moved").ok
-    assert digests(tmp_path / "moved") == expected
-
-
-def test_a_drop_that_comes_at_the_end_is_saved_where_the_survey_was(tmp_path: Path) -> None:
-    survey = tmp_path / "survey"
-    with open_writer(survey) as writer:
-        expected = {1: save(writer, 1)}
-        writer.expect_end()
-        survey.rename(tmp_path / "moved")
-        writer.maintain()
-        expected[2] = save(writer, 2)  # it has to be somewhere, and said to be
-        told = [type(report) for report in writer.take_reports()]
-    assert told == [SurveyMovedAway, SurveyFilesRemoved, FilesRewritten]
-    assert digests(survey) == expected
-
-
-def test_a_survey_that_is_deleted_at_the_end_is_written_again(tmp_path: Path) -> None:
-    survey = tmp_path / "survey"
-    with open_writer(survey) as writer:
-        expected = {number: save(writer, number) for number in (1, 2)}
-        writer.expect_end()
-        delete(survey)
-    assert [type(report) for report in writer.take_reports()] == [
-        SurveyFilesRemoved,
-        FilesRewritten,
-    ]
-    assert digests(survey) == expected
+    assert recover(moved, spare=spare).ok
+    assert digests(moved) == expected

@@ -10,26 +10,17 @@ import pytest
 
 from pfwd_device.errors import RecordingError, StorageFull
 from pfwd_device.recording import (
-    FallbackMerged,
     SpareFolder,
-    SpareUsed,
     Storage,
+    SurveyNotSafe,
     SurveyWriter,
     check,
     read_survey,
-    record_log,
     recover,
 )
 from pfwd_device.recording.publishing import InlinePublisher
 from tests.campaigns.power_loss import make_record
 from tests.pfwd_device.recording.records import Refusing, a_rebound, digests, save
-
-HOME_RETRY_INTERVAL_S = record_log.HOME_RETRY_INTERVAL_S
-
-
-@pytest.fixture(autouse=True)
-def _no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(record_log, "HOME_RETRY_INTERVAL_S", 0.0)
 
 
 @pytest.fixture
@@ -68,8 +59,8 @@ def test_a_drop_that_home_refuses_is_in_the_spare_folder_at_once(
     assert part.name == f"site-1-{writer.survey_id}"
     assert digests(part) == {n: expected[n] for n in (2, 3)}
     (told,) = writer.take_reports()
-    assert isinstance(told, SpareUsed)
-    assert f"NOT SAFE in {survey}" in told.text
+    assert isinstance(told, SurveyNotSafe)
+    assert f"NOT SAFE: {survey}" in told.text
     assert str(part) in told.text
     writer.close()
     assert digests(survey) == {1: expected[1]}
@@ -112,48 +103,25 @@ def test_everything_said_of_a_drop_comes_home_with_it(
     assert check(survey, spare=spare).ok
 
 
-def test_home_takes_everything_back_as_soon_as_it_can(
+def test_home_is_not_written_again_until_the_next_start(
     survey: Path, spare: SpareFolder, disk: Refusing
 ) -> None:
     with open_writer(survey, disk, spare) as writer:
         expected = {1: save(writer, 1)}
         disk.refuse()
         expected[2] = save(writer, 2)
-        writer.publish(2)
         disk.refuse(False)
         writer.maintain()
-        used, home = writer.take_reports()
-        assert isinstance(used, SpareUsed)
-        assert isinstance(home, FallbackMerged)
-        assert home.drops == 1
-        assert writer.spare_folder_of(2) is None
-        assert digests(survey) == expected
-        disk.refuse()
         expected[3] = save(writer, 3)
-        disk.refuse(False)
-        expected[4] = save(writer, 4)
-        assert writer.spare_folder_of(3) is None
-    assert digests(survey) == expected
-    assert (survey / "drops" / "drop-000002.h5").exists()
-    assert check(survey, spare=spare).ok
-
-
-def test_home_is_tried_again_after_a_while(
-    survey: Path, spare: SpareFolder, disk: Refusing, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    now = [1000.0]
-    monkeypatch.setattr(record_log, "HOME_RETRY_INTERVAL_S", HOME_RETRY_INTERVAL_S)
-    monkeypatch.setattr(record_log.time, "monotonic", lambda: now[0])
+        for number in (1, 2, 3):
+            writer.publish(number)
+        assert list(writer.drops_in_spare()) == [2, 3]
+        assert len(writer.take_reports()) == 1
+    assert digests(survey) == {1: expected[1]}
     with open_writer(survey, disk, spare) as writer:
-        disk.refuse()
-        save(writer, 1)
-        disk.refuse(False)
-        now[0] += 1.9
-        save(writer, 2)
-        assert writer.spare_folder_of(2) is not None
-        now[0] += 0.2
-        save(writer, 3)
-        assert writer.spare_folder_of(3) is None
+        assert writer.drops_in_spare() == {}
+    assert digests(survey) == expected
+    assert check(survey, spare=spare).ok
 
 
 def test_the_next_program_brings_home_what_waits(
@@ -262,8 +230,7 @@ def test_a_record_that_the_spare_folder_did_not_keep_leaves_its_number_free(
         save(writer, 1)
         disk.refuse()
         save(writer, 2)
-        files = writer._records._spare_files
-        assert files is not None
+        files = writer._records._files[-1]
         real, acknowledged = files.problem, len(files.entries)
 
         def failing() -> str | None:
@@ -276,8 +243,8 @@ def test_a_record_that_the_spare_folder_did_not_keep_leaves_its_number_free(
             save(writer, 3)
         assert len(files.entries) == acknowledged
         monkeypatch.undo()
-        monkeypatch.setattr(record_log, "HOME_RETRY_INTERVAL_S", 0.0)
         save(writer, 3)
+    disk.refuse(False)
     assert recover(survey, spare=spare).ok
     assert check(survey, spare=spare).ok
 
@@ -337,22 +304,17 @@ def test_a_drop_that_was_recorded_again_comes_home_once(
 
 
 @pytest.mark.posix
-def test_a_folder_that_is_gone_for_good_is_kept_whole(
-    tmp_path: Path, survey: Path, spare: SpareFolder, monkeypatch: pytest.MonkeyPatch
+def test_a_survey_that_is_gone_comes_back_from_the_spare_folder(
+    tmp_path: Path, survey: Path, spare: SpareFolder
 ) -> None:
-    """A memory stick that was pulled: everything the program still holds goes to the spare."""
-    disk = Storage()
-    with open_writer(survey, disk, spare) as writer:
-        expected = {n: save(writer, n) for n in (1, 2)}
-        shutil.rmtree(survey)
-        monkeypatch.setattr(record_log, "_disk_of", lambda folder: -1)
-        writer.maintain()
-        (part,) = spare.root.iterdir()
-        assert digests(part) == expected
-        expected[3] = save(writer, 3)
-        assert digests(part) == expected
-    assert not survey.exists()
-    monkeypatch.undo()
+    """Of several deleted surveys at a path, the last one."""
+    for count in (1, 2, 3):
+        with open_writer(survey, Storage(), spare) as writer:
+            expected = {n: save(writer, n) for n in range(1, count + 1)}
+            shutil.rmtree(survey)
+        for part in spare.root.iterdir():  # later than the earlier ones on any clock
+            if part.name.endswith(writer.survey_id):
+                os.utime(part / "acknowledged.txt", (2e9 + count, 2e9 + count))
     assert recover(survey, spare=spare).ok
     assert digests(survey) == expected
     assert check(survey, spare=spare).ok
@@ -371,8 +333,11 @@ def test_a_spare_folder_that_is_taken_away_too_is_begun_anew(
         expected[2] = save(writer, 2)
         (part,) = spare.root.iterdir()
         assert digests(part) == expected
-        disk.refuse(False)
+        (part / "journal" / "0001.pfwdj").unlink()
         writer.maintain()
+        assert digests(part) == expected
+    disk.refuse(False)
+    assert recover(survey, spare=spare).ok
     assert digests(survey) == expected
     assert check(survey, spare=spare).ok
 

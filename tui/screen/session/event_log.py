@@ -55,8 +55,8 @@ def log_event(event: ScreenEvent) -> None:
             log.error("drop %s/%s is not safe yet: %s", point, number, reason)
         case DropNotPublished():
             log.warning("%s", event.text)
-        case SurveyFilesChanged(text, safe):
-            log.log(logging.INFO if safe else logging.ERROR, "%s", text)
+        case SurveyFilesChanged(text):
+            log.error("%s", text)
         case DropAnalysed(one, delay, result):
             after = "" if delay is None else f", {delay:.3f} s after its last sample"
             log.info("%s%s", drop_line(one.point, one.number, result), after)

@@ -310,9 +310,9 @@ class SessionState:
                 self._on_saved(event)
             case DropNotSaved():
                 self._on_not_saved(event)
-            case SurveyFilesChanged(text, safe):
-                self.files_trouble = "" if safe else text
-                self._on_notice(Notice(text, serious=not safe))
+            case SurveyFilesChanged(text):
+                self.files_trouble = text
+                self._on_notice(Notice(text, serious=True))
             case DropNotPublished():
                 self._on_notice(Notice(event.text, serious=True))
             case DropAnalysed():
