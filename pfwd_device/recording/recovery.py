@@ -279,6 +279,7 @@ def _begin(
         continued=continued,
         lock=lock,
     )
+    log.moved = index.relocate
     return log, index
 
 

@@ -5,6 +5,7 @@ import errno
 import os
 import shutil
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,6 +22,10 @@ _NO_FOLLOW = getattr(
 )  # a survey from a stranger may hold links that lead out of it
 _NOT_INHERITED = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOINHERIT", 0)
 
+
+MAX_TRUSTED_WRITE_S = 0.001
+"""Duration of a write of this program after which the file is read again, because another program
+may have written to it meanwhile, s."""
 
 Stamp = tuple[int, int] | None
 """Times (ns) of the last change of a file's content and of its metadata; None if unknown.
@@ -243,12 +248,14 @@ class OpenFile:
 
     def write(self, data: bytes) -> None:
         """Write bytes at `end`, which the caller advances when they are on the disk."""
-        # The stamp of this write would hide earlier writes of other programs.
+        began = time.monotonic()
         unchanged = self._storage.stamp(self.descriptor) == self._stamp
         self._storage.write_at(self.descriptor, data, self.end)
         # Before the sync: a write of another program during the sync changes the stamp again.
         stamp = self._storage.stamp_after_write(self.descriptor)
-        self._stamp = stamp if unchanged else None
+        # This stamp would hide a write of another program before it or meanwhile.
+        is_quick = time.monotonic() - began < MAX_TRUSTED_WRITE_S
+        self._stamp = stamp if unchanged and is_quick else None
 
     def cut(self) -> None:
         """Cut the file to the length `end`."""

@@ -89,7 +89,6 @@ class SurveyWriter:
         self._closed = False
         self._reports: queue.SimpleQueue[StorageReport] = queue.SimpleQueue()
         log.report = self._reports.put
-        log.moved = index.relocate
 
     @classmethod
     def open(
