@@ -41,10 +41,12 @@ _DESCRIPTIONS = {
     "job": _Description("Job of a survey: details of an event job", JOB_KEYS, True),
 }
 
+DEVICE = "device"
+
 
 def schema_names() -> list[str]:
     """Return the names of the kinds of files that have a schema."""
-    return list(_DESCRIPTIONS)
+    return [*_DESCRIPTIONS, DEVICE]
 
 
 def json_schema(name: str) -> dict[str, Any]:
@@ -55,7 +57,13 @@ def json_schema(name: str) -> dict[str, Any]:
     name : str
         One of :func:`schema_names`.
     """
-    title, keys, more_keys = _DESCRIPTIONS[name]
+    if name == DEVICE:
+        from pfwd.analysis.diagnosis.device_file import device_keys  # loads the diagnosis
+
+        description = _Description("Effects of a device, for pfwd diagnose --device", device_keys())
+    else:
+        description = _DESCRIPTIONS[name]
+    title, keys, more_keys = description
     # Not required, because the radius may be in another file or an option.
     keys = {
         key: item.optional() if key == header.RADIUS_KEY else item for key, item in keys.items()

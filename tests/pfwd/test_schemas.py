@@ -73,6 +73,13 @@ def test_a_setup_is_checked(old: str, new: str) -> None:
     assert len(faults(json_schema("setup"), SETUP.replace(old, new, 1))) == 1
 
 
+def test_a_device_file_is_checked() -> None:
+    text = "[sensor_lag]\ndrops = 3\ndelay_s = 6e-4\ndelay_sd_s = 2e-5\n"
+    assert faults(json_schema("device"), text) == []
+    for old, new in (("6e-4", "1.0"), ("sensor_lag", "bedrock"), ("delay_s =", "delay =")):
+        assert faults(json_schema("device"), text.replace(old, new, 1))
+
+
 @pytest.mark.parametrize("name", [*schema_names(), "scenario"])
 def test_the_command_prints_a_schema(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["schema", name]) == 0

@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from inversion.diagnosis.findings import EffectResult
 from inversion.effects import BY_NAME
@@ -18,6 +18,7 @@ from pfwd.errors import OptionError, refusal
 from pfwd.files.output_path import replaced_at_once, require_writable
 from pfwd.files.toml import toml_line
 from pfwd.toml_reading import parse_user_toml, read_toml_text
+from pfwd_device.schema import Integer, Key, Number, Table, TableReader, Text
 
 CAUSES_OF_ERROR = ("gain", "tilt", "clock", "linearity")
 """Causes of an error of the modulus that leaves no residual, in the table `ERROR_BUDGET`."""
@@ -114,12 +115,24 @@ def write_effects(
         draft.write_text(text, encoding="utf-8", newline="\n")
 
 
-def read_device_file(path: str | os.PathLike[str]) -> DeviceValues:
-    """Return the parameters of device effects that a device file states.
-
-    Raises as `read_device`.
-    """
-    return read_device(path)[0]
+def device_keys() -> dict[str, Key]:
+    """Return the keys of a device file: a table for each effect of a device, and the errors."""
+    keys = {name: Key(Text()) for name in ("device", "date", "software_version")}
+    for effect in BY_NAME.values():
+        if effect.scope == "device":
+            numbers = {"drops": Key(Integer(0), meaning="Number of drops behind the values")}
+            for p in effect.parameters:
+                unit, suffix = p.unit.removeprefix("-"), _SUFFIX.get(p.unit, "")
+                value = Number(unit, minimum=p.lower, maximum=p.upper)
+                numbers[p.name + suffix] = Key(value, p.name, required=True)
+                numbers[f"{p.name}_sd{suffix}"] = Key(
+                    Number(unit, minimum=0.0), f"{p.name}_sd", "Standard deviation"
+                )
+            keys[effect.name] = Key(Table(numbers), meaning=f"Values of the effect {effect.name}")
+    share = Key(Number(minimum=0.0, below=1.0), required=True)
+    causes = Table(dict.fromkeys(CAUSES_OF_ERROR, share))
+    keys[ERROR_BUDGET] = Key(causes, meaning="Relative errors of a modulus by their causes, 95 %")
+    return keys
 
 
 def read_device(path: str | os.PathLike[str]) -> tuple[DeviceValues, DeviceValues]:
@@ -143,42 +156,12 @@ def read_device(path: str | os.PathLike[str]) -> tuple[DeviceValues, DeviceValue
     table = parse_user_toml(read_toml_text(path, OptionError, where=where), where, OptionError)
     values: DeviceValues = {}
     deviations: DeviceValues = {}
-    for name, entries in table.items():
-        if not isinstance(entries, dict):
-            continue
+    for name, entries in TableReader(OptionError, where).read(table, device_keys()).items():
         if name == ERROR_BUDGET:
-            values[name] = _error_budget(entries, where)
-            continue
-        effect = BY_NAME.get(name)
-        if effect is None or effect.scope != "device":
-            raise OptionError(refusal(where, "device effects of the catalogue", repr(name)))
-        for p in effect.parameters:
-            key = p.name + _SUFFIX.get(p.unit, "")
-            value = entries.get(key)
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                raise OptionError(refusal(where, f"[{name}] {key} as a number", repr(value)))
-            if not p.lower <= value <= p.upper:
-                expected = f"[{name}] {key} from {p.lower:g} to {p.upper:g}"
-                raise OptionError(refusal(where, expected, f"{value:g}"))
-            values.setdefault(name, {})[p.name] = float(value)
-            spread = entries.get(f"{p.name}_sd{_SUFFIX.get(p.unit, '')}")
-            if isinstance(spread, int | float) and not isinstance(spread, bool):
-                if not 0.0 <= spread < math.inf:
-                    expected = f"[{name}] {p.name}_sd as a number >= 0"
-                    raise OptionError(refusal(where, expected, f"{spread:g}"))
-                deviations.setdefault(name, {})[p.name] = float(spread)
+            values[name] = entries
+        elif isinstance(entries, dict):
+            for p in BY_NAME[name].parameters:
+                values.setdefault(name, {})[p.name] = entries[p.name]
+                if f"{p.name}_sd" in entries:
+                    deviations.setdefault(name, {})[p.name] = entries[f"{p.name}_sd"]
     return values, deviations
-
-
-def _error_budget(entries: dict[str, Any], where: str) -> dict[str, float]:
-    """Return the errors of a modulus by their causes; raises OptionError for another entry."""
-    budget: dict[str, float] = {}
-    for name in (*CAUSES_OF_ERROR, *(entries.keys() - set(CAUSES_OF_ERROR))):
-        value = entries.get(name)
-        is_valid = name in CAUSES_OF_ERROR and not isinstance(value, bool)
-        if is_valid and isinstance(value, int | float) and 0.0 <= value < 1.0:
-            budget[name] = float(value)
-            continue
-        expected = f"[{ERROR_BUDGET}] with {', '.join(CAUSES_OF_ERROR)}, each from 0 to below 1"
-        raise OptionError(refusal(where, expected, f"{name} = {value!r}"))
-    return budget

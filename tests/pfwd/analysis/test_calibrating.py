@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pfwd.analysis.calibrating import calibrate_files, write_calibration
-from pfwd.analysis.diagnosis.device_file import read_device_file
+from pfwd.analysis.diagnosis.device_file import read_device
 from pfwd.analysis.diagnosis.diagnose import diagnose_files
 from pfwd.errors import OptionError, SurveyError
 from pfwd.files.header import PointSetup
@@ -59,7 +59,7 @@ def test_a_declared_stiffness_calibrates(rig: str, tmp_path: Path) -> None:
     low, high = said["gain"]["interval"]
     assert low < said["gain"]["value"] < high
     write_calibration(tmp_path / "d.toml", found)
-    device = read_device_file(tmp_path / "d.toml")
+    device = read_device(tmp_path / "d.toml")[0]
     assert device["sensor_gain"]["factor"] == pytest.approx(1.03, rel=3e-3)
     assert device["geophone_response"]["natural_frequency"] == pytest.approx(4.5, abs=0.1)
     assert device["sensor_lag"]["delay"] == pytest.approx(1.2e-4, abs=2e-5)
@@ -71,7 +71,7 @@ def test_the_gain_may_be_the_load_cells(rig: str, tmp_path: Path) -> None:
     assert load.gain[0] == pytest.approx(1 / sensor.gain[0])
     assert load.gain[2][0] < load.gain[0] < load.gain[2][1]
     write_calibration(tmp_path / "d.toml", load)
-    device = read_device_file(tmp_path / "d.toml")
+    device = read_device(tmp_path / "d.toml")[0]
     assert set(device) == {"load_gain", "geophone_response", "sensor_lag"}
 
 
@@ -126,7 +126,7 @@ def test_gains_are_never_guessed_and_can_be_given(tmp_path: Path) -> None:
         assert BY_NAME[name].scope == "device"
     (tmp_path / "d.toml").write_text("[sensor_gain]\nfactor = 20.0\n")
     with pytest.raises(OptionError, match=r"factor from 0\.1 to 10"):
-        read_device_file(tmp_path / "d.toml")
+        read_device(tmp_path / "d.toml")[0]
 
 
 def test_records_of_gains() -> None:

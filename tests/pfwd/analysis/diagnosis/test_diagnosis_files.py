@@ -15,7 +15,6 @@ from inversion.records import known
 from pfwd.analysis.diagnosis.device_file import (
     device_of,
     read_device,
-    read_device_file,
     write_device_file,
 )
 from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_files
@@ -79,7 +78,7 @@ def test_device_effects_are_kept_and_applied(
     assert device_of(found) == "late unit"
     path = tmp_path / "D.toml"
     write_device_file(path, found, "late unit")
-    values = read_device_file(path)
+    values = read_device(path)[0]
     assert values["sensor_lag"]["delay"] == pytest.approx(6e-4, abs=2e-5)
     (again,) = diagnose_files(files[:1], device=values)
     assert again.result is not None
@@ -99,27 +98,28 @@ def test_files_of_two_devices_cannot_be_one_calibration() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[no_such_effect]\nx = 1", "expected device effects of the catalogue"),
-        ("[bedrock]\ndepth_m = 1", "expected device effects of the catalogue"),
-        ("[sensor_lag]\ndelay = 1", r"expected \[sensor_lag\] delay_s as a number"),
-        ("[sensor_lag]\ndelay_s = 1.0", r"delay_s from -0.008 to 0.008"),
+        ("[no_such_effect]\nx = 1", "expected a known key, got 'no_such_effect'; known are device"),
+        ("[bedrock]\ndepth_m = 1", "expected a known key, got 'bedrock'"),
+        ("[sensor_lag]\ndelay = 1", r"sensor_lag: expected a known key, got 'delay'.*delay_s"),
+        ("[sensor_lag]\ndrops = 1", r"sensor_lag.delay_s: expected a number from .*, got none"),
+        ("[sensor_lag]\ndelay_s = 1.0", r"sensor_lag.delay_s: expected .* -0.008 to 0.008, in s"),
         ("[sensor_lag", "expected TOML"),
-        ("[error_budget]", r"\[error_budget\] with gain, tilt, clock, linearity"),
-        ("[error_budget]\ngain = 0.02", r"got tilt = None"),
-        (f"{BUDGET}drift = 0.01", r"got drift = 0.01"),
-        (BUDGET.replace("0.2", "2"), r"each from 0 to below 1, got gain = 2"),
+        ("[error_budget]", r"error_budget.gain: expected a number .*, got none"),
+        ("[error_budget]\ngain = 0.02", r"error_budget.tilt: expected .*, got none"),
+        (f"{BUDGET}drift = 0.01", r"error_budget: expected a known key, got 'drift'"),
+        (BUDGET.replace("0.2", "2"), r"error_budget.gain: .* >= 0 and < 1, got 2"),
     ],
 )
 def test_a_wrong_device_file_is_refused(text: str, message: str, tmp_path: Path) -> None:
     path = tmp_path / "D.toml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(OptionError, match=message):
-        read_device_file(path)
+        read_device(path)[0]
 
 
 def test_a_device_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(OptionError, match=r"--device .*a readable TOML file"):
-        read_device_file(tmp_path / "none.toml")
+        read_device(tmp_path / "none.toml")[0]
 
 
 def test_a_file_without_a_drop_says_so(tmp_path: Path) -> None:
@@ -158,10 +158,10 @@ def test_the_deviations_of_a_device_file_are_read(tmp_path: Path) -> None:
     path = tmp_path / "d.toml"
     path.write_text("[sensor_lag]\ndelay_s = 6e-4\ndelay_sd_s = 2e-5\n", encoding="utf-8")
     values, deviations = read_device(path)
-    assert values == read_device_file(path) == {"sensor_lag": {"delay": 6e-4}}
+    assert values == read_device(path)[0] == {"sensor_lag": {"delay": 6e-4}}
     assert deviations == {"sensor_lag": {"delay": 2e-5}}
     path.write_text("[sensor_lag]\ndelay_s = 6e-4\ndelay_sd_s = -1.0\n", encoding="utf-8")
-    with pytest.raises(OptionError, match=r"\[sensor_lag\] delay_sd as a number >= 0"):
+    with pytest.raises(OptionError, match=r"sensor_lag.delay_sd_s: expected a number >= 0, in s"):
         read_device(path)
 
 
@@ -170,7 +170,7 @@ def test_the_interval_after_has_the_error_budget_of_the_device(
 ) -> None:
     path = tmp_path / "d.toml"
     path.write_text(BUDGET, encoding="utf-8")
-    (one,) = diagnose_files(files[:1], device=read_device_file(path))
+    (one,) = diagnose_files(files[:1], device=read_device(path)[0])
     states = known(one.result).after, known(one.result).before
     after, before = (
         math.log(high / low) / 2
