@@ -44,6 +44,9 @@ _NOTEBOOK_UNITS = {
 }
 """Factor and unit in which a column is shown, by the end of its name."""
 
+COLOURS = ("#0b3c5d", "#b8500f", "#3d7a2a", "#7b3f8c", "#8a6d00", "#444444")
+"""Colours of sensors, distinguishable without colour vision."""
+
 BEFORE_COLOUR, AFTER_COLOUR = "#9a9a9a", "#2a6f97"
 """Colours of a fit without effects, and of the fit with effects."""
 
@@ -287,7 +290,7 @@ def label_axes(ax: Axes, x: str | Sequence[str], y: str, title: str) -> Axes:
     return ax
 
 
-def draw_fit(ax: Axes, history: TimeHistories, title: str) -> Axes:
+def draw_fit(ax: Axes, history: TimeHistories, title: str = "") -> Axes:
     """Draw measured and fitted displacements, in µm over ms, and return the axes.
 
     The fit without effects is grey, if the other one is that of a diagnosis.
@@ -296,15 +299,13 @@ def draw_fit(ax: Axes, history: TimeHistories, title: str) -> Axes:
     ----------
     ax : Axes of matplotlib
     history : TimeHistories
-    title : str
+    title : str, optional
     """
     time = 1e3 * history.time
     for row, offset in enumerate(history.offsets.tolist()):
-        colour = f"C{row}"
+        colour, observed = COLOURS[row % len(COLOURS)], 1e6 * history.observed[row]
         label = f"measured, {offset:g} m"
-        ax.plot(
-            time, 1e6 * history.observed[row], ".", markersize=6, alpha=0.4, c=colour, label=label
-        )
+        ax.plot(time, observed, ".", markersize=6, alpha=0.4, c=colour, label=label)
         if history.before is not None:
             label = f"before, {offset:g} m"
             ax.plot(time, 1e6 * history.before[row], c=BEFORE_COLOUR, label=label, zorder=1.5)

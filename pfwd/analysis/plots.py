@@ -12,6 +12,7 @@ import numpy as np
 
 from pfwd.analysis.results import DropResult, FileOutcome
 from pfwd.digits import modulus_text
+from pfwd.display import COLOURS, draw_fit
 from pfwd.errors import OptionError, refusal
 from pfwd.files.output_path import require_writable
 from pfwd.matplotlib_start import start_matplotlib
@@ -27,8 +28,7 @@ MAX_DROPS_IN_PICTURE = 24
 picture of 24 drops has 4000 by 4200 pixels, which viewers still open."""
 
 _COLUMN_INCHES, _HEIGHT_INCHES = 5.2, 8.0
-# Distinguishable without colour vision and, by their dashes, in print.
-_COLOURS = ("#0b3c5d", "#b8500f", "#3d7a2a", "#7b3f8c", "#8a6d00", "#444444")
+# In print the sensors are distinguished by their dashes.
 _DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1)), (0, (1, 1)))
 
 
@@ -112,32 +112,22 @@ def _draw(axes: Any, result: DropResult) -> None:
     assert history is not None
     time = 1e3 * history.time
     load, deflection, residual = axes
-    load.plot(time, 1e-3 * history.load, color=_COLOURS[0], label="measured")
+    load.plot(time, 1e-3 * history.load, color=COLOURS[0], label="measured")
     if pulse is not None and pulse.duration_s is not None and pulse.start_s is not None:
         phase = np.clip((history.time - pulse.start_s) / pulse.duration_s, 0.0, 1.0)
         load.plot(
             time,
             1e-3 * (result.half_sine_load_n or 0.0) * np.sin(np.pi * phase),
-            color=_COLOURS[1],
+            color=COLOURS[1],
             linestyle="--",
             label=f"half-sine {1e3 * pulse.duration_s:.1f} ms",
         )
     load.set_ylabel("load, kN")
-    for row, offset in enumerate(history.offsets):
-        colour = _COLOURS[row % len(_COLOURS)]
-        name = "centre" if offset == 0.0 else f"{offset:g} m"
-        deflection.plot(
-            time, 1e6 * history.observed[row], ".", markersize=3, color=colour, label=name
-        )
-        deflection.plot(time, 1e6 * history.predicted[row], color=colour, linewidth=1.2)
-        residual.plot(
-            time,
-            1e6 * history.residual[row],
-            color=colour,
-            linestyle=_DASHES[row % len(_DASHES)],
-            linewidth=1.0,
-        )
-    deflection.set_ylabel("deflection, µm")
+    draw_fit(deflection, history)
+    deflection.set(xlabel="", ylabel="deflection, µm")
+    for row, values in enumerate(history.residual):
+        style = {"color": COLOURS[row % len(COLOURS)], "linestyle": _DASHES[row % len(_DASHES)]}
+        residual.plot(time, 1e6 * values, linewidth=1.0, **style)
     residual.set_ylabel("residual, µm")
     residual.set_xlabel("time after the trigger, ms")
     for axis in axes:
@@ -145,7 +135,6 @@ def _draw(axes: Any, result: DropResult) -> None:
         axis.axvline(1e3 * history.window_end, color="0.5", linewidth=0.8, linestyle=":")
         axis.grid(alpha=0.25)
     load.legend(fontsize=8)
-    deflection.legend(fontsize=8, title="dots measured, lines fitted", title_fontsize=8)
     # Text from a file must not be read as a formula.
     load.set_title(_title(result), fontsize=8, parse_math=False)
 

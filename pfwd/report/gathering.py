@@ -8,7 +8,7 @@ import shlex
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,6 @@ from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.fits import curves_of
 from pfwd.analysis.options import (
     AnalysisOptions,
-    Layers,
-    Thickness,
     with_layers_of,
 )
 from pfwd.analysis.result_store import basis_of, rests_on, store_drop_results
@@ -91,12 +89,9 @@ class ReportOptions:
     at most 30 points."""
     store: bool = True
     """Store new results with the survey."""
-    seed: int = 0
-    """Random seed of the search, for drops that are inverted."""
-    layers: Layers | None = None
-    """Number of media, with which all drops are inverted; None: stored results are used."""
-    thickness: Thickness | None = None
-    """Thickness of all media but the lowest, from the top, m; None: fitted."""
+    analysis: AnalysisOptions = field(default_factory=AnalysisOptions)
+    """Seed of the inversion, and number and thickness of the media; with a number of media all
+    drops are inverted."""
     company: str | None = None
     """Name of the company on the first page."""
     logo: str | None = None
@@ -113,7 +108,6 @@ class ReportOptions:
     """Name typed as signature of the slip; None: a line to sign on."""
 
     def __post_init__(self) -> None:
-        self.analysis  # noqa: B018 - refuses layers that cannot be
         if self.jobs < 1:
             raise OptionError(refusal("--jobs", "a whole number from 1", str(self.jobs)))
         if self.slip and self.point is None:
@@ -126,17 +120,7 @@ class ReportOptions:
     @property
     def diagnoses_waiting_points(self) -> bool:
         """True if points whose fit leaves a residual are diagnosed; layers are no diagnosis."""
-        return self.diagnose is None and self.layers is None
-
-    @property
-    def analysis(self) -> AnalysisOptions:
-        """Options of the inversion of drops.
-
-        Raises
-        ------
-        OptionError
-        """
-        return AnalysisOptions(seed=self.seed, layers=self.layers, thickness=self.thickness)
+        return self.diagnose is None and self.analysis.layers is None
 
     @property
     def fallback(self) -> tuple[float, Notice] | None:
@@ -146,7 +130,7 @@ class ReportOptions:
     @property
     def ignores_stored_results(self) -> bool:
         """True if all drops are inverted, as with another number of media."""
-        return self.refit or self.layers is not None
+        return self.refit or self.analysis.layers is not None
 
 
 def gather(
@@ -273,8 +257,8 @@ def _report(
             "plate": "rigid-rough",
             "load": "measured",
             "sensors": "all",
-            **_layer_settings(options),
-            "seed": options.seed,
+            **_layer_settings(options.analysis),
+            "seed": options.analysis.seed,
         },
         command="",
     )
@@ -442,20 +426,16 @@ def _version(package: str) -> str:
         return "not installed"
 
 
-def _layer_settings(options: ReportOptions) -> dict[str, Any]:
+def _layer_settings(options: AnalysisOptions) -> dict[str, Any]:
     """Return the requested layers by the names of their command line options."""
     if options.layers is None:
         return {}
     settings: dict[str, Any] = {"layers": options.layers}
-    if options.thickness is not None:
-        settings["thickness"] = _thickness_text(options.thickness)
+    thickness = options.thickness
+    if thickness is not None:
+        is_text = isinstance(thickness, str)
+        settings["thickness"] = thickness if is_text else ",".join(f"{v:g}" for v in thickness)
     return settings
-
-
-def _thickness_text(thickness: Thickness) -> str:
-    if isinstance(thickness, str):
-        return thickness
-    return ",".join(f"{value:g}" for value in thickness)
 
 
 def _command(survey: str, output: str, options: ReportOptions) -> str:
@@ -471,12 +451,12 @@ def _command(survey: str, output: str, options: ReportOptions) -> str:
     words += [] if options.signed is None else ["--signed", options.signed]
     if options.target is not None:
         words += ["--target", target_text(options.target).split()[0]]
-    for name, value in _layer_settings(options).items():
+    for name, value in _layer_settings(options.analysis).items():
         words += [f"--{name}", str(value)]
     words += ["--refit"] if options.refit else []
     if options.diagnose is not None:
         words.append("--diagnose" if options.diagnose else "--no-diagnose")
-    return shlex.join([*words, "--seed", str(options.seed)])
+    return shlex.join([*words, "--seed", str(options.analysis.seed)])
 
 
 class _Gatherer:

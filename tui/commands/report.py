@@ -12,6 +12,7 @@ from tui.arguments import (
     add_options,
     add_seed,
     add_stored,
+    analysis_options,
     number,
     report_file,
 )
@@ -163,9 +164,7 @@ def run(args: argparse.Namespace) -> int:
         refit=args.refit,
         diagnose=args.diagnose,
         store=not args.no_store,
-        seed=args.seed,
-        layers=args.layers,
-        thickness=args.thickness,
+        analysis=analysis_options(args),
         company=args.company or settings.get("company"),
         logo=args.logo or settings.get("logo"),
         template=args.template,
