@@ -13,13 +13,13 @@ another message, or a text that a person wrote.
 import math
 import re
 import string
+import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from importlib import resources
 from types import MappingProxyType
-from typing import Any, Self
-
-from inversion.notice_texts import TEMPLATES, Invalidates, Template
+from typing import Any, Literal, NamedTuple, Self
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +51,36 @@ RANGE_DASH = "\N{EN DASH}"
 MAX_LISTED_VALUES = 2
 """Largest number of different values that are listed; more are written as a range."""
 
-_templates: dict[str, str] = {OTHER: "{text}", **TEMPLATES}
-_terms: dict[str, str] = {}
+Invalidates = Literal["nothing", "fit", "record"]
+"""What a warning forbids as the basis of a verdict: "fit" is a fitted modulus, "record" is every
+value of the drop."""
+
+_PACKAGES = ["inversion"]
+"""Packages with messages, each in its file ``messages.toml``."""
+
+
+class _Catalogue(NamedTuple):
+    """English texts of all messages."""
+
+    templates: dict[str, str]
+    """Sentences by code."""
+    terms: dict[str, str]
+    """Phrases by word."""
+    invalidates: dict[str, Invalidates]
+    """What a message invalidates, by code; missing: nothing."""
+
+
+@cache
+def _catalogue() -> _Catalogue:
+    catalogue = _Catalogue({OTHER: "{text}"}, {}, {})
+    for package in _PACKAGES:
+        file = resources.files(package).joinpath("messages.toml")
+        tables = tomllib.loads(file.read_text(encoding="utf-8"))
+        catalogue.templates.update(tables["messages"])
+        catalogue.terms.update(tables.get("terms", {}))
+        for level, codes_of_level in tables["invalidates"].items():
+            catalogue.invalidates.update(dict.fromkeys(codes_of_level, level))
+    return catalogue
 
 
 class Notice(str):
@@ -85,7 +113,7 @@ class Notice(str):
     values: Mapping[str, Value]
 
     def __new__(cls, code: str, values: Mapping[str, Value] | None = None) -> Self:
-        template = _templates.get(code)
+        template = _catalogue().templates.get(code)
         if template is None:
             raise ValueError(f"expected the code of a warning, got {code!r}")
         values = MappingProxyType(dict(values or {}))
@@ -102,8 +130,7 @@ class Notice(str):
     @property
     def invalidates(self) -> Invalidates:
         """What the warning forbids as the basis of a verdict; a property of its code."""
-        template = _templates[self.code]
-        return template.invalidates if isinstance(template, Template) else "nothing"
+        return invalidated_by(self.code)
 
     def to_json(self) -> dict[str, Any]:
         """Return the warning as an entry of ``warning_codes``: ``code`` and ``values``."""
@@ -145,15 +172,15 @@ def text_of(message: str, language: Language = ENGLISH) -> str:
 
 def term_text(term: str, language: Language = ENGLISH) -> str:
     """Return a registered phrase by its word, or the word without underscores."""
-    return language.words.get(term) or _terms.get(term) or term.replace("_", " ")
+    return language.words.get(term) or _catalogue().terms.get(term) or term.replace("_", " ")
 
 
 def _sentence(code: str, values: Mapping[str, Value], language: Language) -> str:
     texts = {
         name: _value_text(values[name], form, language)
-        for name, form in gaps_of(_templates[code]).items()
+        for name, form in gaps_of(_catalogue().templates[code]).items()
     }
-    return fill_template(language.templates.get(code, _templates[code]), texts)
+    return fill_template(language.templates.get(code, _catalogue().templates[code]), texts)
 
 
 def text_notice(text: str) -> Notice:
@@ -175,35 +202,25 @@ def without_drops(message: str) -> tuple[str, tuple[int, ...]]:
     return message, ()
 
 
-def register(templates: Mapping[str, str], terms: Mapping[str, str] | None = None) -> None:
-    """Add the templates of another package's warnings.
+def register(package: str) -> None:
+    """Add the messages of another package, from its file ``messages.toml``."""
+    _PACKAGES.append(package)
+    _catalogue.cache_clear()
 
-    Parameters
-    ----------
-    templates : mapping of code to template
-    terms : mapping of word to phrase, optional
-        Phrases for the format ``terms``.
 
-    Raises
-    ------
-    ValueError
-        If a code or a word is already registered.
-    """
-    for table, more in ((_templates, templates), (_terms, terms or {})):
-        twice = table.keys() & more.keys()
-        if twice:
-            raise ValueError(f"expected new codes, got {', '.join(sorted(twice))} a second time")
-        table.update(more)
+def invalidated_by(code: str) -> Invalidates:
+    """Return what a message forbids as the basis of a verdict."""
+    return _catalogue().invalidates.get(code, "nothing")
 
 
 def templates() -> dict[str, str]:
     """Return the templates of all registered warnings, by code."""
-    return dict(_templates)
+    return dict(_catalogue().templates)
 
 
 def terms() -> dict[str, str]:
     """Return all registered phrases for the format ``terms``, by word."""
-    return dict(_terms)
+    return dict(_catalogue().terms)
 
 
 def from_json(sentences: Sequence[str], codes: object = None) -> tuple[Notice, ...]:
@@ -243,7 +260,7 @@ def to_json(notices: Sequence[Notice]) -> dict[str, Any]:
 
 def form_of(code: str, name: str) -> str:
     """Return the format of a value of a message."""
-    return gaps_of(_templates[code])[name]
+    return gaps_of(_catalogue().templates[code])[name]
 
 
 @cache
@@ -341,7 +358,7 @@ def from_entry(entry: object) -> Notice | None:
     """
     if not isinstance(entry, Mapping):
         return None
-    template, values = _templates.get(str(entry.get("code"))), entry.get("values")
+    template, values = _catalogue().templates.get(str(entry.get("code"))), entry.get("values")
     if template is None or not isinstance(values, Mapping):
         return None
     forms = gaps_of(template)

@@ -12,7 +12,6 @@ The names below are imported when they are first used, so that ``import pfwd`` i
 from typing import TYPE_CHECKING
 
 from inversion import notices
-from pfwd import notice_texts
 from pfwd_plugins.lazy_names import lazy_getattr
 
 if TYPE_CHECKING:
@@ -66,7 +65,7 @@ _HOMES = {
     "read": "pfwd.scripting.measured",
 }
 
-notices.register(notice_texts.TEMPLATES | notice_texts.REASONS, notice_texts.TERMS)
+notices.register("pfwd")
 
 __getattr__ = lazy_getattr(globals(), _HOMES)
 

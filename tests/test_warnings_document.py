@@ -8,8 +8,7 @@ import re
 from pathlib import Path
 
 import pfwd  # noqa: F401  registers its warnings
-from inversion.notice_texts import Template
-from inversion.notices import fill_template, gaps_of, templates
+from inversion.notices import fill_template, gaps_of, invalidated_by, templates
 
 PAGE = Path(__file__).parents[1] / "docs" / "warnings.md"
 TABLE = re.compile(
@@ -25,7 +24,7 @@ def table() -> str:
     lines = ["| code | no verdict by | sentence, with its values in braces |", "|---|---|---|"]
     for code, template in sorted(templates().items()):
         sentence = fill_template(template, {name: f"`{{{name}}}`" for name in gaps_of(template)})
-        level = template.invalidates if isinstance(template, Template) else "nothing"
+        level = invalidated_by(code)
         lines.append(f"| `{code}` | {FORBIDDEN[level]} | {sentence.replace('``', '')} |")
     return "\n".join(lines)
 

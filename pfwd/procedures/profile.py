@@ -6,8 +6,7 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import NamedTuple
 
-from inversion import notices
-from inversion.notices import Notice
+from inversion.notices import Notice, term_text
 
 
 class Quantity(StrEnum):
@@ -85,35 +84,31 @@ class Check(NamedTuple):
     """Unit in which the limit is shown."""
     scale: float
     """Factor from the SI value to the shown value."""
-    words: str
-    """Description of the limited quantity."""
 
 
 CHECKS: Mapping[str, Check] = MappingProxyType(
     {
-        "false_trigger_load_n": Check("kN", 1e-3, "peak load below which nothing fell"),
-        "least_peak_load_n": Check("kN", 1e-3, "peak load, at least"),
-        "most_peak_load_n": Check("kN", 1e-3, "peak load, at most"),
-        "shortest_pulse_s": Check("ms", 1e3, "pulse duration, at least"),
-        "longest_pulse_s": Check("ms", 1e3, "pulse duration, at most"),
-        "least_deflection_m": Check("mm", 1e3, "peak deflection, at least"),
-        "most_deflection_m": Check("mm", 1e3, "peak deflection, at most"),
-        "most_offset_over_peak": Check("%", 1e2, "deflection before the drop over its peak"),
-        "most_return_over_peak": Check("%", 1e2, "deflection left at the end over its peak"),
-        "most_load_deviation": Check("%", 1e2, "peak load, deviation from the presumed one"),
-        "most_radius_deviation": Check("%", 1e2, "plate radius, deviation from the presumed one"),
-        "most_residual": Check("%", 1e2, "residual of a supported modulus over the peak"),
-        "most_load_spread": Check("%", 1e2, "peak loads, largest less smallest over mean"),
-        "most_deflection_spread": Check("%", 1e2, "deflections, largest less smallest over mean"),
-        "most_modulus_spread": Check("%", 1e2, "moduli, largest less smallest over mean"),
-        "least_value_pa": Check("MPa", 1e-6, "range of the method, from"),
-        "most_value_pa": Check("MPa", 1e-6, "range of the method, to"),
-        "most_s_over_v_s": Check("ms", 1e3, "s/v, above which more compaction is possible"),
+        "false_trigger_load_n": Check("kN", 1e-3),
+        "least_peak_load_n": Check("kN", 1e-3),
+        "most_peak_load_n": Check("kN", 1e-3),
+        "shortest_pulse_s": Check("ms", 1e3),
+        "longest_pulse_s": Check("ms", 1e3),
+        "least_deflection_m": Check("mm", 1e3),
+        "most_deflection_m": Check("mm", 1e3),
+        "most_offset_over_peak": Check("%", 1e2),
+        "most_return_over_peak": Check("%", 1e2),
+        "most_load_deviation": Check("%", 1e2),
+        "most_radius_deviation": Check("%", 1e2),
+        "most_residual": Check("%", 1e2),
+        "most_load_spread": Check("%", 1e2),
+        "most_deflection_spread": Check("%", 1e2),
+        "most_modulus_spread": Check("%", 1e2),
+        "least_value_pa": Check("MPa", 1e-6),
+        "most_value_pa": Check("MPa", 1e-6),
+        "most_s_over_v_s": Check("ms", 1e3),
     }
 )
 """Descriptions of all limits that a profile may state, by the keys in the profile."""
-
-notices.register({}, {key: check.words for key, check in CHECKS.items()})
 
 _TERMS_OF_NUMBERS = {
     "seating": "seating_drops",
@@ -129,6 +124,11 @@ _TERMS_OF_NUMBERS = {
 def term_of_number(key: str) -> str:
     """Return the name of a number of a procedure in messages, by its key."""
     return _TERMS_OF_NUMBERS.get(key, key)
+
+
+def number_words(key: str) -> str:
+    """Return the English name of a number of a procedure by its key."""
+    return term_text(term_of_number(key))
 
 
 OUR_TOLERANCES: Mapping[str, float] = MappingProxyType(

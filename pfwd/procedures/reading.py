@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from pfwd.errors import OptionError, quote, refusal
-from pfwd.procedures.profile import CHECKS, Procedure, Quantity, Target
+from pfwd.procedures.profile import CHECKS, Procedure, Quantity, Target, number_words
 from pfwd.procedures.profile import Number as SourcedNumber
 from pfwd.toml_reading import parse_user_toml, read_toml_text
 from pfwd_device.schema import Array, Choice, Flag, Key, Number, Table, TableReader, Text
@@ -98,8 +98,8 @@ PROFILE_KEYS = {
     "checks": Key(
         Table(
             {
-                name: _sourced(Number(minimum=0), f"{check.words[:1].upper()}{check.words[1:]}.")
-                for name, check in CHECKS.items()
+                name: _sourced(Number(minimum=0), f"{words[:1].upper()}{words[1:]}.")
+                for name, words in zip(CHECKS, map(number_words, CHECKS), strict=True)
             }
         )
     ),

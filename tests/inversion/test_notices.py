@@ -4,6 +4,8 @@ import copy
 import json
 import math
 import pickle
+import tomllib
+from importlib import resources
 
 import pytest
 
@@ -35,11 +37,17 @@ def test_unknown_codes_and_other_values_are_refused() -> None:
         Notice("parameter-on-bound", {"depth": 1.0})
 
 
-def test_a_code_is_registered_once() -> None:
-    before = notices.templates()
-    with pytest.raises(ValueError, match="got not-converged a second time"):
-        notices.register({"not-converged": "again"})
-    assert notices.templates() == before
+def test_a_code_is_in_one_package() -> None:
+    tables = [
+        tomllib.loads(resources.files(package).joinpath("messages.toml").read_text("utf-8"))
+        for package in ("inversion", "pfwd")
+    ]
+    codes = [code for table in tables for code in table["messages"]]
+    assert len(codes) == len(set(codes))
+    assert {*codes, "other"} == notices.templates().keys()
+    assert {
+        code for table in tables for level in table["invalidates"].values() for code in level
+    } <= {*codes}
 
 
 def test_numbers_are_in_the_unit_of_the_sentence() -> None:

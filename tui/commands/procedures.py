@@ -5,19 +5,15 @@ import textwrap
 
 from pfwd.export.json_text import json_text
 from pfwd.procedures import Procedure, find_procedure, shipped_procedures
-from pfwd.procedures.profile import CHECKS, Number
+from pfwd.procedures.profile import CHECKS, Number, number_words
 from tui.arguments import add_json
 from tui.output import clean
 
-_LABELS = {
-    "seating": ("seating drops", 1.0, ""),
-    "measured": ("measured drops", 1.0, ""),
-    "factor": ("plate factor", 1.0, ""),
-    "nominal_pressure_pa": ("nominal pressure", 1e-3, "kPa"),
-    "nominal_load_n": ("nominal load", 1e-3, "kN"),
-    "poisson_ratio": ("Poisson's ratio", 1.0, ""),
-    "plate_radius_m": ("plate radius", 1.0, "m"),
-    **{key: (check.words, check.scale, check.unit) for key, check in CHECKS.items()},
+_UNITS = {
+    "nominal_pressure_pa": (1e-3, "kPa"),
+    "nominal_load_n": (1e-3, "kN"),
+    "plate_radius_m": (1.0, "m"),
+    **{key: (check.scale, check.unit) for key, check in CHECKS.items()},
 }
 
 
@@ -63,12 +59,12 @@ def _lines(procedure: Procedure) -> list[str]:
     )
     lines.append(f"  judged: {procedure.quantity}, of the mean {procedure.average}")
     for key, number in procedure.numbers().items():
-        name, scale, unit = _LABELS.get(key, (key, 1.0, ""))
+        scale, unit = _UNITS.get(key, (1.0, ""))
         if key.startswith("target"):
             metres = procedure.quantity == "deflection"
             scale, unit = (1e3, "mm") if metres else (1e-6, "MPa")
         state = "" if number.verified else "  NOT VERIFIED, not enforced"
-        lines.append(f"  {name}: {number.value * scale:g} {unit}".rstrip() + state)
+        lines.append(f"  {number_words(key)}: {number.value * scale:g} {unit}".rstrip() + state)
         lines.append(f"      {number.source}")
     return lines
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 from inversion.notices import Notice
 from pfwd.analysis.screening.drops import Screening, unbroken_part
 from pfwd.files.traces import TracePoint
-from pfwd.notice_texts import TERMS
 from pfwd_device.drop import nearest_first
 
 if TYPE_CHECKING:
@@ -75,6 +74,8 @@ def leave_out_bad_sensors(
 
 
 def _warning(offset: float, quantity: str, faults: set[Fault]) -> Notice:
+    from inversion.measured.bad_sensors import Fault
+
     # Without the numbers of the drops, so that equal warnings of a point or of several are one.
-    ordered = tuple(fault for fault in TERMS if fault in faults)
+    ordered = tuple(fault for fault in get_args(Fault) if fault in faults)
     return Notice("sensor-bad", {"quantity": str(quantity), "offset_m": offset, "faults": ordered})
