@@ -15,8 +15,6 @@ from inversion.arrays import ComplexArray, FloatArray
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point, surrogate_request
 from inversion.errors import ModelError, RecordError
-from inversion.fitting.homogeneous_search import Method
-from inversion.fitting.misfit import DropHistory, WeightedDrop, count_distances, transform_of
 from inversion.forward.contact import PLATE_MODELS, PlateModel, PlateProblem
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.forward.layered import LayeredGround, LayeredPlateModel, Medium
@@ -34,10 +32,18 @@ from inversion.measured.half_sine import (
 )
 from inversion.measured.peak_method import PeakModulus, peak_modulus
 from inversion.measured.record import PreparedDrop, Record, prepare
+from inversion.measured.weighted_drop import (
+    DropHistory,
+    WeightedDrop,
+    count_distances,
+    transform_of,
+)
 from inversion.notices import Notice, Value
 from inversion.records import known
 from inversion.result import HalfSinePulse, InversionResult, TimeHistories, is_open
 from inversion.threads import single_threaded_blas
+
+Method = Literal["mpga", "posterior", "least-squares", "published"]
 
 # A residual up to this multiple of the noise counts as noise.
 _MAX_RESIDUAL_OVER_NOISE = 2.0

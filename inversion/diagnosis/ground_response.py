@@ -6,9 +6,10 @@ drop. One call with derivatives gives all of them, for all drops of the point.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -229,6 +230,85 @@ class GroundResponse:
             result[same_kind] += changes.reshape(len(same_kind), *response.shape)
         return result
 
+    def batch_compliances(
+        self, grounds: Ground, s: ComplexArray, *, single: bool = False
+    ) -> ComplexArray:
+        """Return the responses of m grounds, (m, n_sensors, n), m/N, not cached.
+
+        Parameters
+        ----------
+        grounds : Ground whose properties are arrays (m,), with full contact and one plate mass
+        s : (n,) ndarray of complex, 1/s
+        single : bool, True: single precision in a table
+        """
+        mass = float(np.ravel(grounds.plate_mass)[0])
+        if self.is_layered(grounds):
+            return layered_transfer(self._setup, mass, s, self._batch_layers(grounds))
+        instrument, fields = self._with_mass(mass), _batch_fields(grounds)
+        response = transfer_function(self.surrogate, instrument, s, Grounds(*fields), single)
+        return response[:, -self._sensors :]
+
+    def batch_compliances_nearby(
+        self, grounds: Ground, moved: Sequence[Ground], s: ComplexArray
+    ) -> ComplexArray:
+        """Return the responses of m grounds, and their changes by small steps, by derivatives.
+
+        The shape is (m, 1 + len(moved), n_sensors, n).
+
+        Parameters
+        ----------
+        grounds, s : as for `batch_compliances`
+        moved : sequence of Ground, each like `grounds` after a step
+        """
+        mass = float(np.ravel(grounds.plate_mass)[0])
+        is_layered = self.is_layered(grounds)
+        start, *ends = (
+            self._batch_layers(g) if is_layered else _batch_fields(g) for g in (grounds, *moved)
+        )
+        if isinstance(start, LayeredGrounds):
+            names = start.parameters
+            steps = np.array(
+                [
+                    [getattr(end, f)[:, j] - getattr(start, f)[:, j] for f, j in names]
+                    for end in ends
+                ]
+            )
+            columns = np.flatnonzero(steps.any(axis=(0, 2)))
+            response, slopes = layered_transfer_slopes(
+                self._setup, mass, s, start, [names[column] for column in columns]
+            )
+        else:
+            steps = np.array(ends) - start
+            columns = np.flatnonzero(steps.any(axis=(0, 2)))
+            response, slopes = transfer_slopes(
+                self.surrogate,
+                self._with_mass(mass),
+                s,
+                Grounds(*start),
+                [_HOMOGENEOUS[column] for column in columns],
+            )
+            response, slopes = response[:, -self._sensors :], slopes[:, :, -self._sensors :]
+        shape = response.shape
+        changes = np.moveaxis(steps[:, columns], 2, 0) @ slopes.reshape(*slopes.shape[:2], -1)
+        return np.concatenate([response[:, None], changes.reshape(shape[0], -1, *shape[1:])], 1)
+
+    def _batch_layers(self, grounds: Ground) -> LayeredGrounds:
+        """Return m grounds, whose properties are arrays (m,), as layers."""
+        above = sum(medium.thickness for medium in grounds.above)
+        rock = bool(np.all(grounds.inverse_depth > 0.0))
+        lowest = 1.0 / grounds.inverse_depth - above if rock else math.inf
+        media: Any = [
+            [getattr(medium, name) for medium in grounds.above]
+            for name in ("modulus", "viscosity", "density", "poisson_ratio", "thickness")
+        ]
+        last = (grounds.modulus, grounds.viscosity, grounds.density, self._poisson_ratio, lowest)
+        count = np.size(grounds.modulus)
+        modulus, viscosity, density, poisson_ratio, thickness = (
+            np.stack([np.broadcast_to(value, count) for value in (*values, end)], axis=1)
+            for values, end in zip(media, last, strict=True)
+        )
+        return LayeredGrounds(modulus, viscosity, density, poisson_ratio, thickness, rock)
+
     def _under_part_of_plate(self, grounds: Sequence[Ground], s: ComplexArray) -> ComplexArray:
         r"""Return the responses of similar grounds under a plate in partial contact.
 
@@ -298,6 +378,12 @@ def _kind(ground: Ground) -> tuple[object, ...]:
         ground.loss_exponent > 0.0,
         ground.growth_exponent,
     )
+
+
+def _batch_fields(grounds: Ground) -> FloatArray:
+    """Return modulus, viscosity, density and inverse depth of m grounds, (4, m)."""
+    fields: Any = [getattr(grounds, name) for name in (*_SOIL, "inverse_depth")]
+    return np.stack([np.broadcast_to(field, np.size(grounds.modulus)) for field in fields])
 
 
 def _stiffness_at_rest(loss_exponent: FloatArray, s: ComplexArray) -> FloatArray:

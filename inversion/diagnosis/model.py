@@ -27,7 +27,6 @@ from inversion.diagnosis.flat_tops import (
 from inversion.diagnosis.ground_response import GroundResponse
 from inversion.diagnosis.rest import PreTriggerNoise, estimate_pre_trigger_noise
 from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
-from inversion.fitting.misfit import model_floor
 from inversion.forward.laplace import DampedTransform, band_of_load
 from inversion.forward.nonlinear_stiffness import (
     NonlinearStiffness,
@@ -38,6 +37,7 @@ from inversion.forward.nonlinear_stiffness import (
 )
 from inversion.measured.half_sine import Load, model_load
 from inversion.measured.record import PreparedDrop, Record, prepare
+from inversion.measured.weighted_drop import model_floor
 
 # Largest number of samples of a record in the model: enough for a pulse of 8 ms in 0.1 s.
 MAX_SAMPLES = 180

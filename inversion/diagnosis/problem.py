@@ -11,7 +11,6 @@ import numpy as np
 from inversion.diagnosis.ground_response import GroundResponse
 from inversion.diagnosis.model import DropModel, PointRecords
 from inversion.diagnosis.rest import estimate_pre_trigger_noise
-from inversion.fitting.misfit import WeightedDrop
 from inversion.forward.contact import PLATE_MODELS, PlateModel, PlateProblem
 from inversion.forward.layered import LayeredPlateModel
 from inversion.forward.library import SurrogateLibrary
@@ -19,6 +18,7 @@ from inversion.forward.surrogate import Surrogate
 from inversion.measured.half_sine import model_load
 from inversion.measured.peak_method import peak_modulus
 from inversion.measured.record import Record, prepare
+from inversion.measured.weighted_drop import WeightedDrop
 
 
 class Point:

@@ -6,7 +6,7 @@ The catalogue is imported when it is first used, because effects of other packag
 from typing import TYPE_CHECKING
 
 from inversion.effects.base import DropContext, Effect, Ground
-from inversion.fitting.parameters import Parameter
+from inversion.effects.parameters import Parameter
 from pfwd_plugins.lazy_names import lazy_getattr
 
 if TYPE_CHECKING:

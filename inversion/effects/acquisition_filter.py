@@ -8,7 +8,7 @@ import numpy as np
 
 from inversion.arrays import FloatArray
 from inversion.effects.base import DropContext, Effect, Values, pad_with_decay, shift
-from inversion.fitting.parameters import Parameter
+from inversion.effects.parameters import Parameter
 
 ORDER = 4
 """Order of the filter. Records hardly distinguish orders; 4 stands for orders 2 to 6."""

@@ -26,9 +26,8 @@ import numpy as np
 from scipy.linalg.lapack import dtbtrs
 
 from inversion.arrays import ComplexArray, FloatArray
+from inversion.effects.parameters import Coordinate, Parameter, coordinate_of, parameter_value
 from inversion.errors import ModelError
-from inversion.fitting.coordinates import Coordinate, coordinate_of, parameter_value
-from inversion.fitting.parameters import Parameter
 from inversion.forward.layered import LayeredGround, Medium
 from inversion.forward.nonlinear_stiffness import NonlinearStiffness
 from pfwd_plugins.quantities import Measurand

@@ -10,8 +10,7 @@ from collections.abc import Mapping
 
 from inversion.arrays import FloatArray
 from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
-from inversion.fitting.coordinates import Coordinate
-from inversion.fitting.parameters import Parameter
+from inversion.effects.parameters import Coordinate, Parameter
 
 # Damping ratio above which no oscillation is visible.
 _MAX_DAMPING = 0.3

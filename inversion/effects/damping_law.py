@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from inversion.effects.base import DropContext, Effect, Ground, Values
-from inversion.fitting.parameters import Parameter
+from inversion.effects.parameters import Parameter
 from inversion.forward.model import REFERENCE_RAD_S
 
 # Prior standard deviation of the exponent: a quality factor of 10. Soils under such loads have 5

@@ -5,8 +5,7 @@ from collections.abc import Mapping
 
 from inversion.arrays import FloatArray
 from inversion.effects.base import DropContext, Effect, Values, geophone
-from inversion.fitting.coordinates import Coordinate
-from inversion.fitting.parameters import Parameter
+from inversion.effects.parameters import Coordinate, Parameter
 
 
 class GeophoneResponse(Effect):

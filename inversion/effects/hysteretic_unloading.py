@@ -6,8 +6,7 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from inversion.effects.base import DropContext, Effect, Values
-from inversion.fitting.coordinates import Coordinate
-from inversion.fitting.parameters import Parameter
+from inversion.effects.parameters import Coordinate, Parameter
 from inversion.forward.nonlinear_stiffness import NonlinearStiffness
 
 

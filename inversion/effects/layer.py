@@ -6,17 +6,16 @@ that of the ground below the layers.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from inversion.arrays import FloatArray
+from inversion.arrays import capped, exponential
 from inversion.effects.base import DropContext, Effect, Ground, Values
-from inversion.fitting.misfit import count_distances
-from inversion.fitting.parameters import Parameter
-from inversion.forward.layered import LayeredGrounds, Medium
+from inversion.effects.parameters import Parameter
+from inversion.forward.layered import Medium
+from inversion.measured.weighted_drop import count_distances
 
 # Priors of the logarithms cover soils, granular fills and asphalt.
 _RATIO = Parameter(
@@ -107,22 +106,7 @@ class Layer(Effect):
 
     def values_at(self, coordinates: Mapping[str, float]) -> dict[str, float]:
         """Return the values of the parameters, all of which are fitted by their logarithms."""
-        return {name: math.exp(value) for name, value in coordinates.items()}
-
-    def coordinates_of(self, grounds: LayeredGrounds) -> dict[str, FloatArray]:
-        """Return the coordinates (m,), by name, of the layers of m grounds."""
-        ratios = {
-            "modulus_ratio": grounds.modulus,
-            "density_ratio": grounds.density,
-            "relaxation_ratio": grounds.relaxation,
-        }
-        values = {}
-        for number in range(self.count):
-            prefix = layer_prefix(number)
-            values[prefix + "thickness"] = np.log(grounds.thickness[:, number])
-            for name, media in ratios.items():
-                values[prefix + name] = np.log(media[:, number] / media[:, -1])
-        return values
+        return {name: exponential(value) for name, value in coordinates.items()}
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
         """Return whether sensors are at several distances.
@@ -135,9 +119,9 @@ class Layer(Effect):
         """Return the ground with layers above it; Poisson's ratio and rock depth do not change."""
         prefixes = [layer_prefix(number) for number in range(self.count)]
         thicknesses = self.thickness or [values[prefix + "thickness"] for prefix in prefixes]
-        if ground.inverse_depth > 0.0:
+        if np.all(ground.inverse_depth > 0.0):
             available = ABOVE_ROCK / ground.inverse_depth
-            share = min(1.0, available / sum(thicknesses))
+            share = capped(1.0, available / sum(thicknesses))
             thicknesses = [share * h for h in thicknesses]
         relaxation = ground.viscosity / ground.modulus
         above = tuple(

@@ -18,7 +18,7 @@ import numpy as np
 
 from inversion.arrays import FloatArray
 from inversion.effects.base import DropContext, Effect, Values, pad_with_decay
-from inversion.fitting.parameters import Parameter
+from inversion.effects.parameters import Parameter
 
 # Normalised Butterworth polynomials of orders 1 to 4: the delay, and the factors of the second,
 # third and fourth power of Laplace variable times delay. They are interpolated between orders.

@@ -10,7 +10,7 @@ from inversion.effects.base import (
     Values,
     forced_motion,
 )
-from inversion.fitting.parameters import Parameter
+from inversion.effects.parameters import Parameter
 
 
 class LoadShape(Effect):

@@ -7,8 +7,7 @@ import numpy as np
 
 from inversion.arrays import FloatArray
 from inversion.effects.base import DropContext, Effect, Ground, Values
-from inversion.fitting.coordinates import Coordinate
-from inversion.fitting.parameters import Parameter
+from inversion.effects.parameters import Coordinate, Parameter
 
 # Hz: largest deviation of mains and generators from 50 and 60.
 _REACH_HZ = 1.0

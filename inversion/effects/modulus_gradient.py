@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import ClassVar
 
 from inversion.effects.base import DropContext, Effect, Ground, Values
-from inversion.fitting.parameters import Parameter
+from inversion.effects.parameters import Parameter
 from inversion.forward.growth import MAX_GROWTH
 
 # Starting value of the plate radius over z0, from which fits reach values of 0.1 to 1.

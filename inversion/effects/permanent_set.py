@@ -9,7 +9,7 @@ import numpy as np
 
 from inversion.arrays import FloatArray
 from inversion.effects.base import DropContext, Effect, ImpulseResponse, Values
-from inversion.fitting.parameters import Parameter
+from inversion.effects.parameters import Parameter
 
 
 class PermanentSet(Effect):

@@ -3,8 +3,7 @@
 from dataclasses import replace
 
 from inversion.effects.base import DropContext, Effect, Ground, Values
-from inversion.fitting.coordinates import Coordinate
-from inversion.fitting.parameters import Parameter
+from inversion.effects.parameters import Coordinate, Parameter
 
 # Plates below this radius, m, have the first typical mass, kg; larger ones the second.
 _SMALL_PLATE_M, _TYPICAL_MASS_KG = 0.25, (8.0, 40.0)

@@ -20,8 +20,7 @@ import numpy as np
 
 from inversion.arrays import FloatArray
 from inversion.effects.base import DropContext, Effect, ImpulseResponse, ValueArrays, Values
-from inversion.fitting.coordinates import Coordinate
-from inversion.fitting.parameters import Parameter
+from inversion.effects.parameters import Coordinate, Parameter
 from inversion.forward.nonlinear_stiffness import convolve_rows
 
 GRAVITY = 9.80665

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from inversion.arrays import ComplexArray
 from inversion.effects.base import DropContext, Effect, Ground, Values
-from inversion.fitting.parameters import Parameter
+from inversion.effects.parameters import Parameter
 
 
 class RoughContact(Effect):

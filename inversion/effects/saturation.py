@@ -12,7 +12,7 @@ from inversion.effects.base import (
     Values,
     forced_motion,
 )
-from inversion.fitting.parameters import Parameter
+from inversion.effects.parameters import Parameter
 
 # Fraction of the level above which a load counts as clipped.
 _CUT = 0.99

@@ -2,7 +2,7 @@
 
 from inversion.arrays import FloatArray
 from inversion.effects.base import DropContext, Effect, Values
-from inversion.fitting.parameters import Parameter
+from inversion.effects.parameters import Parameter
 
 
 class SensorGain(Effect):

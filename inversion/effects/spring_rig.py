@@ -4,7 +4,7 @@ import numpy as np
 
 from inversion.arrays import ComplexArray
 from inversion.effects.base import DropContext, Effect, Values
-from inversion.fitting.parameters import Parameter
+from inversion.effects.parameters import Parameter
 
 
 class SpringRig(Effect):

@@ -13,8 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from inversion.effects.base import DropContext, Effect, Ground, Values
-from inversion.fitting.coordinates import Coordinate
-from inversion.fitting.parameters import Parameter
+from inversion.effects.parameters import Coordinate, Parameter
 from inversion.forward.nonlinear_stiffness import NonlinearStiffness, secant
 
 # Stress before the drop, Pa: an instrument of 15 kg on a plate of 0.3 m (2 kPa), the soil above a

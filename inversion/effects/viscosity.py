@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from inversion.effects.base import DropContext, Effect, Ground, Values
-from inversion.fitting.parameters import Parameter
+from inversion.effects.parameters import Parameter
 
 
 class Viscosity(Effect):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
 
@@ -20,18 +20,9 @@ from inversion.arrays import ComplexArray, FloatArray
 from inversion.diagnosis.findings import FittedState
 from inversion.diagnosis.problem import Point
 from inversion.effects.layer import ABOVE_ROCK, Layer, layer_prefix
-from inversion.fitting.ground_parameters import homogeneous_space, layered_space
-from inversion.fitting.homogeneous_search import HomogeneousSearch
-from inversion.fitting.layered_search import layered_minima
-from inversion.fitting.misfit import count_distances
-from inversion.fitting.parameters import ParameterSpace
-from inversion.forward.layered import (
-    LayeredGround,
-    LayeredGrounds,
-    LayeredPlateModel,
-    Medium,
-)
+from inversion.forward.layered import LayeredPlateModel, Medium
 from inversion.inference.discrepancy import Discrepancy
+from inversion.inference.ground_search import starting_points
 from inversion.inference.modulus import (
     NORMAL_95,
     Component,
@@ -55,6 +46,7 @@ from inversion.inference.state import (
     with_discrepancy_error,
 )
 from inversion.inference.structures import ALWAYS, effects_of
+from inversion.measured.weighted_drop import count_distances
 from inversion.notices import Notice
 from inversion.records import Interval, known
 from inversion.result import InversionResult, LayerResult, StructureResult
@@ -390,8 +382,9 @@ def fit_base(
         The only starting point: the result is its nearest optimum, without the others.
     """
     if preceding is not None and preceding.structures:
-        start, mass = _ground_in(preceding), preceding.added_mass_kg or 0.0
-        return _refined(_short_fits(point, [start], priors, None, mass), 0)
+        on_rock = known(preceding.structures)[0].bedrock_depth_m is not None
+        model = base_model(point, on_rock=on_rock, priors=priors)
+        return _refined(_short_fits([(model, _start_at(model, preceding))]), 0)
     if layers != "auto":
         return _fit_media(point, rng, priors, layers, thickness)
     distances = count_distances(point.drops[0].context.offsets)
@@ -420,15 +413,39 @@ def _fit_media(
 ) -> BaseFit:
     """Fit ground of a number of media, with and without rock if its depth is not declared."""
     layer = Layer(media - 1, thickness) if media > 1 else None
-    starts, solves = _starting_points(point, rng, priors, layer)
-    fits = _short_fits(point, starts, priors, layer)
-    mass = _mass_deviation(fits[0][0].model)
+    is_open = point.declared_depth is None
+    models = [
+        base_model(point, on_rock=on_rock, priors=priors, layer=layer)
+        for on_rock in ((True, False) if is_open else (False,))
+    ]
+    starts, solves = _promising_starts(models, 0.0, rng)
+    fits = _short_fits(starts)
+    mass = float(models[0].deviation[models[0].keys.index(_MASS)])
     if point.records.records[0].instrument.plate_mass < mass:
         # An undeclared mass passes for other ground.
-        starts, more_solves = _starting_points(point, None, priors, layer, mass)
-        fits += _short_fits(point, starts, priors, layer, mass, fits[0][0].discrepancy)
+        starts, more_solves = _promising_starts(models, mass, None)
+        fits += _short_fits(starts, fits[0][0].discrepancy)
         solves += more_solves
     return _refined(fits, solves)
+
+
+def _promising_starts(
+    models: Sequence[PointModel], added_mass: float, rng: np.random.Generator | None
+) -> tuple[list[tuple[PointModel, FloatArray]], int]:
+    """Return starting points of models, the best first, and the number of solves.
+
+    Those whose misfit is far larger than the smallest are left out. The genetic search is made for
+    the first model.
+    """
+    starts: list[tuple[float, PointModel, FloatArray]] = []
+    solves = 0
+    for model in models:
+        of_model, count = starting_points(model, added_mass, rng if model is models[0] else None)
+        starts += [(start.misfit, model, start.values) for start in of_model]
+        solves += count
+    starts.sort(key=lambda start: start[0])
+    limit = _MAX_COST_RATIO * max(1.0, starts[0][0])
+    return [(model, values) for misfit, model, values in starts if misfit <= limit], solves
 
 
 def _refined(fits: list[tuple[Posterior, PointFit]], solves: int) -> BaseFit:
@@ -456,117 +473,31 @@ def _refined(fits: list[tuple[Posterior, PointFit]], solves: int) -> BaseFit:
 
 
 def _short_fits(
-    point: Point,
-    starts: Sequence[LayeredGrounds],
-    priors: bool,
-    layer: Layer | None,
-    added_mass: float = 0.0,
-    nearest: Discrepancy | None = None,
+    starts: Sequence[tuple[PointModel, FloatArray]], nearest: Discrepancy | None = None
 ) -> list[tuple[Posterior, PointFit]]:
     """Return a short fit from each starting point.
 
     All begin with a discrepancy, or with that of the first fit.
     """
     fits: list[tuple[Posterior, PointFit]] = []
-    for ground in starts:
-        model = base_model(point, on_rock=ground.rock, priors=priors, layer=layer)
-        fit = PointFit(model, model.start_at(ground, added_mass), is_contact_first=True)
+    for model, values in starts:
+        fit = PointFit(model, values, is_contact_first=True)
         posterior = fit.run_from_contact({_BEDROCK}, nearest)
         nearest = nearest or posterior.discrepancy
         fits.append((posterior, fit))
     return fits
 
 
-def _ground_in(result: InversionResult) -> LayeredGrounds:
-    """Return the most probable ground of a result without layers."""
+def _start_at(model: PointModel, result: InversionResult) -> FloatArray:
+    """Return the most probable ground of a result without layers as values of a model."""
     best = known(result.structures)[0]
-    medium = Medium(
+    return base_values(
+        model,
         known(best.modulus_pa),
-        result.viscosity_pa_s or 0.0,
-        known(result.density_kg_m3),
-        known(result.poisson_ratio),
-        best.bedrock_depth_m or math.inf,
-    )
-    return LayeredGrounds.of([LayeredGround((medium,), rock=best.bedrock_depth_m is not None)])
-
-
-def _mass_deviation(model: PointModel) -> float:
-    """Return the standard deviation of the undeclared mass of the plate, kg."""
-    return float(model.deviation[model.keys.index(_MASS)])
-
-
-def _starting_points(
-    point: Point,
-    rng: np.random.Generator | None,
-    priors: bool,
-    layer: Layer | None,
-    added_mass: float = 0.0,
-) -> tuple[list[LayeredGrounds], int]:
-    """Return grounds that fit the contact of the last drop, the best first, and number of solves.
-
-    Without a declared depth they are grounds with and without rock. Those whose misfit is far
-    larger are left out. The plate has the declared mass, kg, and an added one.
-    """
-    record = point.records.records[0]
-    mass = record.instrument.plate_mass + added_mass
-    drops = [
-        replace(drop, instrument=replace(drop.instrument, plate_mass=mass))
-        for drop in point.weighted[-1:]
-    ]
-    depths = [record.bedrock_depth]
-    if record.bedrock_depth is None:
-        depths.append(math.inf)
-    candidates: list[tuple[float, LayeredGrounds]] = []
-    solves = 0
-    for depth in depths:
-        is_genetic = rng is not None and depth is record.bedrock_depth
-        prior = base_model(point, on_rock=depth is None, priors=priors, layer=layer).prior_distances
-        if layer is not None:
-            space = _layered(point, depth, layer)
-            # The seed is fixed, so that both methods have the same starting points.
-            starts = np.random.default_rng(0)
-            minima, count = layered_minima(
-                drops, space, point.contact, starts, prior if is_genetic else None
-            )
-        else:
-            space = _homogeneous(point, depth)
-            search = HomogeneousSearch(drops, space, point.plate)
-            minima = search.local_minima()
-            if is_genetic and rng is not None:
-                minima.append(search.genetic_minimum(rng, prior))
-            count = search.solves
-        candidates += [(best.cost, space.grounds(best.point[None])) for best in minima]
-        solves += count
-    candidates.sort(key=lambda candidate: candidate[0])
-    limit = _MAX_COST_RATIO * max(1.0, candidates[0][0])
-    return [ground for cost, ground in candidates if cost <= limit], solves
-
-
-def _homogeneous(point: Point, depth: float | None) -> ParameterSpace:
-    """Return the parameters of ground without layers; ``depth``, m, of rock, None: fitted."""
-    record = point.records.records[0]
-    return homogeneous_space(
-        point.peak_modulus,
-        record.instrument.plate_radius,
-        record.poisson_ratio,
-        density=record.density,
-        rock_depth=depth,
-        elastic=point.records.elastic,
-    )
-
-
-def _layered(point: Point, depth: float | None, layer: Layer) -> ParameterSpace:
-    """Return the parameters of ground with layers; ``depth``, m, of rock, None: fitted."""
-    record = point.records.records[0]
-    return layered_space(
-        layer.count + 1,
-        point.peak_modulus,
-        record.instrument.plate_radius,
-        record.poisson_ratio,
-        density=record.density,
-        thickness=layer.thickness,
-        rock_depth=depth,
-        elastic=point.records.elastic,
+        result.viscosity_pa_s,
+        result.density_kg_m3,
+        best.bedrock_depth_m,
+        result.added_mass_kg,
     )
 
 
@@ -586,6 +517,25 @@ def base_model(
         of_ground = [unknown.effect in (GROUND_EFFECT, _BEDROCK) for unknown in model.unknowns]
         model.deviation[of_ground] *= _NO_PRIORS
     return model
+
+
+def base_values(
+    model: PointModel,
+    modulus: float,
+    viscosity: float | None,
+    density: float | None,
+    depth: float | None,
+    added_mass: float | None = None,
+) -> FloatArray:
+    """Return the unknowns of ground without layers, (k,); None: the start of the model."""
+    values = {_MODULUS: math.log(modulus / model.point.peak_modulus), _MASS: added_mass or 0.0}
+    if viscosity:
+        values[_KEY_OF_RELAXATION] = math.log(viscosity / modulus)
+    if density:
+        values[_KEY_OF_DENSITY] = math.log(density)
+    if depth:
+        values[_DEPTH] = 1.0 / depth
+    return model.start_from(values)
 
 
 def _n_media(fit: Posterior) -> int:

@@ -9,18 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from inversion.arrays import FloatArray
+from inversion.arrays import FloatArray, exponential
 from inversion.diagnosis.model import DropModel
 from inversion.diagnosis.problem import Point
 from inversion.effects.base import DropContext, Effect, Ground, Values
-from inversion.effects.layer import Layer
+from inversion.effects.parameters import Coordinate
 from inversion.effects.rebound import Rebound
-from inversion.fitting.coordinates import Coordinate
-from inversion.fitting.ground_parameters import LOG_DENSITY_PRIOR, TYPICAL_RELAXATION_S
-from inversion.forward.layered import LayeredGrounds
 
 Name = tuple[str, str]
 """Name of the effect ("" for the ground), and name of the coordinate."""
@@ -34,6 +32,10 @@ ActiveEffects = list[tuple[Effect, dict[str, float]]]
 GROUND_EFFECT = ""
 STIFFNESS: Name = (GROUND_EFFECT, "modulus")
 
+# Priors of the ground: mean and standard deviation of the logarithm of the density, kg/m3, of soils
+# and granular fills from loose and dry to dense and wet; mean of viscosity over modulus, s.
+_LOG_DENSITY_PRIOR = (math.log(1900.0), 0.12)
+_TYPICAL_RELAXATION_S = 1.0e-3
 # Prior standard deviations of the logarithm of the modulus, about that of the peak method, and of
 # the logarithm of the relaxation time.
 _MODULUS_DEVIATION, _RELAXATION_DEVIATION = 0.8, 1.0
@@ -136,36 +138,6 @@ class PointModel:
         result: FloatArray = np.clip(values, self.lower, self.upper)
         return result
 
-    def start_at(self, grounds: LayeredGrounds, added_mass: float) -> FloatArray:
-        """Return a starting point at the first of some grounds, with a mass added to the plate."""
-        values = {key: float(value[0]) for key, value in self._coordinates_of(grounds).items()}
-        return self.start_from({**values, ("plate_inertia", "mass", None): added_mass})
-
-    def prior_distances(self, grounds: LayeredGrounds) -> FloatArray:
-        """Return the sum of squared distances from the priors over their deviations, (m,).
-
-        The priors are those of the unknowns of the ground.
-        """
-        values = self._coordinates_of(grounds)
-        places = [place for place, key in enumerate(self.keys) if key in values]
-        points = np.stack([values[self.keys[place]] for place in places], axis=1)
-        away = (points - self.mean[places]) / self.deviation[places]
-        return np.asarray(np.sum(away**2, axis=1))
-
-    def _coordinates_of(self, grounds: LayeredGrounds) -> dict[Key, FloatArray]:
-        """Return the unknowns (m,) of m grounds."""
-        values = {
-            STIFFNESS: np.log(grounds.modulus[:, -1] / self.point.peak_modulus),
-            (GROUND_EFFECT, "density"): np.log(grounds.density[:, -1]),
-            (GROUND_EFFECT, "relaxation"): np.log(grounds.relaxation[:, -1]),
-            ("bedrock", "depth"): 1.0 / grounds.thickness.sum(axis=1),
-        }
-        for effect in self.effects:
-            if isinstance(effect, Layer):
-                layers = effect.coordinates_of(grounds)
-                values |= {(effect.name, name): value for name, value in layers.items()}
-        return {(*name, None): value for name, value in values.items()}
-
     def is_seating(self, drop: int) -> bool:
         """Return whether a drop is the first of several fitted drops of its point."""
         return drop == 0 and len(self.drops) > 1
@@ -202,10 +174,10 @@ class PointModel:
         start = self._reference_modulus_ratio()
         soil = [Coordinate("modulus", start, _MODULUS_DEVIATION)]
         if not self.point.records.elastic:
-            relaxation = math.log(TYPICAL_RELAXATION_S)
+            relaxation = math.log(_TYPICAL_RELAXATION_S)
             soil.append(Coordinate("relaxation", relaxation, _RELAXATION_DEVIATION))
         if self.point.records.records[0].density is None:
-            mean, deviation = LOG_DENSITY_PRIOR
+            mean, deviation = _LOG_DENSITY_PRIOR
             reach = _DENSITY_DEVIATIONS * deviation
             soil.append(Coordinate("density", mean, deviation, mean - reach, mean + 0.75 * reach))
         return soil
@@ -243,7 +215,8 @@ class PointModel:
 
         Parameters
         ----------
-        values : (k,) ndarray of float, of the unknowns
+        values : (k,) ndarray of float, of the unknowns; with (m, k) the properties of ground and
+            effects are arrays (m,)
         drop : int or None, index of a fitted drop; None: a drop without deviations
         stiffening : float, logarithm of its stiffness over that of the last fitted drop
         """
@@ -261,7 +234,8 @@ class PointModel:
         """Return the coordinates of each effect for a drop, and the change of its log stiffness."""
         by_effect: dict[str, dict[str, float]] = {}
         change = 0.0
-        for (owner, coordinate, of_drop), value in zip(self._owners, values.tolist(), strict=True):
+        columns: Any = values.tolist() if values.ndim == 1 else values.T
+        for (owner, coordinate, of_drop), value in zip(self._owners, columns, strict=True):
             if of_drop is None:
                 by_effect.setdefault(owner, {})[coordinate] = value
             elif of_drop == drop:
@@ -283,11 +257,11 @@ class PointModel:
 
     def _ground(self, soil: Mapping[str, float], change: float) -> Ground:
         record = self.point.records.records[0]
-        modulus = self.point.peak_modulus * math.exp(soil.get("modulus", 0.0) + change)
-        relaxation = math.exp(soil["relaxation"]) if "relaxation" in soil else 0.0
+        modulus = self.point.peak_modulus * exponential(soil.get("modulus", 0.0) + change)
+        relaxation = exponential(soil["relaxation"]) if "relaxation" in soil else 0.0
         density = record.density
         if density is None:
-            density = math.exp(soil.get("density", LOG_DENSITY_PRIOR[0]))
+            density = exponential(soil.get("density", _LOG_DENSITY_PRIOR[0]))
         depth = record.bedrock_depth
         return Ground(
             modulus=modulus,

@@ -21,10 +21,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inversion.arrays import FloatArray
-from inversion.fitting.misfit import MODEL_FLOOR_FRACTION
 from inversion.inference.discrepancy import (
     Discrepancy,
     RecordedDrops,
@@ -33,7 +31,9 @@ from inversion.inference.discrepancy import (
     recorded_drops,
     whitened,
 )
+from inversion.inference.levenberg_marquardt import BOUND_TOLERANCE, minimise
 from inversion.inference.point_model import PointModel
+from inversion.measured.weighted_drop import MODEL_FLOOR_FRACTION
 
 # In a first fit all samples have nearly the same weight, with a short correlation time. With the
 # final correlation time, fits would end with residuals of 10 to 20 % during the contact.
@@ -58,7 +58,6 @@ _MAX_ROUNDS = 6
 # Error of the base model under the plate, over the peak. For 100 finite-element drops its root mean
 # square is at most 0.05 %, and its largest value 0.2 %.
 _PLATE_FLOOR_FRACTION = 0.0015
-_BOUND_TOLERANCE = 1e-9
 # Half of the 95 % quantile of chi-square with one degree of freedom: the decrease of the log
 # likelihood at the ends of an interval. Factor and largest number of the steps towards the ends.
 _HALF_CHI_SQUARE_95 = 1.92
@@ -66,10 +65,7 @@ _SCALE_STEP, _MAX_SCALE_STEPS = 1.1, 40
 _TYPICAL_SCALE, _TYPICAL_DRIFT = 5e-3, 1e-2
 _TYPICAL_MEMORY_S, _MEMORY_DEVIATION = 4e-3, 0.5
 _TYPICAL_FIRST, _FIRST_DEVIATION = 2.0, 0.7
-# Levenberg-Marquardt: initial damping, its factor of change, largest number of trial steps, and the
-# longest step in prior standard deviations.
-_DAMPING, _DAMPING_FACTOR, _MAX_TRIALS = 1e-2, 6.0, 7
-_MAX_STEP_DEVIATIONS = 2.5
+# Relative decreases of the cost at which fits stop.
 _TOLERANCE, _FINE_TOLERANCE = 1e-3, 1e-5
 
 _Linearised = tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]
@@ -253,53 +249,13 @@ class PointFit:
         tolerance : float, relative change of the cost at which to stop
         held : names of effects whose unknowns are fixed
         """
-        model, drops = self.model, self.model.drops
-        precision = 1.0 / model.deviation**2
-        movable = np.array([unknown.effect not in held for unknown in model.unknowns])
-        whiteners = self._recorded.whiteners(self.discrepancy)
-        cost = self._cost(self.values, whiteners, self._linearise(held)[0])
-        damping = _DAMPING
-        self.has_converged = False
-        for _ in range(iterations):
-            normal, gradient, _ = self._normal(whiteners, held)
-            normal += np.diag(precision)
-            gradient -= precision * (self.values - model.mean)
-            for _ in range(_MAX_TRIALS):
-                trial = self.values + self._step(normal, gradient, damping, movable)
-                trial = np.clip(trial, model.lower, model.upper)
-                self.solves += len(drops)
-                new_cost = self._cost(
-                    trial, whiteners, [model.predict(trial, drop) for drop in drops]
-                )
-                if new_cost < cost:
-                    break
-                damping = max(damping, 1e-4) * _DAMPING_FACTOR
-            else:
-                self.has_converged = True
-                return
-            gain = (cost - new_cost) / cost
-            self.values, cost = trial, new_cost
-            damping = max(damping / _DAMPING_FACTOR, 1e-7)
-            if gain < tolerance:
-                self.has_converged = True
-                return
+        movable = np.array([unknown.effect not in held for unknown in self.model.unknowns])
+        objective = _PointObjective(self, self._recorded.whiteners(self.discrepancy), held)
+        optimum = minimise(objective, self.values[None], iterations, tolerance, movable)
+        self.values = optimum.points[0]
+        self.has_converged = bool(optimum.has_converged[0])
 
-    def _step(
-        self, normal: FloatArray, gradient: FloatArray, damping: float, movable: NDArray[np.bool_]
-    ) -> FloatArray:
-        """Return a step that keeps unknowns on their bounds where the gradient points outward."""
-        model, values = self.model, self.values
-        on_lower = (values <= model.lower + _BOUND_TOLERANCE) & (gradient < 0.0)
-        on_upper = (values >= model.upper - _BOUND_TOLERANCE) & (gradient > 0.0)
-        free = np.flatnonzero(movable & ~on_lower & ~on_upper)
-        step = np.zeros_like(values)
-        part = normal[np.ix_(free, free)]
-        damped = part + damping * np.diag(np.diag(part))
-        step[free] = np.linalg.solve(damped, gradient[free])
-        longest = float(np.max(np.abs(step) / model.deviation, initial=0.0))
-        return step * min(1.0, _MAX_STEP_DEVIATIONS / max(longest, 1e-9))
-
-    def _cost(
+    def cost(
         self, values: FloatArray, whiteners: list[FloatArray], predictions: Sequence[FloatArray]
     ) -> float:
         """Return twice the negative logarithm of the posterior density, without constants."""
@@ -315,7 +271,7 @@ class PointFit:
             total += float(weighted @ weighted)
         return total
 
-    def _linearise(self, held: Collection[str] = ()) -> _Linearised:
+    def linearise(self, held: Collection[str] = ()) -> _Linearised:
         """Return predictions and derivatives at the present values.
 
         They are cached, because several fits start there.
@@ -332,11 +288,11 @@ class PointFit:
             self._linearised = cached = self.values, frozenset(held), (predictions, slopes)
         return cached[2]
 
-    def _normal(
+    def normal(
         self, whiteners: list[FloatArray], held: Collection[str] = ()
     ) -> tuple[FloatArray, FloatArray, float]:
         """Return J^T C^-1 J, J^T C^-1 r and r^T C^-1 r, as in the docstring of the module."""
-        predictions, slopes = self._linearise(held)
+        predictions, slopes = self.linearise(held)
         size = self.values.size
         normal, gradient, misfit = np.zeros((size, size)), np.zeros(size), 0.0
         for sensor, lower in enumerate(whiteners):
@@ -354,7 +310,7 @@ class PointFit:
         """Return the posterior by Laplace's approximation at the present values."""
         model = self.model
         whiteners = self._recorded.whiteners(self.discrepancy)
-        normal, gradient, misfit = self._normal(whiteners)
+        normal, gradient, misfit = self.normal(whiteners)
         hessian, _ = _curvature(model, self.values, normal, gradient)
         away = (self.values - model.mean) / model.deviation
         cost = misfit + float(away @ away)
@@ -372,7 +328,7 @@ class PointFit:
             log_evidence,
             cost,
             np.linalg.inv(hessian),
-            *self._linearise(),
+            *self.linearise(),
         )
 
     def expected_cost(self, held: Collection[str] = ()) -> float:
@@ -383,7 +339,7 @@ class PointFit:
         held : names of effects whose unknowns are fixed
         """
         model = self.model
-        normal, gradient, misfit = self._normal(self._recorded.whiteners(self.discrepancy), held)
+        normal, gradient, misfit = self.normal(self._recorded.whiteners(self.discrepancy), held)
         away = (self.values - model.mean) / model.deviation
         hessian, slope = _curvature(model, self.values, normal, gradient)
         return misfit + float(away @ away) - float(slope @ np.linalg.solve(hessian, slope))
@@ -445,6 +401,42 @@ class PointFit:
         return ends[0], ends[1]
 
 
+class _PointObjective:
+    """Cost of a fit for one discrepancy; effects in ``held`` do not move.
+
+    Parameters
+    ----------
+    fit : PointFit
+    whiteners : list of (n, n) ndarray of float, of each sensor
+    held : names of effects
+    """
+
+    def __init__(self, fit: PointFit, whiteners: list[FloatArray], held: Collection[str]) -> None:
+        self._fit, self._whiteners, self._held = fit, whiteners, held
+        self.lower, self.upper = fit.model.lower, fit.model.upper
+        self.deviation = fit.model.deviation
+
+    def costs(self, points: FloatArray) -> FloatArray:
+        """Return the cost at one point, (1,)."""
+        fit, values = self._fit, points[0]
+        if np.array_equal(values, fit.values):
+            predictions: Sequence[FloatArray] = fit.linearise(self._held)[0]
+        else:
+            fit.solves += len(fit.model.drops)
+            predictions = [fit.model.predict(values, drop) for drop in fit.model.drops]
+        return np.array([fit.cost(values, self._whiteners, predictions)])
+
+    def normals(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the normal matrix and the descent at one point, which becomes that of the fit."""
+        fit = self._fit
+        fit.values = points[0].copy()
+        normal, descent, _ = fit.normal(self._whiteners, self._held)
+        precision = 1.0 / self.deviation**2
+        normal += np.diag(precision)
+        descent -= precision * (fit.values - fit.model.mean)
+        return normal[None], descent[None]
+
+
 def _curvature(
     model: PointModel, values: FloatArray, normal: FloatArray, gradient: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -461,8 +453,8 @@ def _curvature(
     """
     precision = 1.0 / model.deviation**2
     slope = gradient - precision * (values - model.mean)
-    on_lower = (values <= model.lower + _BOUND_TOLERANCE) & (slope < 0.0)
-    on_upper = (values >= model.upper - _BOUND_TOLERANCE) & (slope > 0.0)
+    on_lower = (values <= model.lower + BOUND_TOLERANCE) & (slope < 0.0)
+    on_upper = (values >= model.upper - BOUND_TOLERANCE) & (slope > 0.0)
     hessian = normal.copy()
     hessian.flat[:: values.size + 1] += precision + np.where(on_lower | on_upper, slope**2, 0.0)
     return hessian, slope

@@ -8,22 +8,22 @@ has the same covariance and the same report as every other fit.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from inversion.arrays import FloatArray
 from inversion.diagnosis.problem import Point
+from inversion.effects.bedrock import depth_parameter
+from inversion.effects.parameters import Parameter
 from inversion.errors import RecordError
-from inversion.fitting.ground_parameters import depth_parameter
-from inversion.fitting.misfit import even_rows
-from inversion.fitting.parameters import Parameter
 from inversion.forward.laplace import FULL_BAND_HZ
-from inversion.forward.layered import LayeredGround, LayeredGrounds, Medium
 from inversion.forward.model import ForwardModel, Grounds
 from inversion.forward.surrogate import Surrogate
-from inversion.inference.base import BaseFit, base_model
+from inversion.inference.base import BaseFit, base_model, base_values
 from inversion.inference.posterior import PointFit
+from inversion.measured.weighted_drop import even_rows
 from inversion.search.multi_population import MultiPopulationSearch, paper_settings
 
 # Bounds. Modulus: factors of that from the peak method, which inertia, viscosity and rock change by
@@ -46,7 +46,6 @@ def fit_published(point: Point, rng: np.random.Generator) -> BaseFit:
     point : Point
     rng : numpy Generator
     """
-    record = point.records.records[0]
     values, solves = search_as_published(point, rng)
     depth = float(values["bedrock_depth"][0])
     model = base_model(point, on_rock=math.isfinite(depth), priors=False)
@@ -56,9 +55,8 @@ def fit_published(point: Point, rng: np.random.Generator) -> BaseFit:
     modulus, viscosity, density = (
         float(values[name][0]) for name in ("modulus", "viscosity", "density")
     )
-    medium = Medium(modulus, viscosity, density, record.poisson_ratio, depth)
-    ground = LayeredGrounds.of([LayeredGround((medium,), math.isfinite(depth))])
-    fit = PointFit(model, model.start_at(ground, 0.0), is_contact_first=True)
+    start = base_values(model, modulus, viscosity, density, depth)
+    fit = PointFit(model, start, is_contact_first=True)
     fit.estimate_discrepancy(fit.posterior())
     return BaseFit((fit.posterior(),), solves)
 
@@ -123,7 +121,9 @@ def published_unknowns(point: Point) -> list[Parameter]:
     if record.density is None:
         unknowns.append(Parameter("density", "kg/m3", *_DENSITY_BOUNDS_KG_M3, logarithmic=True))
     if record.bedrock_depth is None:
-        unknowns.append(depth_parameter(record.instrument.plate_radius))
+        unknowns.append(
+            replace(depth_parameter(record.instrument.plate_radius), name="bedrock_depth")
+        )
     return unknowns
 
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from inversion.diagnosis.problem import Point
 from inversion.effects.catalogue import BY_NAME, CATALOGUE
-from inversion.fitting.misfit import MODEL_FLOOR_FRACTION
 from inversion.inference.modulus import ground_of
 from inversion.inference.point_model import GROUND_EFFECT, PointModel
 from inversion.inference.population import InstrumentKnowledge
@@ -27,6 +26,7 @@ from inversion.inference.structures import (
     effects_of,
     fit_richest_first,
 )
+from inversion.measured.weighted_drop import MODEL_FLOOR_FRACTION
 
 EXPLAINED_TO = 5e-3
 """Largest discrepancy over the peak at which a record counts as explained."""

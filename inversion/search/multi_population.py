@@ -51,7 +51,6 @@ from inversion.search.genetic_operators import (
     stratified_sample,
     take,
 )
-from inversion.search.minima import distinct
 
 Objective = Callable[[FloatArray], ArrayLike]
 Fitness = Callable[[FloatArray], FloatArray]
@@ -404,7 +403,7 @@ class MultiPopulationSearch:
         points, misfits = (
             np.concatenate(part) for part in zip(*self._collapsed, self._individuals(), strict=True)
         )
-        best = distinct(points, misfits, _SEPARATION)[: self.settings.candidates]
+        best = _distinct(points, misfits)[: self.settings.candidates]
         return points[best], misfits[best]
 
     # Conversion between the unit box and the caller's parameters.
@@ -462,3 +461,13 @@ def _checked_bounds(lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, Flo
             f"{high}; leave a parameter that is known out of the search"
         )
     return low, high
+
+
+def _distinct(points: FloatArray, misfits: FloatArray) -> list[int]:
+    """Return the indices of the minima, best first, without those near a better one."""
+    chosen: list[int] = []
+    for index in np.argsort(misfits):
+        distances = (np.max(np.abs(points[index] - points[better])) for better in chosen)
+        if all(distance > _SEPARATION for distance in distances):
+            chosen.append(int(index))
+    return chosen

@@ -12,9 +12,9 @@ from inversion import PLATE_MODELS, InversionError, SurrogateLibrary, fit_half_s
 from inversion.diagnosis.problem import response_of, surrogate_of
 from inversion.drop_inversion import histories
 from inversion.effects.base import Ground
-from inversion.fitting.misfit import WeightedDrop
 from inversion.forward.layered import Medium
 from inversion.measured.record import PreparedDrop, prepare
+from inversion.measured.weighted_drop import WeightedDrop
 from inversion.result import LayerResult, TimeHistories
 from pfwd.analysis.analyse import record_of
 from pfwd.analysis.options import AnalysisOptions

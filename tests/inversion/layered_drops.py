@@ -13,8 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inversion import Instrument, Record, Sensor
-from inversion.fitting.misfit import WeightedDrop
-from inversion.measured.record import prepare
 from pfwd_plugins.quantities import MotionName
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Ground, Layer, Plate
@@ -78,12 +76,6 @@ def recorded(
         for offset, values in zip(OFFSETS[:sensors], histories, strict=False)
     )
     return Record(time, load, motion, INSTRUMENT, POISSON_RATIO, density, rock_depth)
-
-
-def prepared(record: Record) -> WeightedDrop:
-    """The drop as the inversion hands it to a layered fit."""
-    drop = prepare(record)
-    return WeightedDrop.of(drop, record.instrument, drop.load, record.model_floor)
 
 
 def changed(record: Record, sensor: int, factor: float) -> Record:

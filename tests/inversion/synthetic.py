@@ -12,22 +12,15 @@ from numpy.typing import NDArray
 
 from inversion import ForwardModel, Grounds, Instrument, PlateProblem, Record, Sensor
 from inversion import SurrogateLibrary as Library
-from inversion.fitting.ground_parameters import (
-    DENSITY,
-    DEPTH,
-    MODULUS,
-    VISCOSITY,
-    homogeneous_space,
-)
-from inversion.fitting.misfit import WeightedDrop
-from inversion.fitting.parameters import ParameterSpace
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.forward.surrogate import Surrogate
 from inversion.measured.record import prepare
+from inversion.measured.weighted_drop import WeightedDrop
 from pfwd_plugins.quantities import MotionName
 
 Array = NDArray[np.float64]
 
+MODULUS, VISCOSITY, DENSITY, DEPTH = "modulus", "viscosity", "density", "bedrock_depth"
 RADIUS, POISSON_RATIO = 0.15, 0.35
 INSTRUMENT = Instrument(RADIUS, 10.0)
 STEP, PULSE = 2e-4, 0.018
@@ -94,35 +87,6 @@ def record(library: Library, scene: Scene, depth: float = TRUTH[DEPTH]) -> Recor
     return Record(time, load, sensors, scene.instrument, POISSON_RATIO)
 
 
-def weighted(library: Library, drop: Record) -> WeightedDrop:
+def weighted(drop: Record) -> WeightedDrop:
     prepared = prepare(drop)
     return WeightedDrop.of(prepared, drop.instrument, prepared.load, drop.model_floor)
-
-
-def responses(library: Library, drop: WeightedDrop) -> Surrogate:
-    """The surrogate for the sensors of a drop."""
-    return surrogate(library, tuple(drop.drop.offsets.tolist()))
-
-
-def space(density: float | None = TRUTH[DENSITY], depth: float | None = None) -> ParameterSpace:
-    return homogeneous_space(40e6, RADIUS, POISSON_RATIO, density=density, rock_depth=depth)
-
-
-def true_point(of: ParameterSpace) -> Array:
-    return point_at(of, TRUTH)
-
-
-def names(of: ParameterSpace) -> tuple[str, ...]:
-    """Names of the unknowns of a space."""
-    return tuple(unknown.name for unknown in of.unknowns)
-
-
-def values_at(of: ParameterSpace, points: Array) -> Array:
-    """Physical values (m, d) of points (m, d) of the unit cube."""
-    columns = [u.parameter.value(points[:, i]) for i, u in enumerate(of.unknowns)]
-    return np.stack(columns, axis=1)
-
-
-def point_at(of: ParameterSpace, values: dict[str, float]) -> Array:
-    """The point (d,) of the unit cube for values by name."""
-    return np.array([u.parameter.unit_value(float(values[u.name])) for u in of.unknowns])

@@ -11,9 +11,20 @@ import numpy as np
 import pytest
 
 from inversion import ForwardModel, Grounds, Instrument, SurrogateLibrary
-from inversion.fitting.ground_parameters import DENSITY, DEPTH, MODULUS, VISCOSITY
 from inversion.forward.laplace import FULL_BAND_HZ
-from tests.inversion.synthetic import RADIUS, STEP, TRUTH, Array, Scene, half_sine, surrogate
+from tests.inversion.synthetic import (
+    DENSITY,
+    DEPTH,
+    MODULUS,
+    RADIUS,
+    STEP,
+    TRUTH,
+    VISCOSITY,
+    Array,
+    Scene,
+    half_sine,
+    surrogate,
+)
 
 MASS, FREQUENCY, DAMPING = 10.0, 4.5, 0.6
 

@@ -16,8 +16,6 @@ from inversion.forward.layered.kernel import Media
 
 Field = Literal["modulus", "viscosity", "density", "poisson_ratio", "thickness"]
 
-# A viscosity below this relaxation time has no influence on a pulse of some milliseconds.
-_MIN_RELAXATION_S = 1e-6
 
 FIELDS: tuple[Field, ...] = ("modulus", "viscosity", "density", "poisson_ratio", "thickness")
 
@@ -38,6 +36,9 @@ class Medium:
     """Thickness, m, > 0; infinite only for the lowest medium of a ground without rock."""
 
     def __post_init__(self) -> None:
+        modulus: object = self.modulus
+        if isinstance(modulus, np.ndarray):
+            return  # of many grounds, which `LayeredGrounds` checks
         _require(0.0 < self.modulus < math.inf, "modulus", "a value > 0 Pa", self.modulus)
         _require(0.0 <= self.viscosity < math.inf, "viscosity", ">= 0 Pa s", self.viscosity)
         _require(0.0 < self.density < math.inf, "density", "> 0 kg/m3", self.density)
@@ -165,11 +166,6 @@ class LayeredGrounds:
 
     def __len__(self) -> int:
         return int(self.modulus.shape[0])
-
-    @property
-    def relaxation(self) -> FloatArray:
-        """Viscosity over modulus, (m, N), s, not quite 0, so that it has a logarithm."""
-        return np.maximum(self.viscosity / self.modulus, _MIN_RELAXATION_S)
 
     def take(self, places: Sequence[int] | NDArray[np.intp]) -> LayeredGrounds:
         """Return the grounds with these indices."""

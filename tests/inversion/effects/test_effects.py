@@ -11,7 +11,6 @@ from scipy.signal import butter, sosfilt
 from inversion.effects import BY_NAME, CATALOGUE, DropContext, Ground
 from inversion.effects.base import Effect, geophone, shift
 from inversion.effects.layer import Layer
-from inversion.forward.layered import LayeredGrounds
 from inversion.forward.nonlinear_stiffness import (
     NonlinearStiffness,
 )
@@ -419,10 +418,6 @@ def test_a_second_layer_lies_below_the_first() -> None:
     found = two.ground(Ground(4e7, 6e4, 1900.0, 0.0, 10.0), values, context())
     assert [medium.modulus for medium in found.above] == pytest.approx([1.2e8, 2e7])
     assert [medium.thickness for medium in found.above] == pytest.approx([0.2, 0.4])
-    again = two.coordinates_of(LayeredGrounds.of([found.layered(0.35)]))
-    assert {name: value[0] for name, value in again.items()} == pytest.approx(
-        dict.fromkeys(again, 0.0) | coordinates
-    )
 
 
 def test_layers_end_above_the_rock() -> None:

@@ -95,9 +95,8 @@ def test_priors_are_centred_between_the_bounds_and_leave_room(effect: Effect) ->
                 low, high = math.log(low), math.log(high)
             assert low <= centre <= high
             assert 0.0 < deviation < high - low
-            # At its centre it pulls nowhere.
             middle = math.exp(centre) if p.logarithmic else centre
-            assert p.prior_distance(p.unit_value(middle))[0] == pytest.approx(0.0, abs=1e-9)
+            assert p.value(p.unit_value(middle)) == pytest.approx(middle, abs=1e-9)
 
 
 def test_rock_begins_at_so_many_plate_radii() -> None:

@@ -12,16 +12,13 @@ import pytest
 from inversion import InversionResult, Record, Settings, SurrogateLibrary, invert, invert_joint
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point
-from inversion.fitting.ground_parameters import DENSITY, DEPTH, MODULUS, VISCOSITY
-from inversion.fitting.homogeneous_search import HomogeneousSearch
-from inversion.forward.layered import LayeredGrounds
 from inversion.forward.model import Instrument
 from inversion.inference.base import BaseFit, fit_base
 from inversion.inference.diagnose import diagnose_point
 from inversion.measured.record import Sensor, prepare
 from simulators.drop import DropSimulator, Hammer
 from simulators.mesh import Ground, Plate
-from tests.inversion.synthetic import TRUTH, Scene, record, space, weighted
+from tests.inversion.synthetic import DENSITY, DEPTH, MODULUS, TRUTH, VISCOSITY, Scene, record
 
 MODULUS_PA = 30e6
 SMOOTH: Final = "rigid-smooth"
@@ -104,29 +101,6 @@ def test_a_fit_that_starts_at_the_preceding_result_is_quick(library: SurrogateLi
     assert quick.modulus_interval_pa == pytest.approx(full.modulus_interval_pa, rel=0.01)
     assert quick.forward_solves < 0.8 * full.forward_solves
     assert [s.probability for s in quick.structures or ()] == [1.0]
-
-
-def test_a_genetic_search_has_the_priors_of_the_posterior(library: SurrogateLibrary) -> None:
-    """Distances are one deviation each, and a certain prior moves the optimum to its mean."""
-    drop = record(library, QUIET)
-    model = base_of(library, drop).best.model
-    middle, one = 1.0e-3, math.exp(1.0)
-    modulus = model.point.peak_modulus * one**0.8
-    media = np.array([[modulus], [modulus * middle * one], [1900.0 * one**0.12], [0.35], [0.8]])
-    ground = LayeredGrounds(*media[:, None], rock=True)
-    assert model.prior_distances(ground) == pytest.approx([4.0])
-
-    search = HomogeneousSearch([weighted(library, drop)], space(None), model.point.plate)
-
-    def density_of(certain: float) -> float:
-        def prior(grounds: LayeredGrounds) -> np.ndarray:
-            return np.asarray((certain * np.log(grounds.density[:, 0] / 2400.0)) ** 2)
-
-        best = search.genetic_minimum(np.random.default_rng(1), prior)
-        return float(search.space.grounds(best.point[None]).density[0, 0])
-
-    assert density_of(300.0) == pytest.approx(2400.0, rel=0.005)
-    assert density_of(0.0) < 2100.0
 
 
 def test_a_tail_that_the_model_does_not_explain_is_left_out(library: SurrogateLibrary) -> None:

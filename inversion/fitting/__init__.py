@@ -1,1 +1,0 @@
-"""Fit of a ground to the drops of a point: parameters, misfit, optimisation, uncertainty."""
