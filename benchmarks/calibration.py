@@ -15,10 +15,8 @@ import importlib.metadata
 import json
 import math
 from collections.abc import Callable, Iterable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +43,7 @@ from inversion.inference.point_model import Key, PointModel
 from inversion.inference.posterior import Posterior
 from inversion.inference.structures import ALWAYS, effects_of
 from inversion.threads import single_threaded_blas
+from pfwd.jobs import Jobs
 from pfwd_plugins.quantities import Measurand
 
 _DEPTH: Key = ("bedrock", "depth", None)
@@ -86,8 +85,8 @@ def run(arguments: list[str]) -> int:
         *((of_model, options.seed, number) for number in range(options.cases)),
         *((finite_element_replicate, options.seed, n) for n in range(options.finite_elements)),
     ]
-    with ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool:
-        replicates = list(pool.map(_made, tasks, chunksize=4))
+    with Jobs(options.jobs) as pool:
+        replicates = list(pool.map(_made, tasks))
     if options.output is not None:
         _write(options.output, options, replicates)
     return summarise(Reporter(arguments), replicates)

@@ -10,9 +10,7 @@ import argparse
 import math
 import statistics
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
-from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
@@ -39,6 +37,7 @@ from inversion.records import known
 from inversion.threads import single_threaded_blas
 from pfwd.analysis.analyse import record_of
 from pfwd.files.traces import read_traces
+from pfwd.jobs import Jobs
 from pfwd_plugins.quantities import MotionName
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop
 from simulators.mesh import Ground, Plate, Resolution
@@ -304,10 +303,9 @@ def run(arguments: list[str]) -> int:
     options = parser.parse_args(arguments)
     report = Reporter(arguments)
     cases = [draw_case(number, options.seed) for number in range(options.cases)]
-    # Spawned on every platform, because a fork of a process with threads may hang.
-    with ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool:
+    with Jobs(options.jobs) as pool:
         # Built first, so that the workers read them from the cache.
-        list(pool.map(_build, dict.fromkeys(case.problem for case in cases)))
+        list(pool.map(_build, list(dict.fromkeys(case.problem for case in cases))))
         outcomes = list(pool.map(simulate_and_analyse, cases))
         refined = list(pool.map(_refinement, _cheapest(cases, options.refined)))
     return summarise(report, outcomes, refined)

@@ -12,10 +12,8 @@ import csv
 import math
 import statistics
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Literal
@@ -34,6 +32,7 @@ from inversion.threads import single_threaded_blas
 from pfwd.analysis.analyse import record_of, settings_of
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.files.traces import read_traces
+from pfwd.jobs import Jobs
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Ground, Plate
 from simulators.traces import Recording, write_traces
@@ -292,7 +291,7 @@ def run(arguments: list[str]) -> int:
     cases = all_cases()
     cases = cases[:: max(1, len(cases) // options.cases)][: options.cases]
     _build_surrogates()
-    with ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool:
+    with Jobs(options.jobs) as pool:
         reports = list(pool.map(study, cases))
     summarise(Reporter(arguments), reports, printed_errors(options.tables))
     if options.figures is not None:

@@ -20,7 +20,7 @@ from tui.survey_lines import printed_results
 
 if TYPE_CHECKING:
     from pfwd.archive.run import Summary
-    from pfwd.archive.work import Failure, Workers
+    from pfwd.archive.work import ArchiveWorkers, Failure
 
 MAX_PRINTED_FAILURES = 20
 """Largest number of failures that are printed; all of them are in the tables."""
@@ -63,7 +63,7 @@ def run_over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
         return _store_all(args, options, workers)
 
 
-def _workers(args: argparse.Namespace, options: AnalysisOptions) -> "Workers":
+def _workers(args: argparse.Namespace, options: AnalysisOptions) -> "ArchiveWorkers":
     if args.scheduler is not None:
         from pfwd.archive.cluster import ClusterWorkers, check_address, protection_warning
 
@@ -72,12 +72,14 @@ def _workers(args: argparse.Namespace, options: AnalysisOptions) -> "Workers":
         if remark is not None:
             say(remark)
         return ClusterWorkers(options, args.scheduler)
-    from pfwd.archive.work import LocalWorkers
+    from pfwd.archive.work import ArchiveWorkers
 
-    return LocalWorkers(options, args.jobs)
+    return ArchiveWorkers(options, args.jobs)
 
 
-def _print_all(args: argparse.Namespace, options: AnalysisOptions, workers: "Workers") -> int:
+def _print_all(
+    args: argparse.Namespace, options: AnalysisOptions, workers: "ArchiveWorkers"
+) -> int:
     """Print results in the order in which they are computed."""
     from pfwd.archive.run import invert_stream
 
@@ -95,7 +97,9 @@ def _print_all(args: argparse.Namespace, options: AnalysisOptions, workers: "Wor
     return 1 if n_failures or _refuse_empty(args, n_sources) else 0
 
 
-def _store_all(args: argparse.Namespace, options: AnalysisOptions, workers: "Workers") -> int:
+def _store_all(
+    args: argparse.Namespace, options: AnalysisOptions, workers: "ArchiveWorkers"
+) -> int:
     """Store results as tables and print a summary."""
     from pfwd.archive.run import invert_archive
     from pfwd.archive.sources import count_sources

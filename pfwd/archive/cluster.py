@@ -10,12 +10,12 @@ import ipaddress
 import re
 import socket
 import ssl
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from importlib import import_module
 from typing import Any
 
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.archive.work import Batch, SourceOutcome, invert_batch
+from pfwd.archive.work import ArchiveWorkers, Batch, SourceOutcome
 from pfwd.errors import OptionError, SurveyError, quote, refusal
 from pfwd_device.recording.drop_file import software_version
 
@@ -105,7 +105,7 @@ def check_address(scheduler: str) -> None:
         ) from err
 
 
-class ClusterWorkers:
+class ClusterWorkers(ArchiveWorkers):
     """Workers of a dask cluster; when one is lost, another one repeats its batch.
 
     The workers need the same version of this program and must see the sources under the same paths.
@@ -136,7 +136,7 @@ class ClusterWorkers:
                 refusal("--scheduler", "the Python package distributed", "none", hint)
             ) from err
         check_address(scheduler)
-        self._options = options
+        super().__init__(options)
         self._where = f"--scheduler {scheduler}"
         security = distributed.Security()  # as dask is configured
         self._check_certificates(security, scheduler)
@@ -165,51 +165,14 @@ class ClusterWorkers:
     def run(self, batches: Iterator[Batch]) -> Iterator[list[SourceOutcome]]:
         """Yield the outcomes of each batch when it is complete, in any order.
 
-        Parameters
-        ----------
-        batches : iterator of Batch
-
         Raises
         ------
         SurveyError
-            If the connection to the cluster is lost.
+            If the connection to the cluster is lost, or workers die one after the other.
         """
         distributed: Any = import_module("distributed")
-        waiting: list[Batch] = []
-        submitted: dict[Any, Batch] = {}
-        exhausted = False
         try:
-            while True:
-                while waiting or (not exhausted and len(submitted) < self._max_batches()):
-                    batch = waiting.pop() if waiting else next(batches, None)
-                    if batch is None:
-                        exhausted = True
-                        continue
-                    future = self._client.submit(
-                        invert_batch, list(batch.sources), self._options, pure=False
-                    )
-                    submitted[future] = batch
-                if not submitted:
-                    return
-                with self._client.as_current():
-                    completed = distributed.wait(
-                        list(submitted), return_when="FIRST_COMPLETED"
-                    ).done
-                for future in completed:
-                    batch = submitted.pop(future)
-                    if future.status == "finished":
-                        outcomes: list[SourceOutcome] = future.result()
-                        yield outcomes
-                        continue
-                    if future.status != "error":
-                        raise self._lost(f"a task that is {future.status}")
-                    error = future.exception()
-                    if not isinstance(error, distributed.scheduler.KilledWorker):
-                        raise self._lost(f"{type(error).__name__}: {error}")
-                    retries = batch.retries_after_death()
-                    waiting += retries
-                    if not retries:
-                        yield batch.worker_failures()
+            yield from super().run(batches)
         except (OSError, TimeoutError, distributed.CancelledError) as err:
             raise self._lost(str(err) or type(err).__name__) from err
 
@@ -240,12 +203,31 @@ class ClusterWorkers:
         raise OptionError(refusal(self._where, expected, problem))
 
     def _max_batches(self) -> int:
-        """Return the number of batches to keep submitted.
-
-        It is computed each time, because clusters grow.
-        """
+        # Computed each time, because clusters grow.
         threads: int = sum(self._client.nthreads().values())
         return _N_BATCHES_PER_THREAD * max(1, threads)
+
+    def _submit(self, *call: Any) -> Any:
+        return self._client.submit(*call, pure=False)
+
+    def _wait(self, requests: Iterable[Any]) -> Iterable[Any]:
+        distributed: Any = import_module("distributed")
+        with self._client.as_current():
+            complete: Iterable[Any] = distributed.wait(
+                list(requests), return_when="FIRST_COMPLETED"
+            ).done
+        return complete
+
+    def _outcomes(self, request: Any) -> list[SourceOutcome] | None:
+        if request.status == "finished":
+            outcomes: list[SourceOutcome] = request.result()
+            return outcomes
+        if request.status != "error":
+            raise self._lost(f"a task that is {request.status}")
+        error = request.exception()
+        if type(error).__name__ == "KilledWorker":  # an error of dask
+            return None
+        raise self._lost(f"{type(error).__name__}: {error}")
 
     def _check_workers(self) -> None:
         try:

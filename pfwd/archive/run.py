@@ -1,7 +1,7 @@
 """Inversion of an archive: sources without stored results are inverted, and theirs are stored.
 
 >>> options = AnalysisOptions(method="posterior")         # doctest: +SKIP
->>> with contextlib.closing(LocalWorkers(options, 2)) as workers:  # doctest: +SKIP
+>>> with contextlib.closing(ArchiveWorkers(options, 2)) as workers:  # doctest: +SKIP
 ...     summary = invert_archive(["drops"], "results", options, workers)
 >>> summary.drops, summary.failed  # doctest: +SKIP
 """
@@ -26,7 +26,7 @@ from pfwd.archive.sources import (
     pieces_of,
     refuse_missing,
 )
-from pfwd.archive.work import Batch, Failure, SourceOutcome, Workers
+from pfwd.archive.work import ArchiveWorkers, Batch, Failure, SourceOutcome
 from pfwd.errors import OptionError, SurveyError, refusal
 from pfwd_device.recording.drop_file import software_version
 
@@ -126,7 +126,7 @@ def invert_archive(
     paths: Sequence[str],
     archive: str | os.PathLike[str],
     options: AnalysisOptions,
-    workers: Workers,
+    workers: ArchiveWorkers,
     report: ReportProgress | None = None,
     *,
     part_rows: int = PART_ROWS,
@@ -143,7 +143,7 @@ def invert_archive(
     archive : path
         Folder of the results, see :mod:`pfwd.archive.dataset`.
     options : AnalysisOptions
-    workers : Workers
+    workers : ArchiveWorkers
     report : callable, optional
         Receives the counts after every batch.
     part_rows : int
@@ -172,7 +172,7 @@ def invert_archive(
 
 
 def invert_stream(
-    paths: Sequence[str], options: AnalysisOptions, workers: Workers
+    paths: Sequence[str], options: AnalysisOptions, workers: ArchiveWorkers
 ) -> Iterator[SourceOutcome]:
     """Yield the outcome of each source when it is complete; nothing is stored.
 
@@ -321,7 +321,7 @@ class _Run:
         self._pending: dict[str, list[Source]] = {}
         self._unfinished = _Unfinished(dataset.folder / "unfinished" / f"{dataset.key}.jsonl")
 
-    def go(self, paths: Sequence[str], workers: Workers) -> Summary:
+    def go(self, paths: Sequence[str], workers: ArchiveWorkers) -> Summary:
         start_s = time.perf_counter()
         summary = self._summary
         try:

@@ -1,15 +1,14 @@
 """Inversion or diagnosis of a batch of sources by one worker.
 
-Nothing is written, so that a batch may be repeated at any time, on any computer. Local processes, a
-cluster and the substitute in the tests share the protocol :class:`Workers`.
+Nothing is written, so that a batch may be repeated at any time, on any computer.
 """
 
 import time
-from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, wait
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Literal, Protocol
+from typing import Any, Literal
 
 from inversion import InversionError
 from pfwd.analysis.analyse import analyse_point
@@ -114,21 +113,8 @@ class Batch:
         ]
 
 
-class Workers(Protocol):
-    """Protocol of the processes or computers that invert batches."""
-
-    def run(self, batches: Iterator[Batch]) -> Iterator[list[SourceOutcome]]:
-        """Yield the outcomes of each batch when it is complete, in any order.
-
-        Batches are taken from the iterator only when a worker is free or will be next.
-        """
-
-    def close(self) -> None:
-        """End the workers; outcomes that were not yielded are lost."""
-
-
-class LocalWorkers:
-    """Worker processes on this computer; one that dies is replaced and its batch repeated.
+class ArchiveWorkers:
+    """Worker processes on this computer; if one dies, its batch is repeated.
 
     Parameters
     ----------
@@ -139,49 +125,66 @@ class LocalWorkers:
 
     def __init__(self, options: AnalysisOptions, count: int = 1) -> None:
         self._options = options
-        self._max_batches = 2 * count
         self._jobs = Jobs(count, attempts=1)
 
     def run(self, batches: Iterator[Batch]) -> Iterator[list[SourceOutcome]]:
         """Yield the outcomes of each batch when it is complete, in any order.
 
+        Batches are taken from the iterator only when a worker is free or will be next.
+
         Raises
         ------
         SurveyError
-            If 20 processes die without a completed batch in between.
+            If the workers are lost, or 20 die without a completed batch in between.
         """
-        submitted: dict[Future[list[SourceOutcome]], Batch] = {}
+        submitted: dict[Any, Batch] = {}
         waiting: list[Batch] = []
         deaths = 0
         while True:
-            while len(submitted) < self._max_batches:
+            while len(submitted) < self._max_batches():
                 batch = waiting.pop() if waiting else next(batches, None)
                 if batch is None:
                     break
-                task = self._jobs.submit(invert_batch, list(batch.sources), self._options)
-                submitted[task] = batch
+                request = self._submit(invert_batch, list(batch.sources), self._options)
+                submitted[request] = batch
             if not submitted:
                 return
-            for request in wait(submitted, return_when=FIRST_COMPLETED).done:
+            for request in self._wait(submitted):
                 batch = submitted.pop(request)
-                try:
-                    outcomes = request.result()
-                except WorkerDied as err:
-                    deaths += 1
-                    if deaths >= MAX_CONSECUTIVE_DEATHS:
-                        expected, actual = "processes that stay alive", f"{deaths} that ended"
-                        raise SurveyError(refusal("worker processes", expected, actual)) from err
+                outcomes = self._outcomes(request)
+                deaths = deaths + 1 if outcomes is None else 0
+                if deaths >= MAX_CONSECUTIVE_DEATHS:
+                    expected, actual = "processes that stay alive", f"{deaths} that ended"
+                    raise SurveyError(refusal("worker processes", expected, actual))
+                if outcomes is None:
                     retries = batch.retries_after_death()
                     waiting += retries
                     outcomes = [] if retries else batch.worker_failures()
-                else:
-                    deaths = 0
                 if outcomes:
                     yield outcomes
 
     def close(self) -> None:
-        """End the processes; outcomes that they have not returned are lost."""
+        """End the workers; outcomes that were not yielded are lost."""
         self._jobs.close()
+
+    def _max_batches(self) -> int:
+        """Return the number of batches to keep requested."""
+        return 2 * self._jobs.count
+
+    def _submit(self, *call: Any) -> Any:
+        return self._jobs.submit(*call)
+
+    def _wait(self, requests: Iterable[Any]) -> Iterable[Any]:
+        """Wait until at least one request is complete; return the complete ones."""
+        return wait(requests, return_when=FIRST_COMPLETED).done
+
+    def _outcomes(self, request: Any) -> list[SourceOutcome] | None:
+        """Return the outcomes of a complete request; None: its worker died."""
+        try:
+            outcomes: list[SourceOutcome] = request.result()
+        except WorkerDied:
+            return None
+        return outcomes
 
 
 def invert_batch(sources: list[Source], options: AnalysisOptions) -> list[SourceOutcome]:

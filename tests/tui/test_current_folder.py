@@ -4,8 +4,8 @@ A survey may come from a stranger, and commands are given in its folder. Every m
 own library, and those of this project and what it rests on, lie in it here under their names.
 """
 
-import ast
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -199,19 +199,11 @@ def test_a_script_that_inverts_by_processes_runs_nothing_of_the_folder(planted: 
     assert len(done.stdout.splitlines()) == 2, done.stderr
 
 
-def test_there_is_one_place_that_says_how_a_python_process_is_started() -> None:
-    # sys.executable starts one by hand, the others by multiprocessing.
-    places = {"executable": set(), "get_context": set(), "Pool": set()}
-    for package in ("pfwd_device", "inversion", "pfwd", "tui", "simulators"):
-        for path in (TOP / package).rglob("*.py"):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                name = getattr(node, "attr", None) or getattr(node, "id", None)
-                if isinstance(node, ast.ImportFrom):
-                    name = next((a.name for a in node.names if a.name in places), None)
-                if name in places:
-                    places[name].add(path.relative_to(TOP).as_posix())
-    assert places == {
-        "executable": {"pfwd_device/child_python.py"},
-        "get_context": set(),
-        "Pool": set(),
-    }
+def test_one_module_starts_python_processes() -> None:
+    start = re.compile(
+        r"sys\.executable|ProcessPool|^ *(from|import) multiprocessing", re.MULTILINE
+    )
+    packages = ("pfwd_device", "inversion", "pfwd", "tui", "simulators")
+    files = [path for package in packages for path in (TOP / package).rglob("*.py")]
+    places = [path for path in files if start.search(path.read_text(encoding="utf-8"))]
+    assert places == [TOP / "pfwd_device" / "child_python.py"]

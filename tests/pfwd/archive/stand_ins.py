@@ -9,14 +9,14 @@ from pyarrow import dataset as tables
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult
 from pfwd.archive.sources import Source
-from pfwd.archive.work import Batch, SourceOutcome, invert_batch
+from pfwd.archive.work import ArchiveWorkers, Batch, SourceOutcome, invert_batch
 
 
-class HereWorkers:
+class HereWorkers(ArchiveWorkers):
     """Works in this process, or as a test says."""
 
     def __init__(self, options: AnalysisOptions) -> None:
-        self.options = options
+        super().__init__(options)
         self.taken: list[Batch] = []
 
     def run(self, batches: Iterator[Batch]) -> Iterator[list[SourceOutcome]]:
@@ -25,10 +25,7 @@ class HereWorkers:
             yield self.work(batch)
 
     def work(self, batch: Batch) -> list[SourceOutcome]:
-        return invert_batch(list(batch.sources), self.options)
-
-    def close(self) -> None:
-        pass
+        return invert_batch(list(batch.sources), self._options)
 
 
 class QuickWorkers(HereWorkers):

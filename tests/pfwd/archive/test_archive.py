@@ -402,7 +402,7 @@ def test_two_programs_cannot_work_on_one_archive(
     class Meddling(QuickWorkers):
         def work(self, batch: Batch) -> list[SourceOutcome]:
             with pytest.raises(SurveyError, match="no other program uses"):
-                invert_archive([str(drops)], out, self.options, QuickWorkers(self.options))
+                invert_archive([str(drops)], out, self._options, QuickWorkers(self._options))
             return super().work(batch)
 
     assert invert_archive([str(drops)], out, options, Meddling(options)).drops == 6

@@ -16,7 +16,7 @@ from pfwd.analysis.options import AnalysisOptions
 from pfwd.archive import run as running
 from pfwd.archive.run import Summary, invert_archive, invert_stream
 from pfwd.archive.sources import Source
-from pfwd.archive.work import MAX_DEATHS_PER_SOURCE, Batch, Failure, LocalWorkers, SourceOutcome
+from pfwd.archive.work import MAX_DEATHS_PER_SOURCE, ArchiveWorkers, Batch, Failure, SourceOutcome
 from pfwd.errors import SurveyError
 
 pytest.importorskip("pyarrow")
@@ -29,7 +29,7 @@ def test_a_killed_worker_costs_nothing_but_time(
     monkeypatch.setattr(running, "BATCH_SOURCES", 2)
     killed = []
 
-    with contextlib.closing(LocalWorkers(options, 2)) as workers:
+    with contextlib.closing(ArchiveWorkers(options, 2)) as workers:
 
         def tell(summary: Summary, failures: Sequence[Failure]) -> None:
             if not killed:
@@ -48,7 +48,7 @@ def test_a_source_that_kills_its_workers_is_given_up_alone(
     drops: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pfwd.archive.work.invert_batch", deadly)
-    with contextlib.closing(LocalWorkers(options, 2)) as workers:
+    with contextlib.closing(ArchiveWorkers(options, 2)) as workers:
         summary = invert_archive([str(drops)], tmp_path / "out", options, workers)
     assert (summary.drops, summary.failed_in_all) == (5, 1)
     (line,) = (tmp_path / "out" / "unfinished" / f"{summary.run}.jsonl").read_text().splitlines()
@@ -70,7 +70,7 @@ def test_processes_that_always_die_end_the_run(
     monkeypatch.setattr("pfwd.archive.work.invert_batch", stillborn)
     monkeypatch.setattr("pfwd.archive.work.MAX_CONSECUTIVE_DEATHS", 3)
     with (
-        contextlib.closing(LocalWorkers(options, 1)) as workers,
+        contextlib.closing(ArchiveWorkers(options, 1)) as workers,
         pytest.raises(SurveyError, match="expected processes that stay alive, got 3"),
     ):
         list(invert_stream([str(drops)], options, workers))
@@ -84,12 +84,12 @@ def stillborn(sources: list[Source], options: AnalysisOptions) -> list[SourceOut
 MAIN = """
 import contextlib, sys
 from pfwd.archive import run
-from pfwd.archive.work import LocalWorkers
+from pfwd.archive.work import ArchiveWorkers
 from pfwd.analysis.options import AnalysisOptions
 
 run.BATCH_SOURCES = 1
 options = AnalysisOptions(method="posterior", sensors="centre", bedrock_depth=1.2)
-with contextlib.closing(LocalWorkers(options, 2)) as workers:
+with contextlib.closing(ArchiveWorkers(options, 2)) as workers:
     run.invert_archive(
         [sys.argv[1]], sys.argv[2], options, workers,
         lambda summary, failures: print(summary.parts, flush=True), part_rows=2,
@@ -159,7 +159,7 @@ def test_no_more_is_taken_than_is_worked_on(
         while True:
             yield Batch((Source(f"/{next(taken)}", 1, 1),))
 
-    with contextlib.closing(LocalWorkers(options, 2)) as workers:
+    with contextlib.closing(ArchiveWorkers(options, 2)) as workers:
         for _ in workers.run(endless()):
             seen += 1
             if seen == 20:

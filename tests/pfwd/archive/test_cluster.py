@@ -15,7 +15,7 @@ from pfwd.archive import cluster
 from pfwd.archive import run as running
 from pfwd.archive.cluster import ClusterWorkers, check_address
 from pfwd.archive.run import Summary, invert_archive, invert_stream
-from pfwd.archive.work import Failure, LocalWorkers
+from pfwd.archive.work import ArchiveWorkers, Failure
 from pfwd.errors import OptionError, SurveyError
 
 OPTIONS = AnalysisOptions(method="posterior", sensors="centre", bedrock_depth=1.2)
@@ -44,7 +44,7 @@ def test_a_cluster_finds_what_processes_find(
     with contextlib.closing(ClusterWorkers(OPTIONS, dask_cluster.scheduler_address)) as workers:
         summary = invert_archive([str(drops)], tmp_path / "there", OPTIONS, workers)
     assert (summary.drops, summary.failed_in_all) == (12, 0)
-    with contextlib.closing(LocalWorkers(OPTIONS)) as workers:
+    with contextlib.closing(ArchiveWorkers(OPTIONS)) as workers:
         invert_archive([str(drops)], tmp_path / "here", OPTIONS, workers)
     assert moduli(tmp_path / "there") == moduli(tmp_path / "here")
 
