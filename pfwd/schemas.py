@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from pfwd.files import header
+from pfwd.files import header, report_settings
 from pfwd.files.foreign import column_map
 from pfwd.judging.job import JOB_KEYS
 from pfwd.procedures import reading
@@ -38,6 +38,7 @@ _DESCRIPTIONS = {
     "procedure": _Description(
         "Measuring procedure", {**_PROCEDURE_VERSION, **reading.PROFILE_KEYS}
     ),
+    "report": _Description("Settings of all reports: report.toml", report_settings.REPORT_KEYS),
     "job": _Description("Job of a survey: details of an event job", JOB_KEYS, True),
 }
 

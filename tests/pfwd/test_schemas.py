@@ -9,6 +9,8 @@ from typing import Any
 import jsonschema
 import pytest
 
+from pfwd.errors import OptionError
+from pfwd.files.report_settings import read_report_settings
 from pfwd.procedures import shipped_names
 from pfwd.procedures.shipped import find_procedure
 from pfwd.schemas import json_schema, schema_names
@@ -71,6 +73,20 @@ def test_a_setup_is_checked(old: str, new: str) -> None:
     assert faults(json_schema("setup"), SETUP) == []
     assert old in SETUP
     assert len(faults(json_schema("setup"), SETUP.replace(old, new, 1))) == 1
+
+
+def test_company_and_logo_of_all_reports_are_read(tmp_path: Path) -> None:
+    file = tmp_path / "report.toml"
+    assert read_report_settings(file) == {}
+    text = 'company = "A & B"\nlogo = "logo.png"\n'
+    file.write_text(text, encoding="utf-8")
+    assert faults(json_schema("report"), text) == []
+    assert read_report_settings(file) == {"company": "A & B", "logo": str(tmp_path / "logo.png")}
+    for wrong in ("colour = 3\n", "logo = 3\n"):
+        file.write_text(wrong, encoding="utf-8")
+        assert faults(json_schema("report"), wrong)
+        with pytest.raises(OptionError, match=r"report.toml.*: expected"):
+            read_report_settings(file)
 
 
 def test_a_device_file_is_checked() -> None:

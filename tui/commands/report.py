@@ -3,7 +3,7 @@
 import argparse
 import time
 
-from pfwd.errors import OptionError, quote, refusal
+from pfwd.errors import OptionError, refusal
 from pfwd.export.json_text import json_text
 from tui.arguments import (
     add_expert_group,
@@ -119,43 +119,14 @@ def _target(args: argparse.Namespace) -> float | None:
     return target_si(args.target_deflection, procedure, "--target-deflection")
 
 
-def _first_page_settings() -> dict[str, str]:
-    """Read company and logo for all reports from ``report.toml`` in the folder of the screen's
-    settings.
-
-    The file has one or both of these lines::
-
-        company = "Erdbau Muster GmbH"
-        logo = "C:/Logos/muster.png"
-
-    Raises
-    ------
-    OptionError
-        If the file has other keys.
-    """
-    from pfwd.toml_reading import parse_user_toml, read_toml_text
-    from tui.screen.settings import settings_file
-
-    file = settings_file().with_name("report.toml")
-    if not file.is_file():
-        return {}
-    values = parse_user_toml(read_toml_text(file, OptionError), str(file), OptionError)
-    for key, value in values.items():
-        if key not in ("company", "logo") or not isinstance(value, str):
-            raise OptionError(refusal(str(file), 'company = "..." or logo = "..."', quote(key)))
-    if "logo" in values:
-        values["logo"] = str(file.parent / values["logo"])  # an absolute path is not changed
-    return values
-
-
 def run(args: argparse.Namespace) -> int:
     """Write the report, then print the verdict of each point."""
+    from pfwd.files.report_settings import read_report_settings
     from pfwd.report.gathering import TARGET_OF_REPORT
     from pfwd.report.report import ReportOptions, write_report
+    from tui.screen.settings import settings_file
 
-    if args.seed < 0:
-        raise OptionError(refusal("--seed", "a whole number >= 0", str(args.seed)))
-    settings = _first_page_settings()
+    settings = read_report_settings(settings_file().with_name("report.toml"))
     options = ReportOptions(
         language=args.language,
         title=args.title,
