@@ -125,7 +125,7 @@ def test_gains_are_never_guessed_and_can_be_given(tmp_path: Path) -> None:
         assert not BY_NAME[name].offered(())
         assert BY_NAME[name].scope == "device"
     (tmp_path / "d.toml").write_text("[sensor_gain]\nfactor = 20.0\n")
-    with pytest.raises(OptionError, match=r"factor from 0\.1 to 10"):
+    with pytest.raises(OptionError, match=r"factor: expected a number from 0\.1 to 10"):
         read_device(tmp_path / "d.toml")[0]
 
 
