@@ -4,7 +4,6 @@ The driver runs in another process, records as ``pfwd log --no-invert`` does, an
 time and memory. The simulated instrument runs on the same machine.
 """
 
-import argparse
 import json
 import subprocess
 import sys
@@ -16,7 +15,7 @@ from typing import Any
 
 import psutil
 
-from benchmarks.output import Reporter
+from benchmarks.output import parse_options
 from simulators.instrument import serve
 
 DAY_S = 86_400.0
@@ -31,26 +30,27 @@ def run(arguments: list[str]) -> int:
         Exit status: 1 if samples were lost, drops are missing, or more than 30 % of a core were
         used.
     """
-    parser = argparse.ArgumentParser(prog="pfwd bench acquisition")
-    parser.add_argument("--seconds", type=float, default=30.0, help="of 8 channels at 50 kHz")
-    parser.add_argument("--day", type=float, nargs="?", const=DAY_S, help="seconds of the day")
-    parser.add_argument("--json", action="store_true")
-    args = parser.parse_args(arguments)
-    report = Reporter(arguments)
+    options, report = parse_options(
+        "acquisition",
+        __doc__,
+        arguments,
+        seconds=(30.0, "of 8 channels at 50 kHz, s"),
+        day=(False, "record a day of 4 channels at 10 kHz, too"),
+    )
     good = True
-    if args.seconds > 0:
-        report.title(f"8 channels at 50 kHz for {args.seconds:g} s of real time")
-        drops = max(1, int((args.seconds - 3.0) / 5.0))
+    if options.seconds > 0:
+        report.title(f"8 channels at 50 kHz for {options.seconds:g} s of real time")
+        drops = max(1, int((options.seconds - 3.0) / 5.0))
         figures = _measure({"base": "eight-channels"}, drops, 1.0)
         report.record(part="8 x 50 kHz", **figures)
         good &= figures["lost"] == 0 and figures["drops"] == drops and figures["core"] <= 0.30
-    if args.day:
-        report.title(f"{args.day / 3600:g} hours of 4 channels at 10 kHz, as fast as possible")
+    if options.day:
+        report.title(f"{DAY_S / 3600:g} hours of 4 channels at 10 kHz, as fast as possible")
         # A drop per minute. The first one falls after five minutes: at this speed a command such as
         # the check of the span takes effect minutes later in the instrument's time.
         drops_of_day = {"interval": 60.0, "first": 300.0, "knock_probability": 0.0}
         scenario = {"base": "typical", "drops": drops_of_day}
-        drops = max(1, int((args.day - 300.0) / 60.0))
+        drops = max(1, int((DAY_S - 300.0) / 60.0))
         figures = _measure(scenario, drops, 0.0)
         report.record(part="day", times_real_time=60.0 * drops / figures["elapsed_s"], **figures)
         good &= figures["lost"] == 0 and figures["drops"] == drops

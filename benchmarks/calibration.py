@@ -9,7 +9,6 @@ those of the model. Calibration errors of an instrument are not part of it.
 99 % limit of that distance (Kolmogorov), `z` the error over its standard deviation.
 """
 
-import argparse
 import hashlib
 import importlib.metadata
 import json
@@ -26,7 +25,7 @@ from scipy.special import ndtr, ndtri
 from scipy.stats import kstwo
 
 from benchmarks.coverage import draw_case, recorded, simulate
-from benchmarks.output import Reporter
+from benchmarks.output import Reporter, parse_options
 from inversion import Instrument, Record, Sensor, SurrogateLibrary
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point
@@ -69,17 +68,17 @@ class Replicate:
 
 def run(arguments: list[str]) -> int:
     """Print distances and deviations; return 0, or 1 if a distance is outside of its band."""
-    parser = argparse.ArgumentParser(prog="pfwd bench calibration", description=__doc__)
-    parser.add_argument("--cases", type=int, default=1000, help="drops of the model (1000)")
-    parser.add_argument("--finite-elements", type=int, default=100, help="drops (100)")
-    parser.add_argument(
-        "--error", type=float, default=STATED_ERROR, help="of the model, over the peak (0.0015)"
+    options, report = parse_options(
+        "calibration",
+        __doc__,
+        arguments,
+        cases=(1000, "drops of the model"),
+        finite_elements=(100, "drops of finite elements"),
+        error=(STATED_ERROR, "of the model, over the peak"),
+        seed=(0, "of everything random"),
+        jobs=(2, "processes"),
+        output=(Path, "file for the ranks, with version and hash"),
     )
-    parser.add_argument("--seed", type=int, default=0, help="of everything random (0)")
-    parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
-    parser.add_argument("--output", type=Path, help="file for the ranks, with version and hash")
-    parser.add_argument("--json", action="store_true", help="one JSON object a line")
-    options = parser.parse_args(arguments)
     of_model = partial(model_replicate, scale=options.error)
     tasks: list[tuple[Callable[[int, int], Replicate], int, int]] = [
         *((of_model, options.seed, number) for number in range(options.cases)),
@@ -88,8 +87,8 @@ def run(arguments: list[str]) -> int:
     with Jobs(options.jobs) as pool:
         replicates = list(pool.map(_made, tasks))
     if options.output is not None:
-        _write(options.output, options, replicates)
-    return summarise(Reporter(arguments), replicates)
+        _write(options.output, options.seed, replicates)
+    return summarise(report, replicates)
 
 
 def _made(task: tuple[Callable[[int, int], Replicate], int, int]) -> Replicate:
@@ -278,7 +277,7 @@ def _inverse_depth(fit: Posterior) -> tuple[float, float]:
     return float(fit.values[place]), math.sqrt(float(fit.covariance[place, place]))
 
 
-def _write(path: Path, options: argparse.Namespace, replicates: list[Replicate]) -> None:
+def _write(path: Path, seed: int, replicates: list[Replicate]) -> None:
     """Write the ranks, with the version of the program and a hash of them."""
     ranks = [
         {"source": r.source, **{k: round(v, 6) for k, v in r.ranks.items()}} for r in replicates
@@ -286,7 +285,7 @@ def _write(path: Path, options: argparse.Namespace, replicates: list[Replicate])
     text = json.dumps(ranks, separators=(",", ":"))
     content = {
         "version": importlib.metadata.version("pfwd"),
-        "seed": options.seed,
+        "seed": seed,
         "sha256": hashlib.sha256(text.encode()).hexdigest(),
         "ranks": ranks,
     }

@@ -6,7 +6,6 @@ squares. The same drops without noise, at their true parameters, give the error 
 model, which sets the error floor of the inversion.
 """
 
-import argparse
 import math
 import statistics
 from collections.abc import Iterable, Sequence
@@ -17,19 +16,17 @@ from typing import Literal
 
 import numpy as np
 
-from benchmarks.output import Reporter
+from benchmarks.output import Reporter, parse_options
 from inversion import (
     Grounds,
     Instrument,
     InversionError,
-    InversionResult,
     PlateProblem,
     Record,
     Settings,
     SurrogateLibrary,
     invert,
 )
-from inversion.arrays import FloatArray
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.forward.model import ForwardModel
 from inversion.measured.record import CONTACT_END_FRACTION
@@ -40,7 +37,7 @@ from pfwd.files.traces import read_traces
 from pfwd.jobs import Jobs
 from pfwd_plugins.quantities import MotionName
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop
-from simulators.mesh import Ground, Plate, Resolution
+from simulators.mesh import Ground, Plate
 from simulators.traces import Recording, write_traces
 
 Group = Literal["depth declared", "depth unknown", "three sensors"]
@@ -188,18 +185,11 @@ def draw_case(number: int, seed: int = 0) -> Case:
             return case
 
 
-def simulate(case: Case, resolution: Resolution | None = None) -> SimulatedDrop:
+def simulate(case: Case) -> SimulatedDrop:
     """Simulate the drop of a case by finite elements, without noise."""
     pulse = case.hammer.pulse_duration
-    simulator = DropSimulator(
-        case.ground,
-        case.plate,
-        case.offsets,
-        max(0.03, round(2.5 * pulse, 3)),
-        TIME_STEP,
-        pulse,
-        resolution or Resolution(),
-    )
+    duration = max(0.03, round(2.5 * pulse, 3))
+    simulator = DropSimulator(case.ground, case.plate, case.offsets, duration, TIME_STEP, pulse)
     return simulator.run(case.hammer)
 
 
@@ -224,21 +214,6 @@ def recorded(case: Case, drop: SimulatedDrop) -> Record:
 
 def model_error(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> ModelDifference:
     """Return the error of the forward model at the true parameters."""
-    peaks = np.max(np.abs(drop.ground_displacement), axis=1)
-    # The weights of the inversion: a distant sensor with little motion counts less.
-    residual = _difference(case, drop, library) / np.hypot(peaks, 0.1 * peaks[0])[:, None]
-    loaded = np.flatnonzero(drop.load > CONTACT_END_FRACTION * np.max(drop.load))
-    rms = np.sqrt(np.mean(residual[:, : int(loaded[-1]) + 1] ** 2, axis=1))
-    largest = np.max(np.abs(residual), axis=1)
-    if rms.size == 1:
-        return ModelDifference(float(rms[0]), float(largest[0]), None, None)
-    return ModelDifference(
-        float(rms[0]), float(largest[0]), float(np.max(rms[1:])), float(np.max(largest[1:]))
-    )
-
-
-def _difference(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> FloatArray:
-    """Return the model at the true values minus the simulation, (n_sensors, n - 1), m."""
     model = ForwardModel(
         library.get(case.problem, case.depth / case.radius),
         Instrument(case.radius, case.plate_mass),
@@ -249,8 +224,15 @@ def _difference(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> F
     )
     truth = (case.modulus, case.viscosity, case.density, 1.0 / case.depth)
     predicted = model.displacement(Grounds(*(np.array([value]) for value in truth)))[0]
-    result: FloatArray = predicted - drop.ground_displacement[:, 1:]
-    return result
+    peaks = np.max(np.abs(drop.ground_displacement), axis=1)
+    # The weights of the inversion: a distant sensor with little motion counts less.
+    weights = np.hypot(peaks, 0.1 * peaks[0])[:, None]
+    residual = (predicted - drop.ground_displacement[:, 1:]) / weights
+    loaded = np.flatnonzero(drop.load > CONTACT_END_FRACTION * np.max(drop.load))
+    rms = np.sqrt(np.mean(residual[:, : int(loaded[-1]) + 1] ** 2, axis=1))
+    largest = np.max(np.abs(residual), axis=1)
+    far = (None, None) if rms.size == 1 else (float(np.max(v[1:])) for v in (rms, largest))
+    return ModelDifference(float(rms[0]), float(largest[0]), *far)
 
 
 def analyse(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> CoverageResult:
@@ -261,10 +243,6 @@ def analyse(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> Cover
     except InversionError as err:
         nan = math.nan
         return CoverageResult(case, nan, nan, nan, nan, False, (), False, nan, error, str(err))
-    return _outcome(case, result, error)
-
-
-def _outcome(case: Case, result: InversionResult, error: ModelDifference) -> CoverageResult:
     low, high = known(result.modulus_interval_pa)
     depth, warnings = result.bedrock_depth_m, result.warnings or ()
     return CoverageResult(
@@ -294,26 +272,23 @@ def _build(problem: PlateProblem) -> None:
 
 def run(arguments: list[str]) -> int:
     """Print coverage, widths and errors; return the exit status: 0, or 1 if a target is missed."""
-    parser = argparse.ArgumentParser(prog="pfwd bench coverage", description=__doc__)
-    parser.add_argument("--cases", type=int, default=100, help="number of drops (100)")
-    parser.add_argument("--refined", type=int, default=0, help="cases on a halved mesh too (0)")
-    parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
-    parser.add_argument("--seed", type=int, default=0, help="of everything random (0)")
-    parser.add_argument("--json", action="store_true", help="one JSON object a line")
-    options = parser.parse_args(arguments)
-    report = Reporter(arguments)
+    options, report = parse_options(
+        "coverage",
+        __doc__,
+        arguments,
+        cases=(100, "number of drops"),
+        jobs=(2, "processes"),
+        seed=(0, "of everything random"),
+    )
     cases = [draw_case(number, options.seed) for number in range(options.cases)]
     with Jobs(options.jobs) as pool:
         # Built first, so that the workers read them from the cache.
         list(pool.map(_build, list(dict.fromkeys(case.problem for case in cases))))
         outcomes = list(pool.map(simulate_and_analyse, cases))
-        refined = list(pool.map(_refinement, _cheapest(cases, options.refined)))
-    return summarise(report, outcomes, refined)
+    return summarise(report, outcomes)
 
 
-def summarise(
-    report: Reporter, outcomes: Sequence[CoverageResult], refined: Sequence[dict[str, object]] = ()
-) -> int:
+def summarise(report: Reporter, outcomes: Sequence[CoverageResult]) -> int:
     """Print the tables of a campaign; return the exit status: 0, or 1 if a target is missed."""
     report.title(f"{len(outcomes)} finite-element drops, least squares, 95 % intervals")
     for group in GROUPS:
@@ -325,10 +300,6 @@ def summarise(
         values = [value for value in errors if value is not None]
         if values:
             report.record(model_error=name, drops=len(values), **_quantiles(values))
-    if refined:
-        report.title("the finite elements' own error: halved mesh and step (over the peak)")
-    for record in refined:
-        report.record(**record)
     report.title("truth outside of the interval")
     for outcome in outcomes:
         if not outcome.covered:
@@ -385,36 +356,3 @@ def _failure(outcome: CoverageResult) -> dict[str, object]:
         "at_bound": list(outcome.at_bound),
         "fault": outcome.fault,
     } | values
-
-
-def _cheapest(cases: Sequence[Case], count: int) -> list[Case]:
-    """Return the cases with three sensors that have the smallest meshes."""
-
-    def waves(case: Case) -> float:
-        speed = case.ground.layers[0].shear_speed(math.pi / case.pulse)
-        depth = min(case.depth, 20.0)
-        return depth * (3.0 + depth) / (speed * case.pulse) ** 2
-
-    chosen = [case for case in cases if case.group == "three sensors"]
-    return sorted(chosen, key=waves)[:count]
-
-
-def _refinement(case: Case) -> dict[str, object]:
-    """Return the change of a drop by a finer mesh, and the model's errors, over the peak."""
-    with single_threaded_blas():
-        coarse, fine = simulate(case), simulate(case, Resolution().refined())
-        library = SurrogateLibrary()
-        before, after = (_difference(case, drop, library) for drop in (coarse, fine))
-    change = np.abs(fine.ground_displacement - coarse.ground_displacement)[:, 1:]
-    peaks = np.max(np.abs(fine.ground_displacement), axis=1)
-
-    def largest(values: FloatArray) -> list[float]:
-        return [round(float(value), 6) for value in np.max(np.abs(values), axis=1) / peaks]
-
-    return {
-        "refined_case": case.number,
-        "offsets": [round(offset, 4) for offset in case.offsets],
-        "change": largest(change),
-        "model_before": largest(before),
-        "model_after": largest(after),
-    }

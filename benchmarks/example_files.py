@@ -3,7 +3,6 @@
 The true values are in ``pfwd/scripting/data/README.md`` and not in the headers of the files.
 """
 
-import argparse
 import math
 import tempfile
 from collections.abc import Callable, Mapping
@@ -12,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.output import Reporter
+from benchmarks.output import parse_options
 from pfwd.analysis.analyse import analyse_files
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.export.export import export_survey
@@ -74,12 +73,10 @@ SURVEY = {
 
 def run(arguments: list[str]) -> int:
     """Make all files in ``--output FOLDER`` (default pfwd/scripting/data)."""
-    parser = argparse.ArgumentParser(prog="pfwd bench example_files", description=__doc__)
-    parser.add_argument("--output", type=Path, default=FOLDER, metavar="FOLDER")
-    parser.add_argument("--json", action="store_true")
-    options = parser.parse_args(arguments)
+    options, report = parse_options(
+        "example_files", __doc__, arguments, output=(FOLDER, "folder of the files")
+    )
     options.output.mkdir(parents=True, exist_ok=True)
-    report = Reporter(arguments)
     for name, make in TRACES.items():
         path = options.output / f"{name}.csv"
         make(path)

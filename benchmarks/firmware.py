@@ -1,6 +1,5 @@
 """Size of the firmware's core on a Cortex-M3, and its fuzzing by libFuzzer with its sanitizers."""
 
-import argparse
 import random
 import shutil
 import struct
@@ -11,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.output import Reporter
+from benchmarks.output import parse_options
 from simulators.emulated import build_emulated, section_sizes
 from simulators.firmware import (
     COMPILER_FLAGS,
@@ -34,11 +33,9 @@ def run(arguments: list[str]) -> int:
 
     Return 1 if a size is too large or the fuzzer found an error, 2 without zig or clang.
     """
-    parser = argparse.ArgumentParser(prog="pfwd bench firmware")
-    parser.add_argument("--fuzz", type=int, metavar="S", help="fuzz for so many seconds instead")
-    parser.add_argument("--json", action="store_true")
-    options = parser.parse_args(arguments)
-    reporter = Reporter(arguments)
+    options, reporter = parse_options(
+        "firmware", __doc__, arguments, fuzz=(int, "seconds of fuzzing, in place of the sizes")
+    )
     try:
         if options.fuzz is not None:
             reporter.title("the core under libFuzzer, address and undefined-behaviour sanitizers")

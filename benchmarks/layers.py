@@ -7,20 +7,17 @@ with noise are inverted as by ``pfwd invert --layers``, which uses only the trac
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.output import Reporter
+from benchmarks.output import Reporter, parse_options
 from inversion import (
     Grounds,
     Instrument,
@@ -50,8 +47,6 @@ from inversion.measured.record import CALIBRATED_ERROR, Sensor
 from inversion.records import known
 from inversion.result import InversionResult
 from inversion.threads import single_threaded_blas
-from pfwd.analysis.analyse import record_of
-from pfwd.files.traces import read_traces
 from pfwd.jobs import Jobs
 from pfwd_plugins.quantities import Measurand
 from simulators.drop import Hammer, simulate_drop
@@ -66,29 +61,22 @@ _PORTABLE = (0.0, 0.3, 0.6, 0.9)
 # Transform with 41 frequencies: a record of 60 ms up to 533 Hz.
 _TRANSFORM = DampedTransform(0.06, 533.0)
 _TIME = np.linspace(0.0, 0.06, 241)[1:]
-# Time of one solve by ViscoWave, another program for layered ground, with nine sensors, ms. It was
-# measured once, together with an earlier solver of this project, and is not run here.
-_VISCOWAVE_MS = 50.9
 
 
 def run(arguments: list[str]) -> int:
     """Print errors and times; return 0."""
-    parser = argparse.ArgumentParser(prog="pfwd bench layers", description=__doc__)
-    parser.add_argument("--json", action="store_true")
-    parser.add_argument("--short", action="store_true", help="fewer grounds, no finite elements")
-    parser.add_argument("--records", type=Path, help="folder with truth.json and traces of drops")
-    parser.add_argument(
-        "--inverted", action="store_true", help="invert drops with a known truth, nothing else"
+    options, report = parse_options(
+        "layers",
+        __doc__,
+        arguments,
+        short=(False, "fewer grounds, no finite elements"),
+        inverted=(False, "invert drops with a known truth, nothing else"),
+        cases=(60, "drops that are inverted"),
+        seed=(1, "of their grounds"),
+        jobs=(1, "processes for them"),
     )
-    parser.add_argument("--cases", type=int, default=60, help="own drops that are inverted")
-    parser.add_argument("--seed", type=int, default=1, help="of their grounds")
-    parser.add_argument("--jobs", type=int, default=1, help="processes for them")
-    options = parser.parse_args(arguments)
-    report = Reporter(arguments)
     if options.inverted:
         _inversion_speed(report)
-        if options.records:
-            _inverted_records(report, options.records)
         _inverted_finite_elements(report, options.cases, options.seed, options.jobs)
         return 0
     with single_threaded_blas():
@@ -97,8 +85,6 @@ def run(arguments: list[str]) -> int:
         _accuracy(report, 12 if options.short else 60)
         if not options.short:
             _finite_elements(report)
-        if options.records:
-            _records(report, options.records)
     return 0
 
 
@@ -122,7 +108,6 @@ def _speed(report: Reporter) -> None:
         lambda: transfer_function(surrogate, instrument, _TRANSFORM.s, eighty_grounds, single=True)
     )
     report.record(what="surrogate, one of 80 grounds in one call", ms=eighty / 80)
-    report.record(what="ViscoWave (not run here), nine sensors", ms=_VISCOWAVE_MS)
 
 
 def _speed_of(report: Reporter, plate: Any, media: int) -> None:
@@ -324,39 +309,6 @@ def _finite_elements(report: Reporter) -> None:
             report.record(ground=name, contact=contact, **values)
 
 
-def _records(report: Reporter, folder: Path) -> None:
-    report.title(f"drops of {folder.name}, true parameters (rms of the velocity, % of the peak)")
-    for name, truth in json.loads((folder / "truth.json").read_text()).items():
-        point = read_traces(folder / f"{name}.csv")
-        record = record_of(point.drops[0], point.setup)
-        rock, above = truth["rock_depth_m"], truth["thickness_m"]
-        thicknesses = [*above, math.inf if rock is None else rock - sum(above)]
-        media = tuple(
-            Medium(
-                1e6 * layer["modulus_MPa"],
-                1e3 * layer["viscosity_kPa_s"],
-                layer["density"],
-                record.poisson_ratio,
-                h,
-            )
-            for layer, h in zip(truth["layers"], thicknesses, strict=True)
-        )
-        time_axis = record.time - record.time[0]
-        offsets = [abs(sensor.offset) for sensor in record.sensors]
-        model = LayeredForwardModel(
-            "rigid-rough", record.instrument, offsets, time_axis, record.load, time_axis[1:], 1600.0
-        )
-        displacement = model.displacement(
-            LayeredGrounds.of([LayeredGround(media, rock is not None)])
-        )[0]
-        values = {}
-        for sensor, predicted in zip(record.sensors, displacement, strict=True):
-            residual = np.gradient(predicted, time_axis[1]) - sensor.values[1:]
-            rms = math.sqrt(np.mean(residual**2)) / np.max(np.abs(sensor.values))
-            values[f"at_{sensor.offset:.2g}_m"] = 100 * float(rms)
-        report.record(drop=name, kind=truth["kind"], noise=100 * truth["noise"], **values)
-
-
 _MASS = 5.0
 _STEP = 2e-4
 # Root mean square noise of velocity and load, over their peaks.
@@ -537,28 +489,3 @@ def _shortest(action: Any) -> float:
         action()
         times.append(time.process_time() - start)
     return min(times)
-
-
-def _inverted_records(report: Reporter, folder: Path) -> None:
-    """Report errors for drops that another program simulated; true values are in ``truth.json``."""
-    report.title(f"drops of {folder.name}: found over true (%), and whether the interval holds it")
-    for name, truth in json.loads((folder / "truth.json").read_text()).items():
-        point = read_traces(folder / f"{name}.csv")
-        record = record_of(point.drops[0], point.setup)
-        depth = truth["rock_depth_m"]
-        rock = math.inf if depth is None else depth
-        record = replace(record, bedrock_depth=rock, modulus_error=CALIBRATED_ERROR)
-        result = invert(record, Settings(layers=len(truth["layers"])))
-        values: dict[str, Any] = {}
-        for number, (layer, true) in enumerate(
-            zip(known(result.layers), truth["layers"], strict=True), 1
-        ):
-            modulus = 1e6 * true["modulus_MPa"]
-            low, high = known(layer.modulus_interval_pa)
-            values[f"modulus_{number}"] = 100 * (known(layer.modulus_pa) / modulus - 1.0)
-            values[f"holds_{number}"] = low <= modulus <= high
-        for number, (layer, true) in enumerate(
-            zip(known(result.layers), truth["thickness_m"], strict=False), 1
-        ):
-            values[f"thickness_{number}"] = 100 * (known(layer.thickness_m) / true - 1.0)
-        report.record(drop=name, kind=truth["kind"], sensors=len(record.sensors), **values)

@@ -10,7 +10,6 @@ cores.
 import argparse
 import json
 import math
-import subprocess
 import sys
 import tempfile
 import time
@@ -23,16 +22,14 @@ from typing import Any
 import numpy as np
 from platformdirs import user_cache_path
 
-from benchmarks.output import Proportion, Reporter
-from tests.campaigns.blind import DRAWN_LEVEL, Case, make_campaign, read_truth
-from tests.campaigns.effects.catalogue import CLEAN, EFFECTS
+from benchmarks.output import Proportion, Reporter, parse_options
+from tests.campaigns.blind import Case, make_campaign, read_truth
+from tests.campaigns.effects.catalogue import EFFECTS
 
 DiagnosisRecord = Mapping[str, Any]
 
 # An effect matters if it changes the modulus or leaves a residual beyond these limits.
 MODULUS_SHIFT, RESIDUAL_OVER_NOISE = 0.01, 3.0
-# The shape of the pulse does not affect a fit to the measured load; such drops must be clean.
-HARMLESS = frozenset({CLEAN, "load_shape"})
 GROUPS = ("clean", "known", "unknown", "soil")
 CLIPPED = frozenset({"load-clipped", "sensor-clipped"})
 """Codes of warnings about clipped samples."""
@@ -169,28 +166,20 @@ def run(arguments: list[str]) -> int:
 
     Return the exit status: 0, or 2 for wrong options.
     """
-    parser = argparse.ArgumentParser(prog="pfwd bench loop", description=__doc__)
-    parser.add_argument(
-        "--cases", type=int, help="drops per kind and strength (8), with --short per kind (4)"
+    kinds = f"groups ({', '.join(GROUPS)}) or effects by comma: {', '.join(EFFECTS)}"
+    options, report = parse_options(
+        "loop",
+        __doc__,
+        arguments,
+        cases=(int, "drops per kind and strength (8), with --short per kind (4)"),
+        short=(False, "draw the strengths; with --strengths take three"),
+        strengths=(False, "detection by strength and noise"),
+        kinds=(",".join(GROUPS), kinds),
+        seed=(0, "random seed"),
+        jobs=(2, "processes"),
+        folder=(Path, "folder to keep the campaign in"),
     )
-    parser.add_argument(
-        "--short", action="store_true", help="draw the strengths; with --strengths take three"
-    )
-    parser.add_argument("--strengths", action="store_true", help="detection by strength and noise")
-    parser.add_argument(
-        "--kinds",
-        "--only",
-        metavar="KINDS",
-        help=f"groups ({', '.join(GROUPS)}) or effects by comma: {', '.join(EFFECTS)}",
-    )
-    parser.add_argument("--seed", type=int, default=0, help="random seed (0)")
-    parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
-    parser.add_argument("--folder", type=Path, help="keep the campaign there (temporary)")
-    parser.add_argument("--cache", type=Path, help="folder of finite-element answers")
-    parser.add_argument("--cli", action="store_true", help="diagnose by the command line")
-    parser.add_argument("--json", action="store_true", help="one JSON object a line")
-    options = parser.parse_args(arguments)
-    words = set(options.kinds.split(",")) if options.kinds else set(GROUPS)
+    words = set(options.kinds.split(","))
     unknown = words - set(EFFECTS) - set(GROUPS)
     if unknown:
         print(f"pfwd bench loop: no kind {', '.join(sorted(unknown))}", file=sys.stderr)
@@ -198,7 +187,6 @@ def run(arguments: list[str]) -> int:
     options.kinds = {key for key, effect in EFFECTS.items() if words & {key, effect.group}}
     with tempfile.TemporaryDirectory() as temporary:
         folder = options.folder or Path(temporary)
-        report = Reporter(arguments)
         if options.strengths:
             _strengths(report, options, folder)
         else:
@@ -211,7 +199,7 @@ def _campaign(
 ) -> list[Judged]:
     """Simulate and diagnose one campaign."""
     begin = time.perf_counter()
-    cache = options.cache or user_cache_path("pfwd", appauthor=False) / "finite-elements"
+    cache = user_cache_path("pfwd", appauthor=False) / "finite-elements"
     default_drops = 8 if not options.short else 2 if options.strengths else 4
     choices = {
         "per_case": options.cases or default_drops,
@@ -221,8 +209,7 @@ def _campaign(
     cases = make_campaign(folder, seed=options.seed, cache=cache, **choices)
     built = time.perf_counter()
     files = sorted((folder / "traces").glob("*.csv"))
-    diagnose = by_command if options.cli else by_library
-    records = diagnose(files, options.jobs)
+    records = diagnosed(files, options.jobs)
     with (folder / "diagnosed.jsonl").open("w", encoding="utf-8") as file:
         file.writelines(json.dumps(record) + "\n" for record in records.values())
     report.record(
@@ -234,29 +221,12 @@ def _campaign(
     return [Judged(case, records.get(case.file)) for case in read_truth(folder)]
 
 
-def by_library(files: Sequence[Path], jobs: int) -> dict[str, DiagnosisRecord]:
-    """Return the diagnoses as JSON by file name, made by the library; invalid files are omitted."""
+def diagnosed(files: Sequence[Path], jobs: int) -> dict[str, DiagnosisRecord]:
+    """Return the diagnoses as JSON by file name; invalid files are omitted."""
     from pfwd.analysis.diagnosis.diagnose import diagnose_files
 
     diagnoses = diagnose_files([str(file) for file in files], jobs=jobs)
-    return {
-        Path(diagnosed.file).name: diagnosed.result.to_json()
-        for diagnosed in diagnoses
-        if diagnosed.result is not None
-    }
-
-
-def by_command(files: Sequence[Path], jobs: int) -> dict[str, DiagnosisRecord]:
-    """Return diagnoses as JSON by file name, made by ``pfwd diagnose --json``."""
-    program = "import sys; from tui.cli import main; sys.exit(main())"
-    command = [sys.executable, "-c", program, "diagnose", "--json", "--jobs", str(jobs)]
-    completed = subprocess.run(
-        [*command, *map(str, files)], stdout=subprocess.PIPE, text=True, check=False
-    )
-    records = [json.loads(line) for line in completed.stdout.splitlines()]
-    if completed.returncode not in (0, 1) or not records:  # 1: some files were refused
-        raise RuntimeError(f"pfwd diagnose: expected records, exit status {completed.returncode}")
-    return {Path(record["file"]).name: record for record in records}
+    return {Path(item.file).name: item.result.to_json() for item in diagnoses if item.result}
 
 
 def summarise(report: Reporter, judged: Sequence[Judged]) -> None:
@@ -271,10 +241,6 @@ def summarise(report: Reporter, judged: Sequence[Judged]) -> None:
     report.title("by group, the same")
     for name, part in grouped(judged).items():
         report.record(group_of_points=name, **_proportions(part))
-    if any(point.case.level > DRAWN_LEVEL for point in judged):
-        _by_strength(report, judged)
-    report.title("totals on Kelvin-Voigt soil (shares of drops)")
-    report.record(**totals(judged))
     report.title("does the interval of the modulus after hold the truth (points)")
     for name, part in covered(judged).items():
         report.record(
@@ -371,18 +337,6 @@ def _half_width(part: Sequence[Judged]) -> float | None:
     return 100 * float(np.median(widths)) if widths else None
 
 
-def _by_strength(report: Reporter, judged: Sequence[Judged]) -> None:
-    report.title("by effect and strength; errors of the modulus in %")
-    for key in sorted({point.case.key for point in judged}):
-        for level in sorted({point.case.level for point in judged if point.case.key == key}):
-            part = [point for point in judged if (point.case.key, point.case.level) == (key, level)]
-            report.record(effect=key, strength=part[0].case.strength, **_shares(part))
-    report.title("by effect, drops that matter")
-    for key in sorted({point.case.key for point in judged if point.matters}):
-        part = [point for point in judged if point.case.key == key and point.matters]
-        report.record(effect=key, **_shares(part))
-
-
 def covered(judged: Sequence[Judged]) -> dict[str, list[Judged]]:
     """Return the points with a true modulus in three groups.
 
@@ -395,47 +349,6 @@ def covered(judged: Sequence[Judged]) -> dict[str, list[Judged]]:
         "clean_and_known": [point for point in on_ground if point.case.group != "unknown"],
         "silent": [point for point in unknown_effects if not point.visible],
         "visible": [point for point in unknown_effects if point.visible],
-    }
-
-
-def totals(judged: Sequence[Judged]) -> dict[str, float | int | None]:
-    """Return the main figures of the campaign, for points on Kelvin-Voigt soil."""
-    common = [point for point in judged if point.case.soil == "kelvin-voigt"]
-    harmless = [point for point in common if point.case.effect in HARMLESS]
-    real = [point for point in common if point.case.effect not in HARMLESS and point.matters]
-    known_effects, unknown_effects = _of_group(real, "known"), _of_group(real, "unknown")
-    visible_known = [point for point in known_effects if point.visible]
-    visible_unknown = [point for point in unknown_effects if point.visible]
-    corrected = [point for point in known_effects if point.verdict == "explained"]
-    return {
-        "known": _drops(known_effects),
-        "right_named": _share(known_effects, lambda point: point.right),
-        # an effect that changes the modulus by little more than 1 % may be invisible in the noise
-        "known_visible": _drops(visible_known),
-        "visible_right_named": _share(visible_known, lambda point: point.right),
-        "clean": _drops(harmless),
-        "false_alarms": _share(harmless, lambda point: point.alarmed),
-        "unknown": _drops(unknown_effects),
-        "called_unexplained": _share(unknown_effects, lambda point: point.verdict == "unexplained"),
-        # a constant error of clock or gain is equivalent to another soil, and invisible
-        "unknown_visible": _drops(visible_unknown),
-        "visible_called_unexplained": _share(
-            visible_unknown, lambda point: point.verdict == "unexplained"
-        ),
-        **_errors(known_effects),
-        **{f"corrected_{name}": value for name, value in _errors(corrected).items()},
-        "worse_anywhere": _share(judged, _worse),
-    }
-
-
-def _shares(part: Sequence[Judged]) -> dict[str, float | int | None]:
-    return {
-        "drops": _drops(part),
-        "matters": _share(part, lambda point: point.matters),
-        "right": _share(part, lambda point: point.right),
-        "unexplained": _share(part, lambda point: point.verdict == "unexplained"),
-        "alarmed": _share(part, lambda point: point.alarmed),
-        **_errors(part),
     }
 
 

@@ -6,7 +6,6 @@ diagnosis of the survey without the last drops. The prediction is compared with 
 record, scaled by the peak loads. Errors are root mean squares over the peak, in %.
 """
 
-import argparse
 import sys
 import time
 from collections.abc import Sequence
@@ -15,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.output import Reporter
+from benchmarks.output import Reporter, parse_options
 from inversion.diagnosis import PointDiagnosis
 from inversion.records import known
 from pfwd.analysis.diagnosis.diagnose import diagnose_entries
@@ -30,29 +29,24 @@ def run(arguments: list[str]) -> int:
 
     Return the exit status: 0, or 1 if no file has measured drops.
     """
-    parser = argparse.ArgumentParser(prog="pfwd bench measured", description=__doc__)
-    parser.add_argument("paths", nargs="+", type=Path, help="files of real devices, or folders")
-    parser.add_argument("--header", type=Path, help="what the files do not declare")
-    parser.add_argument("--device", help="only this one")
-    parser.add_argument(
-        "--leave-out",
-        choices=("next", "drop", "sensor", "point"),
-        default="next",
-        help="as the command (next)",
+    options, report = parse_options(
+        "measured",
+        __doc__,
+        arguments,
+        paths=(Path, "files of real devices, or folders"),
+        header=(str, "file with what the files do not declare"),
+        device=(str, "name of the only device"),
+        leave_out=(("next", "drop", "sensor", "point"), "as the command (next)"),
+        allow=((None, "stiffness"), "as the command"),
+        jobs=(2, "processes"),
     )
-    parser.add_argument("--allow", choices=("stiffness",), help="as the command")
-    parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
-    parser.add_argument("--json", action="store_true", help="one JSON object a line")
-    options = parser.parse_args(arguments)
-    header = None if options.header is None else str(options.header)
-    surveys = find_points(options.paths, AnalysisOptions(header=header))
+    surveys = find_points(options.paths, AnalysisOptions(header=options.header))
     if options.device is not None:
         surveys = {name: points for name, points in surveys.items() if name == options.device}
     if not surveys:
         where = ", ".join(map(str, options.paths))
         print(f"pfwd bench measured: no measured drops in {where}", file=sys.stderr)
         return 1
-    report = Reporter(arguments)
     for name, points in surveys.items():
         start = time.perf_counter()
         diagnoses = diagnose_entries(

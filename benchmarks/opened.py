@@ -5,7 +5,6 @@ is on the terminal. The time to the last byte is reported too, because the toolk
 page twice without a visible change. POSIX only: Windows has no pseudo-terminals of this kind.
 """
 
-import argparse
 import dataclasses
 import math
 import os
@@ -15,9 +14,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from benchmarks.output import Reporter
+from benchmarks.output import parse_options
 from benchmarks.scale import Template, UnsyncedStorage, recorded_drops
-from benchmarks.screen import PFWD, Terminal
+from benchmarks.screen import PFWD, SIZE, Terminal
 from pfwd_device.recording import SurveyWriter
 
 POINTS, DROPS = 5_000, 2
@@ -51,29 +50,27 @@ def run(arguments: list[str]) -> int:
 
     Return the exit status.
     """
-    parser = argparse.ArgumentParser(prog="pfwd bench opened")
-    parser.add_argument("--points", type=int, default=POINTS)
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--columns", type=int, default=120)
-    parser.add_argument("--rows", type=int, default=40)
-    parser.add_argument("--json", action="store_true")
-    args = parser.parse_args(arguments)
+    options, report = parse_options(
+        "opened",
+        __doc__,
+        arguments,
+        points=(POINTS, "number of points"),
+        repeats=(5, "of each key"),
+    )
     if os.name != "posix":
         print("pfwd bench opened: expected a POSIX system with pseudo-terminals", file=sys.stderr)
         return 2
-    report = Reporter(arguments)
-    size = args.columns, args.rows
     with tempfile.TemporaryDirectory(prefix="pfwd-opened-") as folder:
         os.environ["PFWD_CACHE"] = str(Path(folder) / "cache")
         survey = Path(folder) / "long road"
-        build(survey, args.points, recorded_drops(Path(folder) / "demo"))
-        report.title(f"pfwd open, {args.points} points of {DROPS} drops, {size[0]} x {size[1]}")
+        build(survey, options.points, recorded_drops(Path(folder) / "demo"))
+        report.title(f"pfwd open, {options.points} points of {DROPS} drops, {SIZE[0]} x {SIZE[1]}")
         good = True
         for name in ("never opened before", "opened before"):
-            paint, points, judged = opening(survey, args.points, size)
+            paint, points, judged = opening(survey, options.points)
             report.record(part=name, paint_s=paint, points_s=points, judged_s=judged)
             good &= paint <= MAX_PAINT_S
-        for name, responses in response_times(survey, size, args.repeats).items():
+        for name, responses in response_times(survey, options.repeats).items():
             median = statistics.median(painted for painted, _ in responses)
             report.record(
                 part=f"key: {name}",
@@ -108,9 +105,9 @@ def build(survey: Path, points: int, templates: list[Template]) -> None:
         writer.close(600.0)
 
 
-def opening(survey: Path, points: int, size: tuple[int, int]) -> tuple[float, float, float]:
+def opening(survey: Path, points: int) -> tuple[float, float, float]:
     """Return the times until the frame, the first points, and all verdicts are on the screen, s."""
-    terminal = _opened(survey, size)
+    terminal = _opened(survey)
     times: list[float] = []
     try:
         for text in (b"Profile", f"{points} points".encode(), b"page 1 of"):
@@ -124,12 +121,10 @@ def opening(survey: Path, points: int, size: tuple[int, int]) -> tuple[float, fl
         terminal.close()
 
 
-def response_times(
-    survey: Path, size: tuple[int, int], repeats: int
-) -> dict[str, list[tuple[float, float]]]:
+def response_times(survey: Path, repeats: int) -> dict[str, list[tuple[float, float]]]:
     """Return, by name of the key, the times from the key to its page and to the last byte, s."""
     responses: dict[str, list[tuple[float, float]]] = {name: [] for name in KEYS}
-    terminal = _opened(survey, size)
+    terminal = _opened(survey)
     try:
         while b"page 1 of" not in terminal.text:
             _in_time(terminal)
@@ -145,8 +140,8 @@ def response_times(
     return responses
 
 
-def _opened(survey: Path, size: tuple[int, int]) -> Terminal:
-    return Terminal([*PFWD, "open", str(survey)], size)
+def _opened(survey: Path) -> Terminal:
+    return Terminal([*PFWD, "open", str(survey)])
 
 
 def _in_time(terminal: Terminal) -> None:

@@ -1,5 +1,6 @@
 """Output of the benchmarks as text or as JSON."""
 
+import argparse
 import json
 import math
 from collections.abc import Callable, Sequence
@@ -72,6 +73,42 @@ class Reporter:
             print(json.dumps({key: _as_json(value) for key, value in values.items()}), flush=True)
         else:
             print("  ".join(f"{key} {_short(value)}" for key, value in values.items()), flush=True)
+
+
+def parse_options(
+    part: str, description: str | None, arguments: list[str], **options: tuple[Any, str]
+) -> tuple[argparse.Namespace, Reporter]:
+    """Parse the arguments of a benchmark; return its options and the printer of its results.
+
+    Parameters
+    ----------
+    part : str
+        Name of the benchmark.
+    description : str or None
+        Text before the options in the help.
+    arguments : list of str
+    **options : (default, str)
+        Default and help by name. A type in place of the default: no default. False: a flag. A
+        tuple: the choices, the first of which is the default. ``paths``: one or more positional
+        paths.
+    """
+    parser = argparse.ArgumentParser(prog=f"pfwd bench {part}", description=description)
+    parser.add_argument("--json", action="store_true", help="one JSON object a line")
+    for name, (default, text) in options.items():
+        flag = f"--{name.replace('_', '-')}"
+        match default:
+            case _ if name == "paths":
+                parser.add_argument(name, nargs="+", type=default, help=text)
+            case False:
+                parser.add_argument(flag, action="store_true", help=text)
+            case type():
+                parser.add_argument(flag, type=default, help=text)
+            case tuple():
+                parser.add_argument(flag, choices=default, default=default[0], help=text)
+            case _:
+                text = f"{text} (%(default)s)"
+                parser.add_argument(flag, type=type(default), default=default, help=text)
+    return parser.parse_args(arguments), Reporter(arguments)
 
 
 def _short(value: Any) -> str:

@@ -4,7 +4,6 @@ A simulated instrument measures three points, the survey is replayed on the scre
 is drawn.
 """
 
-import argparse
 import asyncio
 import datetime
 import tempfile
@@ -13,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.output import Reporter
+from benchmarks.output import parse_options
 from benchmarks.terminal_picture import runs_of_app, save_picture
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.files.editing import Edit, edit_survey
@@ -48,14 +47,15 @@ def run(arguments: list[str]) -> int:
 
     Return the exit status.
     """
-    parser = argparse.ArgumentParser(prog="pfwd bench pictures")
-    parser.add_argument("--output", type=Path, default=FOLDER)
-    parser.add_argument("--format", choices=["svg", "png"], default="svg")
-    parser.add_argument("--only", action="append", help="names of pictures")
-    parser.add_argument("--json", action="store_true")
-    args = parser.parse_args(arguments)
-    report = Reporter(arguments)
-    args.output.mkdir(parents=True, exist_ok=True)
+    options, report = parse_options(
+        "pictures",
+        __doc__,
+        arguments,
+        output=(FOLDER, "folder of the pictures"),
+        format=(("svg", "png"), "format of the pictures (svg)"),
+        only=(str, "name of the only picture"),
+    )
+    options.output.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="pfwd-pictures-") as folder:
         survey = Path(folder) / "Ring road"
         _measure(survey)
@@ -67,9 +67,9 @@ def run(arguments: list[str]) -> int:
         draws["open"] = partial(_draw_opened, survey, "points")
         draws["open-drops"] = partial(_draw_opened, survey, "drops")
         for name, draw in draws.items():
-            if args.only and name not in args.only:
+            if options.only not in (None, name):
                 continue
-            path = args.output / f"screen-{name}.{args.format}"
+            path = options.output / f"screen-{name}.{options.format}"
             draw(path)
             report.record(picture=str(path), kilobytes=path.stat().st_size / 1e3)
     return 0

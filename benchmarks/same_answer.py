@@ -7,7 +7,6 @@ differences of a modulus in %, `contained` counts the points of which each inter
 other's value.
 """
 
-import argparse
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.measured import find_points
-from benchmarks.output import Proportion, Reporter
+from benchmarks.output import Proportion, Reporter, parse_options
 from inversion.diagnosis import PointDiagnosis
 from inversion.records import known
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint, with_unique_names
@@ -35,13 +34,14 @@ _QUANTITIES = {
 
 def run(arguments: list[str]) -> int:
     """Diagnose surveys with all and with fewer data, print differences, and return 0."""
-    parser = argparse.ArgumentParser(prog="pfwd bench same_answer", description=__doc__)
-    parser.add_argument("paths", nargs="+", type=Path, help="files of real devices, or folders")
-    parser.add_argument("--device", help="only this one")
-    parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
-    parser.add_argument("--json", action="store_true", help="one JSON object a line")
-    options = parser.parse_args(arguments)
-    report = Reporter(arguments)
+    options, report = parse_options(
+        "same_answer",
+        __doc__,
+        arguments,
+        paths=(Path, "files of real devices, or folders"),
+        device=(str, "name of the only device"),
+        jobs=(2, "processes"),
+    )
     for name, points in find_points(options.paths, AnalysisOptions()).items():
         points = with_unique_names(points)
         if options.device in (None, name) and len(points) > 1:

@@ -7,7 +7,6 @@ programs. The limits are those of an idle computer. POSIX only: Windows does not
 resources of child processes.
 """
 
-import argparse
 import dataclasses
 import hashlib
 import json
@@ -22,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.output import Reporter
+from benchmarks.output import Reporter, parse_options
 from benchmarks.screen import PFWD, first_paint
 from pfwd_device.recording import DropRecord, Rebound, Storage, SurveyWriter, read_survey
 from pfwd_device.recording.drop_file import drop_file_bytes
@@ -86,23 +85,19 @@ def _export(survey: Path, out: Path, form: str) -> list[str]:
 
 def run(arguments: list[str]) -> int:
     """Build the surveys, measure and compare; return the exit status: 0 if all limits are met."""
-    parser = argparse.ArgumentParser(prog="pfwd bench scale")
-    parser.add_argument("--drops", type=int, nargs=2, metavar="N", help="of the two surveys")
-    parser.add_argument("--repeats", type=int, default=REPEATS, help="of each command")
-    parser.add_argument("--only", metavar="TEXT", help="commands whose name begins so")
-    parser.add_argument("--folder", type=Path, help="where the surveys are made, and deleted")
-    parser.add_argument("--short", action="store_true", help="a tenth of the drops")
-    parser.add_argument("--json", action="store_true")
-    args = parser.parse_args(arguments)
+    options, report = parse_options(
+        "scale",
+        __doc__,
+        arguments,
+        repeats=(REPEATS, "of each command"),
+        folder=(Path, "where the surveys are made, and deleted"),
+        short=(False, "a tenth of the drops"),
+    )
     if os.name != "posix":
         print("pfwd bench scale: expected a POSIX system", file=sys.stderr)
         return 2
-    smaller, larger = args.drops or (SHORT if args.short else DROPS)
-    if not 0 < smaller < larger:
-        print("pfwd bench scale: expected two numbers, the larger one last", file=sys.stderr)
-        return 2
-    report = Reporter(arguments)
-    with tempfile.TemporaryDirectory(prefix="pfwd-bench-", dir=args.folder) as folder:
+    smaller, larger = SHORT if options.short else DROPS
+    with tempfile.TemporaryDirectory(prefix="pfwd-bench-", dir=options.folder) as folder:
         free, required = shutil.disk_usage(folder).free, larger * BYTES_OF_A_DROP + SPARE_BYTES
         if free < required:
             print(
@@ -111,10 +106,10 @@ def run(arguments: list[str]) -> int:
                 file=sys.stderr,
             )
             return 1
-        return _run(report, Path(folder), (1, smaller, larger), args)
+        return _run(report, Path(folder), (1, smaller, larger), options.repeats)
 
 
-def _run(report: Reporter, folder: Path, counts: tuple[int, ...], args: argparse.Namespace) -> int:
+def _run(report: Reporter, folder: Path, counts: tuple[int, ...], repeats: int) -> int:
     survey = folder / "survey"
     templates = recorded_drops(folder / "recorded")
     costs_by_name: dict[str, list[Cost]] = {}
@@ -127,10 +122,8 @@ def _run(report: Reporter, folder: Path, counts: tuple[int, ...], args: argparse
             size = sum(path.stat().st_size for path in survey.rglob("*") if path.is_file())
             report.record(part="survey", drops=drops, megabytes=size / 1e6, made_in_s=seconds)
         for case in CASES:
-            if args.only and not case.name.startswith(args.only):
-                continue
-            repeats = min(case.repeats, args.repeats)
-            costs = [measure(case.arguments(survey, folder)) for _ in range(repeats)]
+            n_runs = min(case.repeats, repeats)
+            costs = [measure(case.arguments(survey, folder)) for _ in range(n_runs)]
             best = Cost(
                 min(cost.seconds for cost in costs),
                 min(cost.processor for cost in costs),
@@ -146,9 +139,7 @@ def _run(report: Reporter, folder: Path, counts: tuple[int, ...], args: argparse
                 "first paint of replay --live": ["replay", str(survey), "--live"],
             }
             for name, command in paints.items():
-                if args.only and not name.startswith(args.only):
-                    continue
-                painted = [first_paint(command) for _ in range(args.repeats)]
+                painted = [first_paint(command) for _ in range(repeats)]
                 cost = Cost(min(painted), 0.0, 0.0)
                 costs_by_name.setdefault(name, []).append(cost)
                 report.record(part=name, drops=drops, seconds=cost.seconds, largest=max(painted))

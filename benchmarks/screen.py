@@ -4,7 +4,6 @@ The screen runs in a pseudo-terminal, and the simulated instrument in another pr
 POSIX only: Windows has no pseudo-terminals of this kind.
 """
 
-import argparse
 import json
 import os
 import re
@@ -17,9 +16,11 @@ import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.output import Reporter
+from benchmarks.output import parse_options
 from simulators.instrument import serve
 
+SIZE = (120, 40)
+"""Columns and rows of the terminal."""
 CASES = {"8 x 50 kHz": "eight-channels", "4 x 10 kHz": "typical"}
 MIN_UPDATES_PER_S = 10.0
 """Smallest accepted number of screen updates per second."""
@@ -38,27 +39,20 @@ def run(arguments: list[str]) -> int:
 
     Return the exit status.
     """
-    parser = argparse.ArgumentParser(prog="pfwd bench screen")
-    parser.add_argument("--seconds", type=float, default=20.0, help="of each case")
-    parser.add_argument("--columns", type=int, default=120)
-    parser.add_argument("--rows", type=int, default=40)
-    parser.add_argument("--json", action="store_true")
-    args = parser.parse_args(arguments)
+    options, report = parse_options("screen", __doc__, arguments, seconds=(20.0, "of each case, s"))
     if os.name != "posix":
         print("pfwd bench screen: expected a POSIX system with pseudo-terminals", file=sys.stderr)
         return 2
-    report = Reporter(arguments)
     good = True
-    size = args.columns, args.rows
-    report.title(f"first paint of pfwd replay --live, {size[0]} x {size[1]}")
+    report.title(f"first paint of pfwd replay --live, {SIZE[0]} x {SIZE[1]}")
     with tempfile.TemporaryDirectory(prefix="pfwd-bench-") as folder:
         # The program checks for a recording only after the first paint.
-        paints = [first_paint(["replay", folder, "--live"], size) for _ in range(3)]
+        paints = [first_paint(["replay", folder, "--live"]) for _ in range(3)]
     report.record(part="first paint", seconds=min(paints), largest=max(paints))
     good &= min(paints) <= MAX_PAINT_S
     for name, scenario in CASES.items():
-        report.title(f"{name}, {args.seconds:g} s of real time")
-        figures = measure_case(scenario, args.seconds, size)
+        report.title(f"{name}, {options.seconds:g} s of real time")
+        figures = measure_case(scenario, options.seconds)
         report.record(part=name, **figures)
         good &= figures["lost"] == 0 and figures["updates_per_s"] >= MIN_UPDATES_PER_S
         good &= figures["first_modulus_s"] <= MAX_MODULUS_DELAY_S
@@ -70,7 +64,7 @@ def run(arguments: list[str]) -> int:
 class Terminal:
     """Pseudo-terminal in which a program runs; its output is read and counted."""
 
-    def __init__(self, command: list[str], size: tuple[int, int]) -> None:
+    def __init__(self, command: list[str], size: tuple[int, int] = SIZE) -> None:
         import fcntl
         import termios
 
@@ -126,9 +120,9 @@ PFWD = [sys.executable, "-P", "-c", "from tui.cli import main; raise SystemExit(
 PAINTED = re.compile(rb"PFWD.*measured", re.DOTALL)
 
 
-def first_paint(arguments: list[str], size: tuple[int, int] = (120, 40)) -> float:
+def first_paint(arguments: list[str]) -> float:
     """Return the time from the start of ``pfwd`` with these arguments to a readable page, s."""
-    terminal = Terminal([*PFWD, *arguments], size)
+    terminal = Terminal([*PFWD, *arguments])
     try:
         while not PAINTED.search(terminal.text):
             if time.monotonic() - terminal.started > 60:
@@ -139,7 +133,7 @@ def first_paint(arguments: list[str], size: tuple[int, int] = (120, 40)) -> floa
         terminal.close()
 
 
-def measure_case(scenario: str, seconds: float, size: tuple[int, int]) -> dict[str, Any]:
+def measure_case(scenario: str, seconds: float) -> dict[str, Any]:
     """Return the figures of one scenario, measured by the program in the terminal."""
     with (
         tempfile.TemporaryDirectory(prefix="pfwd-bench-") as folder,
@@ -147,7 +141,7 @@ def measure_case(scenario: str, seconds: float, size: tuple[int, int]) -> dict[s
     ):
         figures_file = Path(folder) / "figures.json"
         command = [sys.executable, "-m", "benchmarks.screen", instrument.url, folder]
-        terminal = Terminal([*command, str(figures_file), str(seconds)], size)
+        terminal = Terminal([*command, str(figures_file), str(seconds)])
         try:
             until = time.monotonic() + seconds + BUILD_TIMEOUT_S + 30
             while terminal.process.poll() is None and time.monotonic() < until:

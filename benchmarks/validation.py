@@ -7,7 +7,6 @@ systematic error of the published method. With ``--corrections`` a similar ladde
 drops of a light plate on six other grounds, and nothing else.
 """
 
-import argparse
 import csv
 import math
 import statistics
@@ -18,7 +17,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
-from benchmarks.output import Reporter
+from benchmarks.output import Reporter, parse_options
 from inversion import (
     InversionResult,
     PlateProblem,
@@ -277,23 +276,25 @@ def _finding(case: Case, result: InversionResult) -> Finding:
 
 def run(arguments: list[str]) -> int:
     """Print the errors of both methods and the ladder; return the exit status 0."""
-    parser = argparse.ArgumentParser(prog="pfwd bench validation", description=__doc__)
-    parser.add_argument("--cases", type=int, default=48, help="number of cases, spread (48)")
-    parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
-    parser.add_argument("--figures", type=Path, help="folder for the figures")
-    parser.add_argument("--tables", type=Path, default=_TABLES, help="the study's tables as CSV")
-    parser.add_argument("--corrections", action="store_true", help="the light plate alone")
-    parser.add_argument("--json", action="store_true", help="one JSON object a line")
-    options = parser.parse_args(arguments)
+    options, report = parse_options(
+        "validation",
+        __doc__,
+        arguments,
+        cases=(48, "number of cases, spread"),
+        jobs=(2, "processes"),
+        figures=(Path, "folder for the figures"),
+        tables=(_TABLES, "folder of the study's tables as CSV"),
+        corrections=(False, "the light plate alone"),
+    )
     if options.corrections:
-        correct(Reporter(arguments))
+        correct(report)
         return 0
     cases = all_cases()
     cases = cases[:: max(1, len(cases) // options.cases)][: options.cases]
     _build_surrogates()
     with Jobs(options.jobs) as pool:
         reports = list(pool.map(study, cases))
-    summarise(Reporter(arguments), reports, printed_errors(options.tables))
+    summarise(report, reports, printed_errors(options.tables))
     if options.figures is not None:
         draw(options.figures, reports, printed_errors(options.tables))
     return 0

@@ -106,7 +106,6 @@ def test_layers_reports_speed_and_a_thousandth(
     three = [r for r in records if r.get("media") == 3]
     assert {r["plate"] for r in three} == {"rigid-rough", "rigid-smooth", "averaged", "uniform"}
     assert all(r["parameters"] == 11 and r["all_parameters"] == 14 for r in three)
-    assert any("ViscoWave" in str(r.get("what")) for r in records)
     homogeneous = [
         float(str(r["worst"])) for r in records if r.get("cases") == 12 and "p90" not in r
     ]

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from benchmarks.__main__ import main
-from benchmarks.loop import Judged, covered, grouped, run, summarise, totals
+from benchmarks.loop import Judged, covered, grouped, run, summarise
 from benchmarks.output import Proportion, Reporter
 from tests.campaigns.blind import Case
 
@@ -101,41 +101,6 @@ def test_coverage_asks_whether_the_interval_holds_the_truth() -> None:
     assert Judged(CASE, None).lacks_modulus
 
 
-def test_totals_count_drops() -> None:
-    judged = [
-        Judged(CASE, said("explained", 44, 40, "sensor_lag")),
-        Judged(replace(CASE, drops=1), said("explained", 44, 46, "bedrock")),
-        Judged(replace(CASE, drops=1), said("clean", 40.1, 40.1)),  # too weak to count
-        Judged(CLEAN, said("clean", 40, 40)),
-        Judged(CLEAN, said("unexplained", 40, 40)),
-        Judged(UNKNOWN, said("unexplained", 44, 44)),
-        Judged(UNKNOWN, said("explained", 44, 44, "bedrock")),
-    ]
-    found = totals(judged)
-    assert found["right_named"] == pytest.approx(2 / 3)
-    assert found["known_visible"] == 0
-    assert found["visible_right_named"] is None
-    assert found["false_alarms"] == pytest.approx(1 / 2)
-    assert found["called_unexplained"] == pytest.approx(1 / 2)
-    assert found["unknown_visible"] == 0
-    assert found["visible_called_unexplained"] is None
-    assert found["before_median"] == pytest.approx(10.0)
-    assert found["after_median"] == pytest.approx(0.0)
-    assert found["worse_anywhere"] == pytest.approx(1 / 12)
-
-
-def test_what_is_named_of_what_is_visible_is_told_by_itself() -> None:
-    judged = [
-        Judged(CASE, said("explained", 44, 40, "sensor_lag", residual=3.1)),
-        Judged(replace(CASE, drops=1), said("explained", 44, 46, "bedrock", residual=3.1)),
-        Judged(CASE, said("clean", 44, 44, residual=2.9)),
-    ]
-    found = totals(judged)
-    assert (found["known"], found["known_visible"]) == (5, 3)
-    assert found["right_named"] == pytest.approx(2 / 5)
-    assert found["visible_right_named"] == pytest.approx(2 / 3)
-
-
 OTHER = replace(UNKNOWN, effect="damping_law", key="damping_law", group="soil", soil="constant-q")
 
 
@@ -154,8 +119,6 @@ def test_other_soil_is_a_group_of_its_own() -> None:
     assert groups["constant-Q soil alone"] == [judged[3]]
     assert groups["unknown effect or other soil"] == [judged[2], judged[1], judged[3]]
     assert "growth with depth alone" not in groups
-    found = totals(judged)
-    assert (found["right_named"], found["known"], found["unknown"]) == (1.0, 2, 2)
 
 
 def test_an_unknown_effect_is_admitted_by_verdict_or_interval() -> None:
@@ -197,7 +160,6 @@ def test_the_summary_is_one_object_a_line(capsys: pytest.CaptureFixture[str]) ->
     ]
     summarise(Reporter(["--json"]), judged)
     records = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert any(record.get("right_named") == 0.5 for record in records)
     kinds = {record["kind"]: record for record in records if "kind" in record}
     assert kinds["sensor_lag"]["right"]["count"] == kinds["sensor_lag"]["right"]["of"] == 1
     assert kinds["clean"]["group"] == "clean"

@@ -166,7 +166,7 @@ def test_without_a_terminal_the_error_is_a_single_line(command: list[str]) -> No
 def test_a_flood_neither_loses_samples_nor_slows_the_screen() -> None:
     from benchmarks.screen import measure_case
 
-    figures = measure_case("eight-channels", 8.0, (120, 40))
+    figures = measure_case("eight-channels", 8.0)
     assert figures["lost"] == 0
     # Half of what is wanted: tests run beside others, the benchmark alone tells the figure.
     assert figures["updates_per_s"] >= 5.0
