@@ -25,7 +25,7 @@ from inversion.drop_inversion import tables_of
 from inversion.forward.library import BuildProgress
 from inversion.forward.model import Instrument
 from inversion.measured.record import CALIBRATED_ERROR, UNCALIBRATED_ERROR, Sensor
-from inversion.notices import Notice
+from inversion.notices import Notice, codes
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.result_store import question_of, software_name, stored_answer
@@ -196,7 +196,7 @@ def _request_of(
 
     The others share its ground.
     """
-    remarks = [screening.status, *point_warnings, *screening.warnings]
+    remarks = [screening.status, *codes((*point_warnings, *screening.warnings))]
     return AnalysisRequest(question_of(records, settings, remarks), options.label, software_name())
 
 

@@ -53,7 +53,7 @@ def question_of(records: Iterable[Record], settings: object, remarks: object = (
     settings : dataclass or other value
         Equal settings must have the same text.
     remarks : JSON value
-        Remarks about the drops that the result repeats, such as warnings of the screening.
+        Remarks about the drops that the result repeats, such as codes of warnings of the screening.
     """
     digest = hashlib.sha256()
     for record in records:
@@ -62,8 +62,17 @@ def question_of(records: Iterable[Record], settings: object, remarks: object = (
             digest.update(np.ascontiguousarray(values, np.float64).tobytes())
         digest.update(repr([(s.offset, s.quantity.value) for s in record.sensors]).encode())
     digest.update(repr(settings).encode())
-    digest.update(json.dumps(remarks, sort_keys=True, default=str).encode())
+    digest.update(json.dumps(_rounded(remarks), sort_keys=True, default=str).encode())
     return digest.hexdigest()[:_DIGITS]
+
+
+def _rounded(value: object) -> object:
+    """Return a JSON value with six digits of each number, which are equal on every computer."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items()}
+    return [_rounded(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def _declared(record: Record) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from inversion.notices import Notice, from_json, text_notice
+from inversion.notices import Notice, from_json
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.toml import toml_line
 from pfwd.procedures.point import LARGEST_PLATE_RADIUS_M
@@ -489,17 +489,11 @@ def setup_warnings(setup: PointSetup, drops: "Sequence[Drop]" = ()) -> tuple[Not
 
 
 def remark_notices(values: Mapping[str, Any]) -> tuple[Notice, ...]:
-    """Return the remarks of `remarks_of` as warnings, with the codes that the file's reader gave.
-
-    A sentence that its code does not yield is a warning without a code.
-    """
+    """Return the remarks of `remarks_of` as warnings, with the codes of the file's reader."""
     sentences = [clean(text, limit=MAX_REMARK_CHARACTERS) for text in remarks_of(values)]
     details = values.get(IMPORTED)
     codes = details.get(REMARK_CODES) if isinstance(details, Mapping) else None
-    return tuple(
-        notice if clean(notice, limit=MAX_REMARK_CHARACTERS) == text else text_notice(text)
-        for text, notice in zip(sentences, from_json(sentences, codes), strict=True)
-    )
+    return from_json(sentences, codes)
 
 
 def remarks_of(values: Mapping[str, Any]) -> tuple[str, ...]:

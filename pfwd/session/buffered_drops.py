@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from inversion.notices import Notice as Mark
+from inversion.notices import Notice as Message
 from pfwd.session.events import DropsWaiting, Notice, Repeats
 from pfwd.session.survey_recorder import SurveyRecorder
 from pfwd_device.acquisition.detection import AtRest, DetectionSettings, PulseReport, RawDrop
@@ -31,7 +31,7 @@ OFFER_WAIT_S = 5.0
 instrument announces it at least every 0.5 s, and its transfer at 115200 baud takes 1 s."""
 PULSE_RISE_S = 0.01
 """Time from the trigger of a pulse to its peak, s; a record may end between them."""
-NOT_BUFFERED = Mark("not-buffered")
+NOT_BUFFERED = Message("not-buffered")
 _MIN_PRE_TRIGGER = 1e-9
 """Shortest time before the trigger, s, in place of 0, which the settings of a detection refuse."""
 
@@ -124,13 +124,13 @@ def settings_of(item: BufferedDrop, settings: DetectionSettings) -> DetectionSet
     )
 
 
-def marks_of_buffered(item: BufferedDrop) -> list[Mark]:
+def marks_of_buffered(item: BufferedDrop) -> list[Message]:
     """Return the irregularities that only buffered drops have."""
     marks = []
     if item.offer.shunt:
-        marks.append(Mark("shunt-was-on"))
+        marks.append(Message("shunt-was-on"))
     if item.offer.earlier:
-        marks.append(Mark("buffered-before-restart"))
+        marks.append(Message("buffered-before-restart"))
     return marks
 
 

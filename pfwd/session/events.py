@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from inversion.notices import Notice as Fault
+from inversion.notices import Notice as Message
 from inversion.result import TimeHistories
 from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.analysis.screening.drops import Screening
@@ -104,7 +104,7 @@ class SensorCheck:
 
     details: Mapping[str, Any]
     """Values as recorded; keys ``zero_n``, ``span_ratio`` and ``channels``."""
-    faults: tuple[Fault, ...]
+    faults: tuple[Message, ...]
     """Faults, one sentence each; empty: none."""
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from inversion.notices import Notice as Mark
+from inversion.notices import Notice as Message
 from pfwd.analysis.results import DropResult
 from pfwd.analysis.screening.drops import Screening
 from pfwd.files.header import PointSetup
@@ -56,7 +56,7 @@ RESULT = {
     "at_bound": [],
 }
 
-CUT_OFF = Mark("cut-off", {"reason": "full"})
+CUT_OFF = Message("cut-off", {"reason": "full"})
 
 
 @pytest.fixture
@@ -310,7 +310,7 @@ def test_a_wrong_drop_height_and_a_saturated_channel_are_said_at_the_drop(
 ) -> None:
     lines = SessionLines(as_json=False, analysed=True)
     lines.print_event(JobReported(Job(procedure=find_procedure("tp-bf-stb-b8.3")), ()))
-    marks = [Mark("saturated", {"samples": 16, "channel": "g0"}).to_json()]
+    marks = [Message("saturated", {"samples": 16, "channel": "g0"}).to_json()]
     lines.print_event(
         DropSaved(replace(one(), view=replace(one().view, metadata={"marks": marks})))
     )

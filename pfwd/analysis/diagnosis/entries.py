@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from inversion.diagnosis import PointRecords
-from inversion.notices import Notice
+from inversion.notices import Notice, codes
 from pfwd.analysis.analyse import record_of
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.result_store import basis_of, question_of, read_diagnosis, software_name
@@ -134,7 +134,9 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
             for index, (drop, screening) in enumerate(zip(point.drops, screenings, strict=True))
             if screening.status != "measured" or index in reasons
         ),
-        question=question_of(records, (made.elastic, made.load), [rejected, warnings]),
+        question=question_of(
+            records, (made.elastic, made.load), [codes(rejected), codes(warnings)]
+        ),
         last=stored[-1] if stored else None,
     )
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from inversion.notices import OTHER
+from inversion.notices import OTHER, Notice, codes
 from pfwd.files.header import remark_notices
 from pfwd.files.reading import read_points
 
@@ -26,11 +26,15 @@ def test_warnings_of_imported_files_have_codes(shared: Path) -> None:
     [
         None,
         [],
-        [{"code": "peaks-imported", "values": {}}],
         [{"code": "unknown", "values": {}}],
-        [{"code": OTHER, "values": {"text": "another text"}}],
+        [{"code": "peaks-imported", "values": {}}, {"code": "peaks-imported", "values": {}}],
     ],
 )
-def test_a_code_that_contradicts_its_sentence_is_ignored(codes: Any) -> None:
+def test_codes_that_cannot_be_read_leave_the_sentence(codes: Any) -> None:
     (notice,) = remark_notices({"imported": {"remarks": ["it rained"], "remark_codes": codes}})
     assert (notice.code, notice) == (OTHER, "it rained")
+
+
+def test_a_reworded_remark_keeps_its_code() -> None:
+    stored = {"remarks": ["an earlier wording"], "remark_codes": codes([Notice("peaks-imported")])}
+    assert [notice.code for notice in remark_notices({"imported": stored})] == ["peaks-imported"]

@@ -15,11 +15,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from inversion import PLATE_MODELS
+from inversion import PLATE_MODELS, notices
 from inversion.effects.catalogue import OWN
-from inversion.notices import Notice, templates, terms, to_json
+from inversion.notices import Notice, codes, gaps_of, templates, terms, to_json
+from inversion.records import known
 from pfwd.analysis.result_store import basis_of
 from pfwd.analysis.results import DiagnosisResult
+from pfwd.export.rows import judged_values
 from pfwd.files.editing import Edit, edit_survey
 from pfwd.procedures import find_procedure, shipped_names
 from pfwd.report.blocks import (
@@ -273,3 +275,43 @@ def test_no_text_of_a_report_is_english(code: str, slip: bool, full_report: Repo
     if not slip:
         expected = ["diagnosis", "device", "layers", "lot", "zones", "bowl", "effects", "discarded"]
     assert [key for key in expected if texts[key] not in said] == []
+
+
+def coded(value: Any) -> Any:
+    """Return a value with codes and values in place of messages."""
+    if isinstance(value, Notice):
+        return value.to_json()
+    if isinstance(value, dict):
+        return {key: coded(item) for key, item in value.items()}
+    return [coded(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def judgement_of(report: Report) -> dict[str, Any]:
+    """Return what a report states of its points, judged anew, with the texts in German."""
+    points = tuple(replace(point) for point in report.points)
+    texts = compose(replace(report, points=points), load_texts("de"), Letters())
+    again = [DiagnosisResult.from_json(known(point.diagnosis).to_stored()) for point in points]
+    return {
+        "progress": [coded(point.progress.as_dict()) for point in points],
+        "exported": [coded(judged_values(point)) for point in points],
+        "stored": [codes(diagnosis.warnings or ()) for diagnosis in again],
+        "uses": [diagnosis.use for diagnosis in again],
+        "translated": list(texts_of(texts)),
+    }
+
+
+def test_nothing_depends_on_the_english_text_of_a_message(
+    full_report: Report, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = judgement_of(full_report)
+    only_codes = {
+        code: " ".join([code, *(f"{{{name}:{form}}}" for name, form in gaps_of(text).items())])
+        for code, text in templates().items()
+        if code != notices.OTHER
+    } | {notices.OTHER: "{text}"}
+    catalogue = notices._catalogue()._replace(templates=only_codes)
+    monkeypatch.setattr(notices, "_catalogue", lambda: catalogue)
+    assert str(Notice("no-target")) == "no-target"
+    after = judgement_of(full_report)
+    for key, value in before.items():
+        assert after[key] == value, key

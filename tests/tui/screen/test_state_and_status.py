@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from inversion.notices import Notice as Mark
+from inversion.notices import Notice as Message
 from pfwd.analysis.result_store import basis_of
 from pfwd.analysis.results import DiagnosisResult, DropResult, EffectResult, FittedState
 from pfwd.judging import Job, PointView
@@ -58,7 +58,7 @@ class Clock:
         return self.now
 
 
-SATURATED = Mark("saturated", {"samples": 16, "channel": "g0"})
+SATURATED = Message("saturated", {"samples": 16, "channel": "g0"})
 
 
 def state_after(*events: Any, target: float | None = None) -> SessionState:
