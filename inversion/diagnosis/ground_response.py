@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.effects.base import Ground
 from inversion.forward.layered import (
+    FIELDS,
     Field,
     LayeredGrounds,
     LayeredPlateModel,
@@ -243,7 +244,7 @@ class GroundResponse:
         """
         mass = float(np.ravel(grounds.plate_mass)[0])
         if self.is_layered(grounds):
-            return layered_transfer(self._setup, mass, s, self._batch_layers(grounds))
+            return layered_transfer(self._setup, mass, s, _layers(self._batch_media(grounds)))
         instrument, fields = self._with_mass(mass), _batch_fields(grounds)
         response = transfer_function(self.surrogate, instrument, s, Grounds(*fields), single)
         return response[:, -self._sensors :]
@@ -261,53 +262,44 @@ class GroundResponse:
         moved : sequence of Ground, each like `grounds` after a step
         """
         mass = float(np.ravel(grounds.plate_mass)[0])
-        is_layered = self.is_layered(grounds)
-        start, *ends = (
-            self._batch_layers(g) if is_layered else _batch_fields(g) for g in (grounds, *moved)
-        )
-        if isinstance(start, LayeredGrounds):
-            names = start.parameters
-            steps = np.array(
-                [
-                    [getattr(end, f)[:, j] - getattr(start, f)[:, j] for f, j in names]
-                    for end in ends
-                ]
-            )
-            columns = np.flatnonzero(steps.any(axis=(0, 2)))
-            response, slopes = layered_transfer_slopes(
-                self._setup, mass, s, start, [names[column] for column in columns]
+        if self.is_layered(grounds):
+            media = self._batch_media(grounds)
+            layers = _layers(media)
+            rows = [FIELDS.index(parameter.field) for parameter in layers.parameters]
+            media_of_rows = [parameter.medium for parameter in layers.parameters]
+            start, *ends = (
+                fields[rows, :, media_of_rows]
+                for fields in (media, *(self._batch_media(ground) for ground in moved))
             )
         else:
-            steps = np.array(ends) - start
-            columns = np.flatnonzero(steps.any(axis=(0, 2)))
+            start, *ends = (_batch_fields(ground) for ground in (grounds, *moved))
+        steps = np.array(ends) - start
+        columns = np.flatnonzero(steps.any(axis=(0, 2)))
+        if self.is_layered(grounds):
+            varied = [layers.parameters[column] for column in columns]
+            response, slopes = layered_transfer_slopes(self._setup, mass, s, layers, varied)
+        else:
+            instrument, names = self._with_mass(mass), [_HOMOGENEOUS[column] for column in columns]
             response, slopes = transfer_slopes(
-                self.surrogate,
-                self._with_mass(mass),
-                s,
-                Grounds(*start),
-                [_HOMOGENEOUS[column] for column in columns],
+                self.surrogate, instrument, s, Grounds(*start), names
             )
             response, slopes = response[:, -self._sensors :], slopes[:, :, -self._sensors :]
         shape = response.shape
         changes = np.moveaxis(steps[:, columns], 2, 0) @ slopes.reshape(*slopes.shape[:2], -1)
         return np.concatenate([response[:, None], changes.reshape(shape[0], -1, *shape[1:])], 1)
 
-    def _batch_layers(self, grounds: Ground) -> LayeredGrounds:
-        """Return m grounds, whose properties are arrays (m,), as layers."""
+    def _batch_media(self, grounds: Ground) -> FloatArray:
+        """Return the `FIELDS` of the media of m grounds, whose properties are arrays, (5, m, N)."""
         above = sum(medium.thickness for medium in grounds.above)
-        rock = bool(np.all(grounds.inverse_depth > 0.0))
-        lowest = 1.0 / grounds.inverse_depth - above if rock else math.inf
-        media: Any = [
-            [getattr(medium, name) for medium in grounds.above]
-            for name in ("modulus", "viscosity", "density", "poisson_ratio", "thickness")
-        ]
+        is_on_rock = np.all(grounds.inverse_depth > 0.0)
+        lowest = 1.0 / grounds.inverse_depth - above if is_on_rock else math.inf
         last = (grounds.modulus, grounds.viscosity, grounds.density, self._poisson_ratio, lowest)
-        count = np.size(grounds.modulus)
-        modulus, viscosity, density, poisson_ratio, thickness = (
-            np.stack([np.broadcast_to(value, count) for value in (*values, end)], axis=1)
-            for values, end in zip(media, last, strict=True)
-        )
-        return LayeredGrounds(modulus, viscosity, density, poisson_ratio, thickness, rock)
+        media = [*([getattr(medium, name) for name in FIELDS] for medium in grounds.above), last]
+        fields: FloatArray = np.empty((len(FIELDS), np.size(grounds.modulus), len(media)))
+        for column, medium in enumerate(media):
+            for row, value in enumerate(medium):
+                fields[row, :, column] = value
+        return fields
 
     def _under_part_of_plate(self, grounds: Sequence[Ground], s: ComplexArray) -> ComplexArray:
         r"""Return the responses of similar grounds under a plate in partial contact.
@@ -384,6 +376,13 @@ def _batch_fields(grounds: Ground) -> FloatArray:
     """Return modulus, viscosity, density and inverse depth of m grounds, (4, m)."""
     fields: Any = [getattr(grounds, name) for name in (*_SOIL, "inverse_depth")]
     return np.stack([np.broadcast_to(field, np.size(grounds.modulus)) for field in fields])
+
+
+def _layers(media: FloatArray) -> LayeredGrounds:
+    """Return layered grounds with these `FIELDS` of their media, (5, m, N)."""
+    modulus, viscosity, density, poisson_ratio, thickness = media
+    is_on_rock = bool(np.isfinite(thickness).all())
+    return LayeredGrounds(modulus, viscosity, density, poisson_ratio, thickness, is_on_rock)
 
 
 def _stiffness_at_rest(loss_exponent: FloatArray, s: ComplexArray) -> FloatArray:

@@ -74,33 +74,35 @@ def minimise(
     movable : (k,) ndarray of bool, False: the unknown stays at its start
     """
     points = np.array(starts, dtype=float)
+    count, size = points.shape
     costs = objective.costs(points)
-    damping = np.full(len(points), _DAMPING)
-    has_converged = np.zeros(len(points), dtype=bool)
-    for _ in range(iterations):
-        active = np.flatnonzero(~has_converged)
+    normals, descents = np.zeros((count, size, size)), np.zeros((count, size))
+    damping = np.full(count, _DAMPING)
+    steps, failures = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
+    has_converged = np.zeros(count, dtype=bool)
+    has_moved = np.ones(count, dtype=bool)
+    while True:
+        active = np.flatnonzero(~has_converged & (steps < iterations))
         if active.size == 0:
             break
-        normals, descents = objective.normals(points[active])
-        pending = np.arange(active.size)
-        for _ in range(_MAX_TRIALS):
-            rows = active[pending]
-            trials = _trials(
-                objective, points[rows], normals[pending], descents[pending], damping[rows], movable
-            )
-            new_costs = objective.costs(trials)
-            is_better = new_costs < costs[rows]
-            better = rows[is_better]
-            gains = 1.0 - new_costs[is_better] / costs[better]
-            points[better], costs[better] = trials[is_better], new_costs[is_better]
-            has_converged[better] = gains < tolerance
-            damping[better] = np.maximum(damping[better] / _DAMPING_FACTOR, 1e-7)
-            pending = pending[~is_better]
-            if pending.size == 0:
-                break
-            failed = active[pending]
-            damping[failed] = np.maximum(damping[failed], 1e-4) * _DAMPING_FACTOR
-        has_converged[active[pending]] = True
+        moved = active[has_moved[active]]
+        if moved.size:
+            normals[moved], descents[moved] = objective.normals(points[moved])
+            has_moved[moved] = False
+        trials = _trials(
+            objective, points[active], normals[active], descents[active], damping[active], movable
+        )
+        new_costs = objective.costs(trials)
+        is_better = new_costs < costs[active]
+        better, failed = active[is_better], active[~is_better]
+        gains = 1.0 - new_costs[is_better] / costs[better]
+        points[better], costs[better] = trials[is_better], new_costs[is_better]
+        steps[better], failures[better], has_moved[better] = steps[better] + 1, 0, True
+        damping[better] = np.maximum(damping[better] / _DAMPING_FACTOR, 1e-7)
+        has_converged[better] = gains < tolerance
+        failures[failed] += 1
+        damping[failed] = np.maximum(damping[failed], 1e-4) * _DAMPING_FACTOR
+        has_converged[failed] = failures[failed] == _MAX_TRIALS
     return Optima(points, costs, has_converged)
 
 
