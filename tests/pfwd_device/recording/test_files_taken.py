@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -26,6 +27,9 @@ from pfwd_device.recording import (
 )
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.publishing import InlinePublisher
+from pfwd_device.recording.storage import MAX_TRUSTED_WRITE_S
+from tests.campaigns import noted_disk, power_loss
+from tests.campaigns.noted_disk import NotingStorage
 from tests.campaigns.power_loss import make_record
 from tests.pfwd_device.recording.records import digests, save
 
@@ -393,6 +397,8 @@ def test_a_second_writer_is_kept_out_though_the_lock_is_gone(tmp_path: Path) -> 
 SECOND = """
 import sys
 import numpy as np
+from tests.campaigns import noted_disk, power_loss
+from tests.campaigns.noted_disk import NotingStorage
 from tests.campaigns.power_loss import make_record
 from pfwd_device.recording import SurveyWriter
 with SurveyWriter.open(sys.argv[1], publish=False, reserve_bytes=0) as writer:
@@ -492,6 +498,61 @@ def test_a_journal_that_is_cut_while_a_record_is_written(
         assert everywhere(survey, spare) == expected
     assert recover(survey, spare=spare).ok
     assert digests(survey) == expected
+
+
+def test_bytes_that_are_written_over_while_a_record_is_written(
+    tmp_path: Path, spare: SpareFolder
+) -> None:
+    """The times of the file after the own write do not show the write of the other program."""
+    survey = tmp_path / "survey"
+
+    class Meanwhile(Storage):
+        def pwrite(self, descriptor: int, data: memoryview, offset: int) -> int:
+            if attacks:
+                attacks.pop()
+                write_over(survey / "journal" / "0001.pfwdj", 1000, 300)
+                time.sleep(2 * MAX_TRUSTED_WRITE_S)
+            return super().pwrite(descriptor, data, offset)
+
+    attacks: list[bool] = []
+    with SurveyWriter.open(
+        survey, storage=Meanwhile(), publish=False, reserve_bytes=0, spare=spare
+    ) as writer:
+        expected = {1: save(writer, 1)}
+        attacks.append(True)
+        expected[2] = save(writer, 2)
+        assert everywhere(survey, spare) == expected
+    assert recover(survey, spare=spare).ok
+    assert digests(survey) == expected
+
+
+@pytest.mark.parametrize("every", [9, pytest.param(1, marks=pytest.mark.slow)])
+def test_a_recovery_from_the_spare_folder_that_is_cut_off_is_done_again(
+    tmp_path: Path, every: int
+) -> None:
+    run, survey = tmp_path / "run", tmp_path / "run" / "survey"
+    spare = SpareFolder(run / "spare")
+    with SurveyWriter.open(survey, publish=False, reserve_bytes=0, spare=spare) as writer:
+        expected = {number: save(writer, number) for number in (1, 2, 3, 4)}
+        os.truncate(survey / "journal" / "0001.pfwdj", 9000)
+        expected[5] = save(writer, 5)
+    before = noted_disk.take(run)
+    storage = NotingStorage(run)
+    recover(survey, storage, publisher=InlinePublisher(storage), spare=spare)
+    for index, _, disk in power_loss.follow(storage.notes, before):
+        if index % every == 0:
+            rng = np.random.default_rng(index)
+            for number, state in enumerate([disk.killed(), disk.power_cut(rng)]):
+                folder = tmp_path / f"{index}-{number}"
+                folder.mkdir()
+                noted_disk.put(state, folder)
+                again = SpareFolder(folder / "spare")
+                publisher = InlinePublisher(Storage())
+                assert recover(folder / "survey", publisher=publisher, spare=again).ok
+                assert digests(folder / "survey") == expected
+                assert check(folder / "survey", spare=again).ok
+                shutil.rmtree(folder)
+    assert len(storage.notes) > 40
 
 
 @pytest.mark.parametrize("number", [errno.EIO, errno.ESTALE])
