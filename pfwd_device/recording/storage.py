@@ -23,7 +23,7 @@ _NO_FOLLOW = getattr(
 _NOT_INHERITED = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOINHERIT", 0)
 
 
-MAX_TRUSTED_WRITE_S = 0.001
+MAX_TRUSTED_WRITE_S = 0.005
 """Duration of a write of this program after which the file is read again, because another program
 may have written to it meanwhile, s."""
 

@@ -119,23 +119,10 @@ def test_home_is_not_written_again_until_the_next_start(
         assert len(writer.take_reports()) == 1
     assert digests(survey) == {1: expected[1]}
     with open_writer(survey, disk, spare) as writer:
+        assert any("moved to the survey" in text for text in writer.recovery.actions)
         assert writer.drops_in_spare() == {}
     assert digests(survey) == expected
     assert check(survey, spare=spare).ok
-
-
-def test_the_next_program_brings_home_what_waits(
-    survey: Path, spare: SpareFolder, disk: Refusing
-) -> None:
-    with open_writer(survey, disk, spare) as writer:
-        expected = {1: save(writer, 1)}
-        disk.refuse()
-        expected[2] = save(writer, 2)
-    disk.refuse(False)
-    with open_writer(survey, disk, spare) as writer:
-        assert any("moved to the survey" in text for text in writer.recovery.actions)
-        expected[3] = save(writer, 3)
-    assert digests(survey) == expected
 
 
 def test_a_new_survey_at_the_path_of_a_deleted_one_gets_none_of_its_drops(
