@@ -282,17 +282,17 @@ class RecordLog:
         with self.lock:
             if self._closed:
                 return
+            failure: RecordingError | None = None
             try:
                 if self.part is None:
                     self._require_home()
-                else:
-                    self._use_spare()
+                    return
             except (OSError, RecordingError) as err:
                 failure = _as_recording_error(err, self.layout)
-                try:
-                    self._use_spare(failure)
-                except RecordingError as final:
-                    self._report(SurveyNotSafe(str(final)))
+            try:
+                self._use_spare(failure)
+            except RecordingError as err:
+                self._report(SurveyNotSafe(str(err)))
 
     def make_reserve(self, size: int = RESERVE_BYTES) -> bool:
         """Create the file that reserves disk space; return False if the disk is nearly full.
@@ -423,11 +423,11 @@ class RecordLog:
         if self.spare is None:
             raise self._failure
         states = self._states_at_home()
-        is_open = self.part is not None and self._files[-1].problem() is None
-        if is_open and states == self._home_states:
-            return
-        self._home_states = ()
         try:
+            is_open = self.part is not None and self._files[-1].problem() is None
+            if is_open and states == self._home_states:
+                return
+            self._home_states = ()
             if is_open:
                 copied, lost = self._copy_missing(self._files[:-1], self._files[-1])
             else:

@@ -346,6 +346,31 @@ def test_two_places_that_refuse_leave_the_drop_with_the_caller(tmp_path: Path) -
     assert check(survey, spare=spare).ok
 
 
+@pytest.mark.posix
+def test_a_spare_folder_that_refuses_is_named_once(tmp_path: Path) -> None:
+    survey = tmp_path / "all" / "survey"
+    disk = Refusing(tmp_path / "all")
+    with open_writer(survey, disk, SpareFolder(tmp_path / "all" / "spare")) as writer:
+        expected = {1: save(writer, 1)}
+        shutil.rmtree(survey)
+        disk.refuse()
+        for _ in range(3):
+            writer.maintain()
+        (report,) = writer.take_reports()
+        assert isinstance(report, SurveyNotSafe)
+        assert report.text.count("the spare folder refuses it too") == 1
+        disk.refuse(False)
+        expected[2] = save(writer, 2)
+        shutil.rmtree(tmp_path / "all" / "spare")
+        disk.refuse()
+        for _ in range(3):
+            writer.maintain()
+        assert [report.text.count("refuses it too") for report in writer.take_reports()] == [0, 1]
+        disk.refuse(False)
+        writer.maintain()
+        assert digests(writer.drops_in_spare()[1]) == expected
+
+
 def test_without_a_spare_folder_nothing_else_happens(survey: Path, disk: Refusing) -> None:
     with open_writer(survey, disk, None) as writer:
         disk.refuse()
