@@ -143,8 +143,9 @@ def publish(
             raise RecordingError(f"{target}: expected the file of drop {number}, got another drop")
         return _published(layout, target, target.read_bytes(), number)
     data = drop_file_bytes(record, number, survey)
-    if not layout.drops.is_dir():  # the user may have deleted the folder
-        storage.make_folder(layout.drops)
+    if not layout.drops.is_dir():  # the user may have deleted it, but not the survey
+        storage.make_directory(layout.drops)
+        storage.sync_directory(layout.folder)
     draft = draft_of(target)
     storage.write_draft(draft, data)
     written = draft.read_bytes()

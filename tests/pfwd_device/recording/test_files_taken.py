@@ -46,8 +46,10 @@ def replace_by_copy(path: Path) -> None:
 def replace_folder_by_copy(path: Path) -> None:
     copy = path.with_name("copy")
     shutil.copytree(path, copy, ignore=shutil.ignore_patterns("*.lock", ".*"))
-    delete(path)
-    os.rename(copy, path)
+    while copy.exists():
+        delete(path)
+        with contextlib.suppress(OSError):  # the publisher was faster and has made a file
+            os.rename(copy, path)
 
 
 def delete(path: Path) -> None:
