@@ -54,9 +54,9 @@ class Measurand(StrEnum):
     """Number of integrations to a displacement; -1: it is no motion."""
     units: Mapping[str, float]
     """Units in other programs' files, as factors from the unit to SI."""
-    screen_unit: Unit
+    display_unit: Unit
     """Unit on the screen."""
-    us_screen_unit: Unit
+    us_display_unit: Unit
     """Unit on the screen in US customary units."""
     live_range: float
     """Smallest range of the live plot, in the unit on the screen."""

@@ -5,7 +5,6 @@ from typing import Any
 
 from pfwd.judging import Job
 from pfwd.judging.job import JobChange, target_text
-from tui.point_lines import QUANTITY_SYMBOLS
 
 MAX_STATION_LINES = 20
 """Largest number of stations that are printed; ``pfwd job --json`` has all."""
@@ -22,7 +21,7 @@ def job_lines(job: Job) -> list[str]:
             if job.procedure is None
             else f"{procedure.name}{title}",
         ),
-        ("judged", QUANTITY_SYMBOLS[job.quantity]),
+        ("judged", job.quantity.symbol),
         ("target", "none" if job.target is None else target_text(job.target)),
         ("stations", str(len(job.stations)) if job.stations else "none"),
         ("step", "none" if job.step_m is None else f"{job.step_m:g} m"),

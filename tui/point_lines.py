@@ -7,15 +7,6 @@ from pfwd.procedures import PointModulus, PointProgress, PointValue, Quantity, V
 from pfwd.procedures.point import UNSUPPORTED_MARK
 from tui.output import clean
 
-QUANTITY_SYMBOLS = {
-    Quantity.E_VD: "E_vd",
-    Quantity.E_LWD: "E_LWD",
-    Quantity.MODULUS: "E",
-    Quantity.EQUIVALENT_MODULUS: "E_eq",
-    Quantity.DEFLECTION: "deflection",
-}
-"""Symbols of the judged quantities."""
-
 
 def has_verdict_line(progress: PointProgress) -> bool:
     """Return whether a complete point gets a line, because it has a procedure or a target."""
@@ -45,14 +36,14 @@ def other_modulus_texts(modulus: PointModulus, judged: Quantity) -> list[str]:
     """Return the fitted modulus that is not judged, with its interval; empty: there is none."""
     other = judged.other_fitted
     text = modulus_text(*modulus.in_quantity(other))
-    return [f"not judged: {QUANTITY_SYMBOLS[other]} {text}"] if text else []
+    return [f"not judged: {other.symbol} {text}"] if text else []
 
 
 def value_text(value: PointValue) -> str:
     """Return the judged value with unit and interval, with the digits that these support."""
-    unit, scale = ("mm", 1e-3) if value.quantity is Quantity.DEFLECTION else ("MPa", 1e6)
+    unit, scale = value.quantity.display_unit
     number = value.value / scale
-    name = QUANTITY_SYMBOLS[value.quantity]
+    name = value.quantity.symbol
     mark = UNSUPPORTED_MARK if value.not_supported is not None else ""
     bounds = value.interval or value.drop_range
     if bounds is None:

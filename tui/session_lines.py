@@ -38,7 +38,7 @@ from pfwd.session.session import Ending
 from tui.diagnosis_lines import diagnosis_line
 from tui.format import drop_line
 from tui.output import clean, say
-from tui.point_lines import QUANTITY_SYMBOLS, has_verdict_line, point_text
+from tui.point_lines import has_verdict_line, point_text
 
 log = logging.getLogger("pfwd.session")
 
@@ -151,7 +151,7 @@ class SessionLines:
         self._reported_job = job_key
         target = "" if job.target is None else f", target {target_text(job.target)}"
         name = job.procedure_in_force.name
-        self._say(f"judged by {name}: {QUANTITY_SYMBOLS[job.quantity]}{target}")
+        self._say(f"judged by {name}: {job.quantity.symbol}{target}")
 
     def _say(self, text: str, level: int = logging.INFO) -> None:
         log.log(level, "%s", text)

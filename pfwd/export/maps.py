@@ -198,14 +198,15 @@ def _add(parent: ElementTree.Element, name: str, text: str) -> None:
 def _verdict_words(row: Row) -> str:
     """Return value and verdict of the point of a drop as one line of text, with units."""
     values = row.values
-    unit, scale = ("mm", 1e3) if values["unit"] == "m" else ("MPa", 1e-6)
+    quantity = Quantity(values["quantity"])
+    unit, scale = quantity.display_unit
     parts = []
     if values["value"] is not None:
-        parts.append(f"{values['quantity']} = {values['value'] * scale:.4g} {unit}")
-        if Quantity(values["quantity"]).is_fitted and values["modulus_source"] == "diagnosed":
+        parts.append(f"{values['quantity']} = {values['value'] / scale:.4g} {unit}")
+        if quantity.is_fitted and values["modulus_source"] == "diagnosed":
             parts[-1] += " after the diagnosis, which replaces the fits below"
     if values["interval_low"] is not None:
-        low, high = values["interval_low"] * scale, values["interval_high"] * scale
+        low, high = values["interval_low"] / scale, values["interval_high"] / scale
         parts.append(f"95 % {low:.4g} to {high:.4g} {unit}")
     if values["target"] is not None:
         parts.append(f"target {target_text(values['target'])}")

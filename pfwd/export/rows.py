@@ -23,7 +23,7 @@ from pfwd.judging.stations import chainage_of_point
 from pfwd.peaks.basin import ASSUMED_POISSON_RATIO, RIGID_PLATE_FACTOR, basin_of
 from pfwd.peaks.stiffness import stiffness_of
 from pfwd.procedures import Kind as DropKind
-from pfwd.procedures import PointModulus, PointProgress, unit_of
+from pfwd.procedures import PointModulus, PointProgress
 from pfwd_device.drop import Peaks
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Survey, SurveyPoint
@@ -172,7 +172,7 @@ def _point_columns(point: PointView) -> dict[str, Any]:
         "value": value and value.value,
         "interval_low": low,
         "interval_high": high,
-        "unit": unit_of(job.quantity),
+        "unit": job.quantity.unit,
         "target": progress.target,
         "verdict": progress.verdict.value,
         "value_not_supported": progress.withheld if value is None else value.not_supported,
@@ -497,7 +497,7 @@ def judged_values(point: PointView) -> dict[str, Any]:
         "value": None if value is None else number(value.value),
         "interval_low": number(low),
         "interval_high": number(high),
-        "unit": unit_of(job.quantity),
+        "unit": job.quantity.unit,
         "target": number(progress.target),
         "verdict": "none" if point.discarded else str(progress.verdict),
         "verdict_reason": progress.verdict_reason,

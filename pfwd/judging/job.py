@@ -158,7 +158,7 @@ class Job:
         if stations:
             name, target = stations[0].name, target_text(stations[0].target or 0.0)
             lines.append(f"{len(stations)} stations with targets such as {target} of {name}")
-        unit = target_unit(procedure)[0]
+        unit = procedure.quantity.display_unit.name
         rule = f"not for procedure {procedure.name}, which judges {procedure.quantity} in {unit}"
         return [f"{line}: {rule}. Enter it again with --target or --stations" for line in lines]
 
@@ -178,7 +178,7 @@ class Job:
 
     def as_json(self) -> dict[str, Any]:
         """Return the job as values that JSON can hold, in SI units."""
-        unit = target_unit(self.procedure_in_force)[2]
+        unit = self.quantity.unit
         return {
             "procedure": None if self.procedure is None else self.procedure.name,
             "quantity": self.quantity.value,
@@ -301,11 +301,6 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def target_unit(procedure: Procedure) -> tuple[str, float, str]:
-    """Return the shown unit of a procedure's targets, its size in SI, and the SI unit."""
-    return ("mm", 1e-3, "m") if procedure.quantity is Quantity.DEFLECTION else ("MPa", 1e6, "Pa")
-
-
 def target_si(shown: float, procedure: Procedure, where: str = "--target") -> float:
     """Return a target in SI units, from a number in the shown unit of the procedure.
 
@@ -321,7 +316,7 @@ def target_si(shown: float, procedure: Procedure, where: str = "--target") -> fl
     OptionError
         If it is not a number > 0, or is outside of the range that drops can reach.
     """
-    unit, scale, _ = target_unit(procedure)
+    unit, scale = procedure.quantity.display_unit
     if not 0 < shown < math.inf:
         raise OptionError(refusal(where, f"a number > 0, in {unit}", f"{shown:g}"))
     deflection = procedure.quantity is Quantity.DEFLECTION
@@ -366,7 +361,7 @@ def target_fault(target: float, procedure: Procedure, unit: tuple[str, float] | 
     >>> target_fault(4500e6, find_procedure("tp-bf-stb-b8.3")).partition(";")[0]
     'expected a modulus of 2 to 210 MPa, got 4500 MPa'
     """
-    name, scale = unit or target_unit(procedure)[:2]
+    name, scale = unit or procedure.quantity.display_unit
     if procedure.quantity is Quantity.DEFLECTION:
         kind, wrong_quantity = "deflection", "a modulus"
         smallest, largest = MIN_DEFLECTION_TARGET, MAX_DEFLECTION_TARGET

@@ -12,7 +12,7 @@ from typing import Any
 
 from pfwd.errors import OptionError, quote, refusal
 from pfwd.files.header import is_position
-from pfwd.judging.job import MAX_STATIONS, Station, target_si, target_unit
+from pfwd.judging.job import MAX_STATIONS, Station, target_si
 from pfwd.judging.places import number as finite_number
 from pfwd.procedures import Procedure
 
@@ -261,7 +261,7 @@ def _refuse_misnamed(
         key = None if at in places.values() else _column_of_heading(name)
         if key is None or key in places:
             continue
-        units = {"target": target_unit(procedure)[0], "chainage_m": "m"}
+        units = {"target": procedure.quantity.display_unit.name, "chainage_m": "m"}
         expected = f"a column {key}, in {units[key]}" if key in units else f"a column {key}"
         hint = f"rename the column to {key} if that is meant; otherwise rename or remove it"
         raise OptionError(refusal(f"{file}, line 1", expected, _quoted_heading(name), hint))

@@ -44,7 +44,6 @@ from pfwd.procedures.point import (
     ReasonCode,
     StressDependence,
     Verdict,
-    unit_of,
 )
 from pfwd.procedures.profile import Number, Procedure, Quantity, Target
 from pfwd.procedures.reading import parse_procedure, read_procedure
@@ -84,5 +83,4 @@ __all__ = [
     "read_procedure",
     "shipped_names",
     "shipped_procedures",
-    "unit_of",
 ]

@@ -155,12 +155,7 @@ class PointValue:
     @property
     def unit(self) -> str:
         """SI unit of value and interval: "Pa" or "m"."""
-        return unit_of(self.quantity)
-
-
-def unit_of(quantity: Quantity) -> str:
-    """Return the SI unit of a judged quantity: "m" for a deflection, "Pa" for every modulus."""
-    return "m" if quantity is Quantity.DEFLECTION else "Pa"
+        return self.quantity.unit
 
 
 UNSUPPORTED_MARK = "*"

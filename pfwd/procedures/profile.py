@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from inversion.notices import Notice, term_text
+from pfwd_plugins.quantities import Unit
 
 
 class Quantity(StrEnum):
@@ -36,9 +37,29 @@ class Quantity(StrEnum):
         return Quantity.EQUIVALENT_MODULUS if is_modulus else Quantity.MODULUS
 
     @property
+    def unit(self) -> str:
+        """SI unit."""
+        return "m" if self is Quantity.DEFLECTION else "Pa"
+
+    @property
+    def display_unit(self) -> Unit:
+        """Unit on screens and in reports."""
+        return Unit("mm", 1e-3) if self is Quantity.DEFLECTION else Unit("MPa", 1e6)
+
+    @property
     def words(self) -> str:
         """Name of the quantity in a sentence."""
         return self.value.replace("-", " ")
+
+    @property
+    def label(self) -> str:
+        """Short name, as in the title of a column."""
+        return "E_eq" if self is Quantity.EQUIVALENT_MODULUS else self.value
+
+    @property
+    def symbol(self) -> str:
+        """Symbol, or the name of a quantity that has none."""
+        return "E" if self is Quantity.MODULUS else self.label
 
     @property
     def term(self) -> str:

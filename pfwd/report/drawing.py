@@ -12,7 +12,7 @@ import numpy as np
 from inversion.result import TimeHistories
 from pfwd.files.photos import opened_photo
 from pfwd.judging import DropView, PointView
-from pfwd.procedures import Quantity, Verdict
+from pfwd.procedures import Verdict
 from pfwd.report.content import Report
 from pfwd.report.fonts import Letters
 from pfwd.report.formatting import name_of
@@ -153,19 +153,18 @@ def draw_profile(figure: Any, report: Report, texts: Texts, letters: Letters) ->
     """Draw the judged quantity point by point, with intervals and targets."""
     axes = figure.subplots(gridspec_kw=margins(0.09, 0.98, 0.24, 0.90))
     distances = _distances(report)
-    deflection = report.procedure.quantity is Quantity.DEFLECTION
-    scale = 1e3 if deflection else 1e-6
+    unit, scale = report.procedure.quantity.display_unit
     labelled: set[str] = set()
     highest = 0.0
     for index, point in enumerate(report.points):
         value = point.progress.value
         if value is None:
             continue
-        x, y = distances[index], value.value * scale
+        x, y = distances[index], value.value / scale
         kind = _verdict(point)
         spread = None
         if value.interval is not None:
-            low, high = (end * scale for end in value.interval)
+            low, high = (end / scale for end in value.interval)
             spread = [[y - low], [high - y]]
         highest = max(highest, y + (spread[1][0] if spread else 0.0))
         axes.errorbar(
@@ -180,12 +179,11 @@ def draw_profile(figure: Any, report: Report, texts: Texts, letters: Letters) ->
         )
         labelled.add(kind)
         if point.progress.target is not None:
-            target = point.progress.target * scale
+            target = point.progress.target / scale
             highest = max(highest, target)
             axes.hlines(
                 target, x - 0.35 * _step(distances), x + 0.35 * _step(distances), "0.2", "dashed"
             )
-    unit = "mm" if deflection else "MPa"
     axes.set_ylabel(f"{name_of(report.procedure.quantity, texts)}, {unit}", fontsize=8)
     by_distance = has_distances(report)
     axes.set_xlabel(texts["profile_distance" if by_distance else "profile_order"], fontsize=8)

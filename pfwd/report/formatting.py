@@ -167,15 +167,15 @@ def value_of(value: PointValue | None, texts: Texts) -> str:
     """Return the judged value of a point with its interval."""
     if value is None:
         return NO_VALUE
-    scale, unit = (1e3, "mm") if value.quantity is Quantity.DEFLECTION else (1e-6, "MPa")
+    unit, scale = value.quantity.display_unit
     marked = value.not_supported is not None
     if value.interval is None and value.drop_range is not None:
         smallest, largest = value.drop_range
-        _, low, high = with_ends(value.value * scale, (smallest * scale, largest * scale))
-        number = f"{digits(value.value * scale)}{UNSUPPORTED_MARK if marked else ''} {unit}"
+        _, low, high = with_ends(value.value / scale, (smallest / scale, largest / scale))
+        number = f"{digits(value.value / scale)}{UNSUPPORTED_MARK if marked else ''} {unit}"
         return f"{number} ({texts.say('drop_range', count=value.drops, low=low, high=high)})"
-    interval = None if value.interval is None else [end * scale for end in value.interval]
-    return with_interval(value.value * scale, interval, unit, texts, "one_drop", marked=marked)
+    interval = None if value.interval is None else [end / scale for end in value.interval]
+    return with_interval(value.value / scale, interval, unit, texts, "one_drop", marked=marked)
 
 
 def value_basis(value: PointValue | None, texts: Texts) -> str:
@@ -209,9 +209,8 @@ def target_of(target: float | None, quantity: Quantity) -> str:
     """Return a target with its unit and its direction."""
     if target is None:
         return NO_VALUE
-    if quantity is Quantity.DEFLECTION:
-        return f"≤ {target * 1e3:g} mm"
-    return f"≥ {target / 1e6:g} MPa"
+    unit, scale = quantity.display_unit
+    return f"{'≤' if quantity is Quantity.DEFLECTION else '≥'} {target / scale:g} {unit}"
 
 
 def percent(value: Any, count: int = 2) -> str:

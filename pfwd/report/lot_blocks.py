@@ -23,7 +23,7 @@ def lot_blocks(report: Report, texts: Texts) -> list[Block]:
     valued = [p for p in report.points if not p.discarded and p.progress.value is not None]
     supported = [p for p in valued if p.progress.value and p.progress.value.not_supported is None]
     excluded = [point.shown_name for point in valued if point not in supported]
-    scale, unit = _unit(report)
+    unit, scale = report.procedure.quantity.display_unit
     lot = _lot(report, supported, scale)
     if lot is None:
         return []
@@ -34,7 +34,7 @@ def lot_blocks(report: Report, texts: Texts) -> list[Block]:
         draw_lot,
         lot=lot,
         unit=f"{name}, {unit}",
-        target=None if target is None else target * scale,
+        target=None if target is None else target / scale,
         texts=texts,
     )
     together: tuple[Block, ...] = (
@@ -49,12 +49,8 @@ def lot_blocks(report: Report, texts: Texts) -> list[Block]:
     ]
 
 
-def _unit(report: Report) -> tuple[float, str]:
-    return (1e3, "mm") if report.procedure.quantity is Quantity.DEFLECTION else (1e-6, "MPa")
-
-
 def _lot(report: Report, points: Sequence[PointView], scale: float) -> Lot | None:
-    values = [p.progress.value.value * scale for p in points if p.progress.value is not None]
+    values = [p.progress.value.value / scale for p in points if p.progress.value is not None]
     return lot_of(values, small_is_good=report.procedure.quantity is Quantity.DEFLECTION)
 
 
@@ -110,7 +106,7 @@ def _zones(
         return []
     rows = []
     for name, some in zones.items():
-        values = [p.progress.value.value * scale for p in some if p.progress.value is not None]
+        values = [p.progress.value.value / scale for p in some if p.progress.value is not None]
         lot = _lot(report, some, scale)
         rows.append(
             (
@@ -140,7 +136,7 @@ def _correlation(
 ) -> list[Block]:
     """Return the comparison with plate load tests at the same points; none without any."""
     pairs = [
-        (point.progress.value.value * scale, static / 1e6)
+        (point.progress.value.value / scale, static / 1e6)
         for point in points
         if point.progress.value is not None
         and (static := point.setup.plate_load_modulus) is not None

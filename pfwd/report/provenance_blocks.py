@@ -11,7 +11,7 @@ from inversion.records import JsonRecord, is_number, stored_fields
 from inversion.result import InversionResult
 from pfwd.files.header import IMPORTED, REMARK_CODES, declared_values
 from pfwd.judging import PointView
-from pfwd.procedures import Number, Procedure, Quantity
+from pfwd.procedures import Number, Procedure
 from pfwd.procedures.profile import CHECKS
 from pfwd.report import formatting
 from pfwd.report.blocks import (
@@ -66,8 +66,8 @@ def procedure_blocks(procedure: Procedure, texts: Texts) -> list[Block]:
 def _number(procedure: Procedure, key: str, number: Number) -> str:
     scale, unit = _NUMBER_UNITS.get(key, (1.0, ""))
     if key.startswith("target"):
-        deflection = procedure.quantity is Quantity.DEFLECTION
-        scale, unit = (1e3, "mm") if deflection else (1e-6, "MPa")
+        unit, size = procedure.quantity.display_unit
+        scale = 1.0 / size
     for suffix in ("_pa", "_n", "_m"):
         if not unit and key.endswith(suffix):
             unit = {"_pa": "Pa", "_n": "N", "_m": "m"}[suffix]

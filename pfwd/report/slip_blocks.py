@@ -130,8 +130,7 @@ def _value_of_drop(point: PointView, drop: DropView) -> str:
     value = value_of_drop(point.job, drop)
     if value is None or value.not_supported is not None or drop.facts.record_fault is not None:
         return formatting.NO_VALUE
-    scale = 1e3 if value.quantity is Quantity.DEFLECTION else 1e-6
-    return formatting.digits(value.value * scale)
+    return formatting.digits(value.value / value.quantity.display_unit.scale)
 
 
 def _drops(report: Report, texts: Texts) -> Table:
@@ -153,7 +152,6 @@ def _drops(report: Report, texts: Texts) -> Table:
                 )
             )
     quantity = report.procedure.quantity
-    unit = "mm" if quantity is Quantity.DEFLECTION else "MPa"
     if quantity.is_fitted and any(map(diagnosis_counts, report.points)):
         rows = [row[:-1] for row in rows]  # the diagnosis has one modulus for all drops
     columns: tuple[str, ...] = (
@@ -164,7 +162,7 @@ def _drops(report: Report, texts: Texts) -> Table:
         formatting.symbol_title("s", "mm"),
         formatting.symbol_title("v", "mm/s"),
         f"{texts['pulse']}, ms",
-        f"{formatting.name_of(quantity, texts)}, {unit}",
+        f"{formatting.name_of(quantity, texts)}, {quantity.display_unit.name}",
     )
     return Table(columns[: len(rows[0])], tuple(rows), (0, 3, 4, 5, 6, 7))
 

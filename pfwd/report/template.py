@@ -22,7 +22,6 @@ from pfwd.export.rows import judged_values
 from pfwd.export.tables import FORMULA_STARTS
 from pfwd.export.workbook import as_date
 from pfwd.judging import DropView, PointView
-from pfwd.procedures import unit_of
 from pfwd.report.content import Report
 from pfwd.report.point_facts import (
     diagnosis_of,
@@ -270,7 +269,7 @@ def survey_values(report: Report) -> Values:
         "procedure": None if procedure is None else procedure.name,
         "procedure_title": None if procedure is None else procedure.title,
         "quantity": str(report.procedure.quantity),
-        "unit": unit_of(report.procedure.quantity),
+        "unit": report.procedure.quantity.unit,
         "plate_radius_m": setups[0].plate_radius if setups else None,
         "first_time": as_date(times[0]) if times else None,
         "last_time": as_date(times[-1]) if times else None,

@@ -18,7 +18,7 @@ from pfwd.analysis.results import DropResult
 from pfwd.errors import OptionError, quote, refusal
 from pfwd.export.rows import Order, Row, point_rows
 from pfwd.files.opening import survey_content
-from pfwd.procedures import Verdict, unit_of
+from pfwd.procedures import Verdict
 from pfwd.scripting.measured import Drop, Points, read
 from pfwd.scripting.results import Results, library
 
@@ -173,7 +173,8 @@ class Survey(display.Displayable):
         from pfwd.report.drawing import VERDICT_COLOURS
 
         quantity = self._order.job.quantity
-        unit, scale = ("mm", 1e3) if unit_of(quantity) == "m" else ("MPa", 1e-6)
+        unit, size = quantity.display_unit
+        scale = 1.0 / size
         targets = []
         groups: dict[tuple[Verdict, bool], dict[int, tuple[float, Interval | None]]] = {}
         for place, (point, _) in enumerate(self._order.points):

@@ -61,8 +61,8 @@ def _lines(procedure: Procedure) -> list[str]:
     for key, number in procedure.numbers().items():
         scale, unit = _UNITS.get(key, (1.0, ""))
         if key.startswith("target"):
-            metres = procedure.quantity == "deflection"
-            scale, unit = (1e3, "mm") if metres else (1e-6, "MPa")
+            unit, size = procedure.quantity.display_unit
+            scale = 1.0 / size
         state = "" if number.verified else "  NOT VERIFIED, not enforced"
         lines.append(f"  {number_words(key)}: {number.value * scale:g} {unit}".rstrip() + state)
         lines.append(f"      {number.source}")

@@ -103,12 +103,11 @@ def _overview_row(folder: str, row: PointRow) -> dict[str, str]:
     photos = len(photos_of(folder, row.name))
     remarks = (row.notes, row.diagnosis_text, counted(photos, "photo") if photos else "")
     value, ends = judged_texts(row)
-    unit = "mm" if row.unit == "m" else "MPa"
     return {
         "address": point_address(row.name),
         "title": row.title,
         "remark": "; ".join(filter(None, remarks)),
-        "value": value if row.value is None else f"{value} {unit}",
+        "value": value if row.value is None else f"{value} {row.display_unit.name}",
         "interval": ends or "-",
         "target": "-" if row.target is None else target_text(row.target),
         "kind": row.state.lower() if row.state in ("PASS", "FAIL", "UNDECIDED") else "none",

@@ -28,9 +28,9 @@ NO_VALUE = "-"
 _PSI = POUND_FORCE_N / INCH_M**2  # Pa
 
 _SI: Mapping[str, Unit] = {
-    **{quantity: quantity.screen_unit for quantity in Measurand},
+    **{quantity: quantity.display_unit for quantity in Measurand},
     "modulus": Unit("MPa", 1e6),
-    "deflection": Measurand.DISPLACEMENT.screen_unit,
+    "deflection": Measurand.DISPLACEMENT.display_unit,
     "settlement": Unit("mm", 1e-3),  # the judged quantity, as its standard writes it
     "length": Unit("mm", 1e-3),
     "depth": Unit("m", 1.0),
@@ -40,9 +40,9 @@ _SI: Mapping[str, Unit] = {
     "density": Unit("kg/m³", 1.0),
 }
 _US: Mapping[str, Unit] = {
-    **{quantity: quantity.us_screen_unit for quantity in Measurand},
+    **{quantity: quantity.us_display_unit for quantity in Measurand},
     "modulus": Unit("ksi", 1e3 * _PSI),
-    "deflection": Measurand.DISPLACEMENT.us_screen_unit,
+    "deflection": Measurand.DISPLACEMENT.us_display_unit,
     "settlement": Unit("mil", 1e-3 * INCH_M),
     "length": Unit("in", INCH_M),
     "depth": Unit("ft", 12 * INCH_M),

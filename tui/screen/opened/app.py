@@ -704,7 +704,7 @@ def table_titles(rows: Sequence[PointRow]) -> dict[str, str]:
     if judged:
         quantities = {row.quantity for row in judged}
         if len(quantities) == 1:
-            titles["value"] = judged[0].quantity.replace("equivalent-modulus", "E_eq")
+            titles["value"] = judged[0].judged_by.label
         if all(row.modulus is None for row in judged):
             titles.pop("modulus")
         elif quantities == {"modulus"}:
@@ -726,11 +726,10 @@ def table_titles(rows: Sequence[PointRow]) -> dict[str, str]:
 def _cells(row: PointRow) -> dict[str, str]:
     """Return the cells of a point by the keys of the columns."""
     value, ends = judged_texts(row)
-    unit = "mm" if row.unit == "m" else "MPa"
     return {
         "title": clean(row.title),
         "drops": str(row.drops),
-        "value": f"{value} {unit}" if row.value is not None else value,
+        "value": f"{value} {row.display_unit.name}" if row.value is not None else value,
         "interval": ends,
         "target": _target(row.target),
         "verdict": row.state,
@@ -755,12 +754,11 @@ def point_lines(row: PointRow, width: int) -> list[Line]:
     state = cell(word, STATE_ROLES.get(row.state, "text"))
     lines: list[Line] = [line(cell(f" {row.title}", "strong"), "  ", state)]
     value, ends = judged_texts(row)
-    unit = "mm" if row.unit == "m" else "MPa"
     texts = []
     if row.value is not None:
         interval = f" ({ends})" if ends else ""
         name = row.quantity.replace("-", " ")
-        texts.append(f"{name} {value} {unit}{interval}, {row.origin}")
+        texts.append(f"{name} {value} {row.display_unit.name}{interval}, {row.origin}")
     if row.target is not None:
         texts.append(f"target {_target(row.target)}")
     if row.modulus is not None:

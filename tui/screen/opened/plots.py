@@ -38,7 +38,6 @@ def profile_figure(
     first: int,
     count: int,
     chosen: int,
-    unit: str,
     *,
     by_chainage: bool = False,
 ) -> Figure:
@@ -53,7 +52,6 @@ def profile_figure(
         Window of the rows.
     chosen : int
         Place of the chosen row.
-    unit : str
     by_chainage : bool
         Place the points by their chainage, if all points of the window have one.
     """
@@ -66,7 +64,7 @@ def profile_figure(
         margin = 0.02 * float(np.ptp(places))
         start, end, unit_along = float(places.min()) - margin, float(places.max()) + margin, "m"
     order = np.argsort(places, kind="stable")
-    scale = 1e-3 if any(row.unit == "m" for row in part) else 1e6
+    unit, scale = max(part, key=lambda row: row.judged).display_unit
 
     def values_of(name: str) -> NDArray[np.float64]:
         values = (getattr(part[place], name) for place in order)
@@ -107,14 +105,13 @@ def profile_lines(
     if not any(row.value is not None for row in rows):
         text = " no point has a value yet; pfwd invert computes it" if rows else " no point"
         return [line(cell(text, "dim"))]
-    unit = "mm" if any(row.unit == "m" for row in rows) else "MPa"
-    figure = profile_figure(rows, *window, chosen, unit, by_chainage=by_chainage)
+    figure = profile_figure(rows, *window, chosen, by_chainage=by_chainage)
     lines = plot_lines(figure, width, max(3, height - 2), glyphs)
     row = rows[min(chosen, len(rows) - 1)]
     text = "no value"
     if row.value is not None:
         value, ends = judged_texts(row)
-        text = f"{value} {unit}" + (f" ({ends})" if ends else "")
+        text = f"{value} {row.display_unit.name}" + (f" ({ends})" if ends else "")
     text = f" {row.title}: {text}  {row.state}"
     return [*lines, line(cell(text, "strong")), line(cell(" left/right moves, +/- zooms", "dim"))]
 

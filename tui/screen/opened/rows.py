@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING, Any
 from pfwd.errors import DeviceError, SurveyError
 from pfwd.files.folders import refuse_no_survey
 from pfwd.files.output_path import replaced_at_once
+from pfwd.procedures import Quantity
+from pfwd_plugins.quantities import Unit
 from tui.output import counted
-from tui.screen.units import SI, QuantityName
+from tui.screen.units import SI, judged_quantity
 
 if TYPE_CHECKING:
     # Loaded when the survey is read: the frame is painted before.
@@ -68,6 +70,16 @@ class PointRow:
     """Use of the diagnosed modulus in words; empty: the point is not diagnosed."""
     unexplained: str = ""
     """Misfit of the diagnosis in percent of the peak; empty: the point is not diagnosed."""
+
+    @property
+    def judged_by(self) -> Quantity:
+        """Quantity of the value; the modulus while the point is not judged."""
+        return Quantity(self.quantity or Quantity.MODULUS)
+
+    @property
+    def display_unit(self) -> Unit:
+        """Unit of the value on the screen."""
+        return self.judged_by.display_unit
 
     @property
     def diagnosis_text(self) -> str:
@@ -315,7 +327,7 @@ def _matches(row: PointRow, word: str) -> bool:
 
 def display_value(row: PointRow) -> float:
     """Return the judged value in MPa or mm."""
-    return math.nan if row.value is None else row.value / (1e-3 if row.unit == "m" else 1e6)
+    return math.nan if row.value is None else row.value / row.display_unit.scale
 
 
 def judged_texts(row: PointRow) -> tuple[str, str]:
@@ -324,8 +336,7 @@ def judged_texts(row: PointRow) -> tuple[str, str]:
     A value that allows no verdict has a mark. Without a value the texts are a dash and nothing.
     """
     interval = None if row.low is None or row.high is None else (row.low, row.high)
-    quantity: QuantityName = "settlement" if row.unit == "m" else "modulus"
-    value, ends = SI.value_and_ends(quantity, row.value, interval)
+    value, ends = SI.value_and_ends(judged_quantity(row.judged_by), row.value, interval)
     return f"{value}{_mark(row.value_marked)}", ends
 
 

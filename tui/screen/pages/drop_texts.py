@@ -54,23 +54,13 @@ class JudgedValue(NamedTuple):
 def judged_value(state: SessionState, drop: DropState | None, units: Units) -> JudgedValue:
     """Return the judged quantity of a drop; a dash where it is not known."""
     quantity = state.job.quantity
-    name, unit = JUDGED_NAMES[quantity], units.unit(judged_quantity(quantity))
+    name, unit = quantity.label, units.unit(judged_quantity(quantity))
     if quantity.is_fitted:
         value, ends = modulus_of_drop(drop, units, quantity)
         return JudgedValue(name, value, ends, unit, is_fit=True)
     judged = state.value_of(drop)
     text = units.text(judged_quantity(quantity), None if judged is None else judged.value)
     return JudgedValue(name, text, "", unit, is_fit=False)
-
-
-JUDGED_NAMES: Mapping[Quantity, str] = {
-    Quantity.E_VD: "E_vd",
-    Quantity.E_LWD: "E_LWD",
-    Quantity.MODULUS: "modulus",
-    Quantity.EQUIVALENT_MODULUS: "E_eq",
-    Quantity.DEFLECTION: "deflection",
-}
-"""Names of the judged quantities."""
 
 
 def judged_value_of_point(progress: PointProgress, units: Units) -> JudgedValue | None:
@@ -82,7 +72,7 @@ def judged_value_of_point(progress: PointProgress, units: Units) -> JudgedValue 
     mark = UNSUPPORTED_MARK if value.not_supported is not None else ""
     text, ends = units.value_and_ends(quantity, value.value, value.interval)
     is_fit = value.quantity.is_fitted
-    name = JUDGED_NAMES[value.quantity]
+    name = value.quantity.label
     return JudgedValue(name, f"{text}{mark}", ends, units.unit(quantity), is_fit)
 
 
@@ -202,11 +192,11 @@ _DROP_TABLE_COLUMNS = (
 def drop_columns(quantity: Quantity, units: Units) -> tuple[TableColumn, ...]:
     """Return the columns of a table of drops; that of the judged quantity stands before E."""
     unit = units.unit(judged_quantity(quantity))
-    name = JUDGED_NAMES[quantity] if quantity is Quantity.EQUIVALENT_MODULUS else "E"
+    name = quantity.label if quantity is Quantity.EQUIVALENT_MODULUS else "E"
     titles = {
         "load": f"load {units.unit('load')}",
         "defl": f"defl {units.unit('deflection')}",
-        "judged": f"{JUDGED_NAMES[quantity]} {unit}",
+        "judged": f"{quantity.label} {unit}",
         "E": f"{name} {units.unit('modulus')}" + ("" if quantity.is_fitted else ", not judged"),
     }
     return tuple(
@@ -323,5 +313,5 @@ def point_summary(state: SessionState, point: PointView, units: Units, width: in
         other = judged.quantity.other_fitted
         modulus = point_modulus_text(progress, units, other)
         rank = 4 if judged.quantity.is_fitted else 2
-        pieces.append(piece(rank, cell(f"not judged: {JUDGED_NAMES[other]} {modulus}", "dim")))
+        pieces.append(piece(rank, cell(f"not judged: {other.label} {modulus}", "dim")))
     return fit(pieces, width)

@@ -36,7 +36,6 @@ from tui.screen.drawing.lines import (
 from tui.screen.drawing.plot import Figure, plot_lines, stacked_plots
 from tui.screen.drawing.profile import Bar, profile_lines
 from tui.screen.pages.drop_texts import (
-    JUDGED_NAMES,
     JudgedValue,
     assumption_texts,
     drop_columns,
@@ -147,7 +146,7 @@ def complete_point_lines(view: MeasureView, width: int, room: int) -> list[Line]
     word, role = verdict or ("DONE", "strong")
     quantity = judged_quantity(state.job.quantity)
     judged = judged_value_of_point(progress, units)
-    name = JUDGED_NAMES[state.job.quantity]
+    name = state.job.quantity.label
     text = f"no {name}" if judged is None else f"{name} {judged.text}"
     drops = 0 if progress.value is None else progress.value.drops
     target = "no target"
@@ -371,7 +370,7 @@ def _with_each_drop(view: MeasureView, lines: list[Line], width: int) -> list[Li
         return lines
     job = view.state.job
     quantity = judged_quantity(job.quantity)
-    title = f"{JUDGED_NAMES[job.quantity]} of each drop, {view.units.unit(quantity)}"
+    title = f"{job.quantity.label} of each drop, {view.units.unit(quantity)}"
     bars = []
     for drop in drops:
         judged = view.state.value_of(drop)
@@ -545,7 +544,7 @@ def _details(view: MeasureView, drop: DropState | None) -> list[str]:
         other = view.state.job.quantity.other_fitted
         modulus, ends = modulus_of_drop(drop, units, other)
         interval = f" ({ends})" if ends else ""
-        text = f"{JUDGED_NAMES[other]} {modulus} {units.unit('modulus')}{interval}"
+        text = f"{other.label} {modulus} {units.unit('modulus')}{interval}"
         lines.insert(0, f"not judged: {text}")
         parameters = {} if drop.is_diagnosed else ground_parameters(result, units)
         for name, text in parameters.items():

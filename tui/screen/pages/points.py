@@ -28,7 +28,6 @@ from tui.screen.drawing.profile import Bar, profile_lines
 from tui.screen.lines_view import LinesView
 from tui.screen.pages.dialogs import PointDialog, TextDialog
 from tui.screen.pages.drop_texts import (
-    JUDGED_NAMES,
     drop_columns,
     drop_row,
     judged_value_of_point,
@@ -159,11 +158,11 @@ class PointsPage(Page):
         job = app.state.job
         quantity = judged_quantity(job.quantity)
         unit = app.units.unit(quantity)
-        judged = JUDGED_NAMES[job.quantity]
+        judged = job.quantity.label
         titles = {
             "judged": f"{judged} {unit}",
             "target": f"target {unit}",
-            _OTHER_MODULUS: f"{JUDGED_NAMES[job.quantity.other_fitted]}, not judged",
+            _OTHER_MODULUS: f"{job.quantity.other_fitted.label}, not judged",
         }
         columns = [
             dataclasses.replace(column, title=titles.get(column.title, column.title))

@@ -177,7 +177,7 @@ def test_the_profile_has_separate_points_with_intervals(survey: Path) -> None:
         for row, place in zip(opened(survey).rows, (0.0, 20.0, 520.0, 540.0, 560.0), strict=True)
         if row.value is not None
     ]
-    figure = profile_figure(rows, 0, 5, 1, "MPa", by_chainage=True)
+    figure = profile_figure(rows, 0, 5, 1, by_chainage=True)
     interval, target, value = figure.curves
     assert not interval.joined
     assert not value.joined
@@ -189,7 +189,7 @@ def test_the_profile_has_separate_points_with_intervals(survey: Path) -> None:
     crossing = [row[gap] for row in lines[1:-1] if set(row[gap]) - set(" ─")]
     assert len(crossing) == 1, "the target"
     unknown = [*rows[:4], dataclasses.replace(rows[4], chainage_m=None)]
-    assert profile_figure(unknown, 0, 5, 1, "MPa", by_chainage=True).time_unit == "point"
+    assert profile_figure(unknown, 0, 5, 1, by_chainage=True).time_unit == "point"
 
 
 def test_a_profile_without_values_is_a_sentence(survey: Path) -> None:
@@ -199,7 +199,7 @@ def test_a_profile_without_values_is_a_sentence(survey: Path) -> None:
 
 
 def test_the_profile_shows_its_window(survey: Path) -> None:
-    figure = profile_figure(opened(survey).rows, 1, 3, 2, "MPa")
+    figure = profile_figure(opened(survey).rows, 1, 3, 2)
     assert figure.note == "points 2 to 4 of 5"
     assert (figure.start, figure.end, figure.cursor) == (1.5, 4.5, 3.0)
 
