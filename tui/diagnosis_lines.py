@@ -154,7 +154,7 @@ def use_sentence(
     if (fault := _record_fault(modulus)) is not None:
         return f"Do not use: {fault}; measure again."
     if result.use == "do-not-use" or not _is_finite(after.modulus_pa):
-        if modulus == "unknown" or modulus is None:
+        if modulus == "unknown" or modulus is None or modulus.value is None:
             return f"Do not use: {result.use_reason}; {result.remedy}."
         return (
             f"Use the fit without effects: "
@@ -253,7 +253,9 @@ def _unusable_lines(
     for name, result, modulus in points:
         fault = _record_fault(modulus)
         sentence = use_sentence(result, modulus if fault else None)
-        if sentence and (fault or (result.use == "do-not-use" and modulus is None)):
+        if sentence and (
+            fault or (result.use == "do-not-use" and (modulus is None or modulus.value is None))
+        ):
             where.setdefault(sentence.partition(": ")[2], []).append(name)
     return [
         f"Do not use the modulus of {_where(chosen, names)}: {text}"
@@ -320,6 +322,9 @@ def point_cells(name: str, result: DiagnosisResult, modulus: "PointModulus | Non
     stress = ""
     if modulus is not None and modulus.source == "fitted":
         use, action = "fit without effects", ""
+    elif modulus is not None and modulus.value is None:
+        key = result.equivalent_use or key
+        use, action = f"equivalent: {USES[key]}", _ACTIONS[key]
     elif modulus is not None and _is_finite(after.stress_pa):
         stress = f"{after.stress_pa / 1e3:.0f}"
     elif after.model == "rig":
@@ -329,7 +334,7 @@ def point_cells(name: str, result: DiagnosisResult, modulus: "PointModulus | Non
     listed = ", ".join([*effects[:MAX_EFFECTS_IN_TABLE], *more]) or "no effect"
     return PointCells(
         name,
-        "none" if modulus is None else _in_force(modulus),
+        "none" if modulus is None or modulus.value is None else _in_force(modulus),
         stress,
         _equivalent(after).replace(" MPa", "") if is_diagnosed else "",
         use,
@@ -403,17 +408,20 @@ def _in_force(modulus: "PointModulus") -> str:
 
 def _summary(results: Sequence[DiagnosisResult], moduli: "Sequence[PointModulus | None]") -> str:
     """Return the number of points for each use of the modulus, as text."""
-    uses = [
-        USES["do-not-use"]
-        if _record_fault(modulus) is not None
-        else USES[result.use]
-        if modulus is None or modulus.source == "diagnosed"
-        else "fit"
-        for result, modulus in zip(results, moduli, strict=True)
-    ]
+    uses = []
+    for result, modulus in zip(results, moduli, strict=True):
+        if _record_fault(modulus) is not None:
+            uses.append(USES["do-not-use"])
+        elif modulus is not None and modulus.source == "fitted":
+            uses.append("fit")
+        elif modulus is not None and modulus.value is None:
+            uses.append("equivalent")
+        else:
+            uses.append(USES[result.use])
     words = {
         "design value": "with a design value",
         "use with care": "to use with care",
+        "equivalent": "with the equivalent modulus alone",
         "fit": "with the fit without effects",
         "do not use": "not to use",
     }

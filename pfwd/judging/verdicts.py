@@ -185,14 +185,19 @@ _TAKING_NO_PART = (Kind.DISCARDED, Kind.REJECTED)
 
 def _diagnosed(point: PointView) -> DiagnosedModulus | None:
     diagnosis = point.diagnosis_in_force
-    after = None if diagnosis is None else diagnosis.after
-    if diagnosis is None or after is None:
+    return None if diagnosis is None else _modulus_of(diagnosis)
+
+
+def _modulus_of(diagnosis: DiagnosisResult) -> DiagnosedModulus | None:
+    after = diagnosis.after
+    if after is None:
         return None
     return DiagnosedModulus(
         after.modulus_pa,
         after.modulus_interval_pa,
         diagnosis.use,
         diagnosis.use_reason,
+        diagnosis.equivalent_use,
         *_equivalent(diagnosis),
         after.modulus_depth_m,
     )
@@ -254,21 +259,13 @@ def modulus_in_force(
         fitted = dataclasses.replace(point, diagnosis=diagnosis).progress.fitted_modulus
         drops = set(diagnosis.drops or ())
         fault = unsupported_records([fact for fact in point.facts if fact.number in drops])
-    after = diagnosis.after
-    if diagnosis.use != "do-not-use" and after is not None and after.modulus_pa is not None:
-        equivalent, equivalent_interval = _equivalent(diagnosis)
-        return PointModulus(
-            after.modulus_pa,
-            after.modulus_interval_pa,
-            "diagnosed",
-            fault,
-            equivalent=equivalent,
-            equivalent_interval=equivalent_interval,
-            depth=after.modulus_depth_m,
-        )
-    if fitted is None or (fitted.not_supported is not None and fault is None):
-        return None
-    return dataclasses.replace(fitted, not_supported=fault)
+    diagnosed = _modulus_of(diagnosis)
+    in_force = fitted
+    if diagnosed is not None and diagnosed.use != "do-not-use":
+        in_force = diagnosed.as_modulus()
+    elif fitted is None or (fitted.not_supported is not None and fault is None):
+        in_force = None if diagnosed is None else diagnosed.as_equivalent_alone()
+    return in_force and dataclasses.replace(in_force, not_supported=fault)
 
 
 def _judge(point: PointView) -> PointProgress:

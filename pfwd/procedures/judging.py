@@ -134,7 +134,7 @@ def judge(
     record_fault = unsupported_records(used)
     modulus, other_modulus = moduli_of(procedure, used, diagnosed)
     withheld = None
-    if modulus is None and diagnosed is not None:
+    if diagnosed is not None and (modulus is None or modulus.value is None):
         withheld = diagnosed.use_reason
     if modulus is not None and record_fault is not None:
         modulus = dataclasses.replace(modulus, not_supported=record_fault, not_supported_code=None)

@@ -5,7 +5,7 @@ All classes are immutable.
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from typing import Any, Literal
 
@@ -165,24 +165,6 @@ Use = Literal["design", "with-care", "do-not-use"]
 """Use that a diagnosis permits for its modulus."""
 
 
-@dataclass(frozen=True, slots=True)
-class DiagnosedModulus:
-    """Modulus of a point from its diagnosis, whose model includes effects of device and ground."""
-
-    value: float | None
-    """Modulus, Pa; None: the diagnosis leaves it open."""
-    interval: tuple[float, float] | None
-    """95 % interval, Pa; it includes the error of the model that the remaining residual shows."""
-    use: Use
-    use_reason: Notice
-    """Reason for the permitted use."""
-    equivalent: float | None = None
-    """Equivalent modulus, Pa; None: there is none, or it may not be used."""
-    equivalent_interval: tuple[float, float] | None = None
-    depth: tuple[float, float | None] | None = None
-    """Depths between which the modulus holds, m."""
-
-
 ModulusSource = Literal["diagnosed", "fitted"]
 
 
@@ -190,8 +172,8 @@ ModulusSource = Literal["diagnosed", "fitted"]
 class PointModulus:
     """Modulus of a point, from its diagnosis or from the fits of its drops."""
 
-    value: float
-    """Modulus, Pa."""
+    value: float | None
+    """Modulus, Pa; None: only the equivalent one may be used."""
     interval: tuple[float, float] | None
     """95 % interval, Pa."""
     source: ModulusSource
@@ -212,6 +194,46 @@ class PointModulus:
         if quantity is Quantity.EQUIVALENT_MODULUS:
             return self.equivalent, self.equivalent_interval
         return self.value, self.interval
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosedModulus:
+    """Modulus of a point from its diagnosis, whose model includes effects of device and ground."""
+
+    value: float | None
+    """Modulus, Pa; None: the diagnosis leaves it open."""
+    interval: tuple[float, float] | None
+    """95 % interval, Pa; it includes the error of the model that the remaining residual shows."""
+    use: Use
+    use_reason: Notice
+    """Reason for the permitted use."""
+    equivalent_use: Use | None = None
+    """Permitted use of the equivalent modulus; None: as `use`."""
+    equivalent: float | None = None
+    """Equivalent modulus, Pa; None: there is none, or it may not be used."""
+    equivalent_interval: tuple[float, float] | None = None
+    depth: tuple[float, float | None] | None = None
+    """Depths between which the modulus holds, m."""
+
+    def as_modulus(self, not_supported: Notice | None = None) -> PointModulus | None:
+        """Return the diagnosed values as the modulus of a point; None: there are none."""
+        if self.value is None and self.equivalent is None:
+            return None
+        return PointModulus(
+            self.value,
+            self.interval,
+            "diagnosed",
+            not_supported,
+            equivalent=self.equivalent,
+            equivalent_interval=self.equivalent_interval,
+            depth=self.depth,
+        )
+
+    def as_equivalent_alone(self) -> PointModulus | None:
+        """Return the equivalent modulus if it may be used although the modulus may not."""
+        if self.equivalent_use in (None, "do-not-use"):
+            return None
+        return replace(self, value=None, interval=None, depth=None).as_modulus()
 
 
 @dataclass(frozen=True, slots=True)

@@ -178,7 +178,8 @@ def moduli_of(
     """Return the modulus of a point that is to be used, and the other one if there are two.
 
     The diagnosed modulus is used where its diagnosis permits it, else the fitted one. Where the
-    diagnosis permits none and the data do not support the fits, there is no modulus.
+    diagnosis permits none and the data do not support the fits, there is no modulus, but the
+    equivalent one of the diagnosis if that is permitted.
 
     Parameters
     ----------
@@ -192,23 +193,11 @@ def moduli_of(
     fitted = _fitted_modulus(procedure, used)
     if diagnosed is None:
         return fitted, None
-    usable = diagnosed.use != "do-not-use"
-    reason = None if usable else diagnosed.use_reason
-    result = None
-    if diagnosed.value is not None:
-        result = PointModulus(
-            diagnosed.value,
-            diagnosed.interval,
-            "diagnosed",
-            reason,
-            equivalent=diagnosed.equivalent,
-            equivalent_interval=diagnosed.equivalent_interval,
-            depth=diagnosed.depth,
-        )
-    if usable:
-        return result, fitted
-    is_withheld = fitted is None or fitted.not_supported is not None
-    return (None, None) if is_withheld else (fitted, result)
+    if diagnosed.use != "do-not-use":
+        return diagnosed.as_modulus(), fitted
+    if fitted is not None and fitted.not_supported is None:
+        return fitted, diagnosed.as_modulus(diagnosed.use_reason)
+    return diagnosed.as_equivalent_alone(), None
 
 
 def _fitted_modulus(procedure: Procedure, used: Sequence[PointDrop]) -> PointModulus | None:

@@ -141,8 +141,12 @@ def _use(point: PointView, texts: Texts) -> str:
     if not diagnosis_counts(point):
         key = "use_none" if modulus is None else "use_fits"
         return texts.say(key, reason=reason)
-    secant = _secant(diagnosis, texts)
-    return f"{texts[_USE_KEYS[diagnosis.use]]}: {reason}" + (f"; {secant}" if secant else "")
+    use = f"{texts[_USE_KEYS[diagnosis.use]]}: {reason}"
+    if diagnosis.use != "do-not-use":
+        secant = _secant(diagnosis, texts)
+        return f"{use}; {secant}" if secant else use
+    equivalent = texts[_USE_KEYS[diagnosis.equivalent_use or diagnosis.use]]
+    return f"{texts['equivalent_modulus']}: {equivalent}; {texts['modulus']}: {use}"
 
 
 def _secant(diagnosis: DiagnosisResult, texts: Texts) -> str:

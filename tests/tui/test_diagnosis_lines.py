@@ -239,6 +239,11 @@ def test_the_use_of_the_equivalent_modulus_is_said_where_it_differs() -> None:
     assert not [text for text in diagnosis_lines(alike) if "Equivalent modulus" in text]
     notes = [text for text in lines_of([differs, other, third]) if "Equivalent modulus" in text]
     assert notes == ["Equivalent modulus of A: design value"]
+    # Without a fit that may be used it is in force alone.
+    alone = replace(differs, before=FittedState())
+    lines = lines_of([alone, other, third])
+    assert lines[0].startswith("3 points: 1 to use with care, 1 with the equivalent modulus alone")
+    assert re.split(" {2,}", lines[3])[1:4] == ["none", "48 (45 to 51)", "equivalent: design value"]
     assert not [text for text in lines_of(survey()) if "Equivalent modulus" in text]
 
 

@@ -176,15 +176,18 @@ def test_the_modulus_in_force_follows_from_the_use_of_the_diagnosis(
 
 
 @pytest.mark.parametrize(
-    ("ends", "equivalent_ends", "use", "value"),
+    ("contact_residual", "ends", "equivalent_ends", "use", "value"),
     [
-        ((37e6, 39e6), (40e6, 42e6), None, 41e6),
+        (0.01, (37e6, 39e6), (40e6, 42e6), None, 41e6),
         # The fits are in force, of which the equivalent modulus is used too.
-        ((20e6, 80e6), (40e6, 42e6), "design", 45.1e6),
-        ((37e6, 39e6), (20e6, 80e6), "do-not-use", None),
+        (0.01, (20e6, 80e6), (40e6, 42e6), "design", 45.1e6),
+        # Without fits that the data support it is in force alone.
+        (0.5, (20e6, 80e6), (40e6, 42e6), "design", 41e6),
+        (0.01, (37e6, 39e6), (20e6, 80e6), "do-not-use", None),
     ],
 )
 def test_the_equivalent_modulus_is_in_force_with_the_modulus_of_its_diagnosis(
+    contact_residual: float,
     ends: tuple[float, float],
     equivalent_ends: tuple[float, float],
     use: str | None,
@@ -200,7 +203,13 @@ def test_the_equivalent_modulus_is_in_force_with_the_modulus_of_its_diagnosis(
     found = dataclasses.replace(found, after=after)
     assert found.equivalent_use == use
     assert found.to_json()["equivalent_use"] == use
-    point = PointView("1", drops(), 40e6, job=Job(procedure=plain_procedure()), diagnosis=found)
+    fitted = [
+        drop.with_result(
+            dataclasses.replace(known(drop.result), contact_residual_rms_over_peak=contact_residual)
+        )
+        for drop in drops()
+    ]
+    point = PointView("1", fitted, 40e6, job=Job(procedure=plain_procedure()), diagnosis=found)
     written, values = point.as_json(), judged_values(point)
     expected = value and pytest.approx(value, rel=1e-3)
     assert written["equivalent_modulus_pa"] == values["equivalent_modulus_pa"] == expected
@@ -211,6 +220,7 @@ def test_the_equivalent_modulus_is_in_force_with_the_modulus_of_its_diagnosis(
     modulus = modulus_in_force(found, point)
     assert modulus is not None
     assert modulus.equivalent == expected
+    assert (modulus.value is None) == (contact_residual > 0.1)
     assert point.progress.value is None or value is not None
     if value is None:
         text = "no equivalent modulus: no sensor is on the plate, or the data leave it open"
