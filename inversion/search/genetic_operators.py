@@ -8,18 +8,20 @@ generator passed to it, so that the seed reproduces a run.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from inversion.arrays import FloatArray, IntArray
-from inversion.errors import ModelError
 
 # Score of the fittest individual of a population, the 100 of Eq. 17.
 _FULL_SCORE = 100.0
 
 # Constant c of `contrast_fitness`; values from 0.003 to 0.3 perform equally well.
 _CONTRAST = 0.03
+
+# Differential children: fraction of the way towards the selected parent, and range of the weight of
+# the difference. With these, children are less than one width outside of the unit cube, as
+# `reflect` needs.
+_PULL, _WEIGHTS = 0.5, (0.2, 0.9)
 
 # Smallest population: a differential child needs its parent, the selected one and two others.
 SMALLEST_POPULATION = 4
@@ -33,59 +35,6 @@ _MUTATION_HALVINGS = 20.0
 _CROSSOVER_REACH = 0.25
 
 
-@dataclass(frozen=True)
-class PopulationRole:
-    """Parameters with which one population makes its differential children.
-
-    Several populations with different roles search better than one large one.
-
-    Parameters
-    ----------
-    pull : float, 0 <= value <= 1
-        Fraction of the way towards a second parent, selected by scaled fitness.
-    weight : pair of float, lowest and highest
-        Each child draws the weight of its difference vector between these.
-    crossover_rate : float, 0 < value <= 1
-        Probability that a gene comes from the mutant. Small values search along coordinates, values
-        near one are nearly invariant to a rotation of the axes.
-    """
-
-    pull: float = 0.5
-    weight: tuple[float, float] = (0.2, 0.9)
-    crossover_rate: float = 0.9
-
-    def __post_init__(self) -> None:
-        # With these limits children are less than one width outside of the unit cube, as reflect()
-        # needs.
-        if not 0.0 <= self.pull <= 1.0:
-            raise ModelError(f"role: expected 0 <= pull <= 1, got {self.pull}")
-        if not 0.0 <= self.weight[0] <= self.weight[1] <= 1.0:
-            raise ModelError(
-                f"role: expected 0 <= lowest <= highest weight <= 1, got {self.weight}"
-            )
-        if not 0.0 < self.crossover_rate <= 1.0:
-            raise ModelError(f"role: expected 0 < crossover_rate <= 1, got {self.crossover_rate}")
-
-
-class RoleTable:
-    """Roles of p populations as columns (p, 1, 1), ready to broadcast against genes.
-
-    Parameters
-    ----------
-    roles : tuple of PopulationRole, one per population
-    """
-
-    def __init__(self, roles: tuple[PopulationRole, ...]) -> None:
-        self.pull = _column([role.pull for role in roles])
-        self.lowest_weight = _column([role.weight[0] for role in roles])
-        self.weight_range = _column([role.weight[1] - role.weight[0] for role in roles])
-        self.crossover_rate = _column([role.crossover_rate for role in roles])
-
-
-def _column(values: list[float]) -> FloatArray:
-    return np.array(values, dtype=np.float64)[:, None, None]
-
-
 def stratified_sample(count: int, size: int, rng: np.random.Generator) -> FloatArray:
     """Return points (count, size) of the unit cube, one in each of ``count`` slices of every gene.
 
@@ -93,15 +42,6 @@ def stratified_sample(count: int, size: int, rng: np.random.Generator) -> FloatA
     """
     slices = np.argsort(rng.random((size, count)), axis=1).T
     return np.asarray((slices + rng.random((count, size))) / count)
-
-
-def reciprocal_fitness(misfit: FloatArray, floor: float = 1e-12) -> FloatArray:
-    r"""Return the fitness :math:`Q = 1/(f + \epsilon)` of misfits f >= 0, the form of Eq. 16.
-
-    The equations are those of doi 10.11835/j.issn.2096-6717.2022.021. The floor keeps a perfect fit
-    finite. For Eq. 16 itself, with its peak term, pass its reciprocal as the misfit.
-    """
-    return np.asarray(1.0 / (misfit + floor))
 
 
 def contrast_fitness(misfit: FloatArray) -> FloatArray:
@@ -231,16 +171,16 @@ def mutate(genes: FloatArray, probability: FloatArray, rng: np.random.Generator)
 
 
 def differential_children(
-    ring: FloatArray, selected: FloatArray, roles: RoleTable, rng: np.random.Generator
+    ring: FloatArray, selected: FloatArray, rates: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
     r"""Return one child (p, n, d) of each individual, by differences of individuals.
 
     .. math:: v = x + K (s - x) + F (x_1 - x_2)
 
     with s the selected parent and :math:`x_1, x_2` two other individuals; each gene of v replaces
-    that of x with the role's probability, one of them always.  Differential evolution, Storn and
-    Price (1997), Journal of Global Optimization 11, with the second parent selected as in the
-    paper.
+    that of x with the probability of the population, one of them always.  Differential evolution,
+    Storn and Price (1997), Journal of Global Optimization 11, with the second parent selected as in
+    the paper.
 
     Parameters
     ----------
@@ -248,13 +188,17 @@ def differential_children(
         The populations in random order, the first two individuals repeated at the end: the two
         neighbours of an individual are then others, drawn without a search.
     selected : (p, n, d) ndarray of float
-    roles : RoleTable
+    rates : (p,) ndarray of float, > 0
+        Probability that a gene comes from the mutant. Small values search along coordinates, values
+        near one are nearly invariant to a rotation of the axes.
+    rng : numpy Generator
     """
     parents = ring[:, :-2]
     populations, count, size = parents.shape
-    weight = roles.lowest_weight + roles.weight_range * rng.random((populations, count, 1))
-    mutant = parents + roles.pull * (selected - parents) + weight * (ring[:, 1:-1] - ring[:, 2:])
-    crossed = rng.random((populations, count, size)) < roles.crossover_rate
+    low, high = _WEIGHTS
+    weight = low + (high - low) * rng.random((populations, count, 1))
+    mutant = parents + _PULL * (selected - parents) + weight * (ring[:, 1:-1] - ring[:, 2:])
+    crossed = rng.random((populations, count, size)) < rates[:, None, None]
     # The order is random, so the gene that is always crossed may follow the position.
     crossed |= (np.arange(count)[:, None] - np.arange(size)) % size == 0
     return np.where(crossed, reflect(mutant), parents)
