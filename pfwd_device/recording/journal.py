@@ -6,7 +6,6 @@ returns. The ledger is a text file with a line for each record that reached the 
 
 import contextlib
 import io
-import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -17,7 +16,7 @@ from pfwd_device.errors import RecordingError, SurveyLocked
 from pfwd_device.recording.framing import Damage, Frame, read_frame, scan
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import Entry
-from pfwd_device.recording.storage import OpenFile, Storage
+from pfwd_device.recording.storage import LOCK_TEST_S, OpenFile, Storage
 
 MAX_SEGMENT_BYTES = 256 * 2**20
 """Largest segment, bytes, so that copying and reading one stay fast."""
@@ -25,10 +24,6 @@ MAX_SEGMENT_BYTES = 256 * 2**20
 MAX_OPEN_SEGMENTS = 64
 """Number of segments that stay open, so that they can be read if their files are deleted; together
 they have 16 GB."""
-
-_N_LOCK_TRIES = 5
-_LOCK_PAUSE_S = 0.02
-"""Time between two attempts, s: another program that tests the lock holds it for microseconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,11 +80,7 @@ def open_segment(layout: Layout, number: int, storage: Storage) -> int:
     """
     descriptor = storage.open(layout.segment(number))
     try:
-        for _ in range(_N_LOCK_TRIES):
-            if storage.lock(descriptor):
-                break
-            time.sleep(_LOCK_PAUSE_S)
-        else:
+        if not storage.wait_for_lock(descriptor, LOCK_TEST_S):
             raise SurveyLocked(
                 f"{layout.segment(number)}: expected to be the only program that writes, got "
                 "another program that has the journal open; end it first, or name another folder"

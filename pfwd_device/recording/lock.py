@@ -7,7 +7,6 @@ import contextlib
 import os
 import socket
 import sys
-import time
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,12 +15,8 @@ from filelock import FileLock, Timeout
 
 from pfwd_device.errors import RecordingError, SurveyLocked
 from pfwd_device.recording.layout import Layout
-from pfwd_device.recording.storage import Storage
+from pfwd_device.recording.storage import LOCK_PAUSE_S, LOCK_TEST_S, Storage
 from pfwd_device.text import clean
-
-_N_TRIES = 5
-_RETRY_PAUSE_S = 0.02
-"""Time between two attempts, s: another program that tests the lock holds it for microseconds."""
 
 
 class SurveyLock:
@@ -80,7 +75,7 @@ class SurveyLock:
         layout = self._layout
         lock = FileLock(layout.lock, timeout=0, thread_local=False)
         try:
-            _try(lock)
+            lock.acquire(timeout=LOCK_TEST_S, poll_interval=LOCK_PAUSE_S)
             status = os.lstat(layout.lock)
         except Timeout as err:
             raise SurveyLocked(
@@ -132,26 +127,12 @@ def file_locked(path: Path, timeout: float, storage: Storage) -> Iterator[None]:
         except FileExistsError:
             descriptor = storage.open(path)
         try:
-            deadline = time.monotonic() + timeout
-            while not storage.lock(descriptor):
-                if time.monotonic() >= deadline:
-                    raise Timeout(str(path))
-                time.sleep(_RETRY_PAUSE_S)
+            if not storage.wait_for_lock(descriptor, timeout):
+                raise Timeout(str(path))
             yield
         finally:
             with contextlib.suppress(OSError):  # the file has no content, and is closed anyway
                 storage.close(descriptor)
-
-
-def _try(lock: FileLock) -> None:
-    for _ in range(_N_TRIES - 1):
-        try:
-            lock.acquire()
-        except Timeout:
-            time.sleep(_RETRY_PAUSE_S)
-        else:
-            return
-    lock.acquire()
 
 
 def is_locked(layout: Layout) -> bool:

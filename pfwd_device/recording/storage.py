@@ -23,6 +23,12 @@ _NO_FOLLOW = getattr(
 _NOT_INHERITED = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOINHERIT", 0)
 
 
+LOCK_PAUSE_S = 0.02
+"""Time between two attempts to lock a file, s."""
+
+LOCK_TEST_S = 0.1
+"""Longest time for which another program that only tests a lock holds it, s."""
+
 MAX_TRUSTED_WRITE_S = 0.005
 """Duration of a write of this program after which the file is read again, because another program
 may have written to it meanwhile, s."""
@@ -120,6 +126,15 @@ class Storage:
                 # detected by their effects then.
                 return err.errno not in (errno.EACCES, errno.EAGAIN)
             return True
+
+    def wait_for_lock(self, descriptor: int, timeout: float) -> bool:
+        """Lock a file as :meth:`lock` does; wait for another program at most `timeout` seconds."""
+        deadline = time.monotonic() + timeout
+        while not self.lock(descriptor):
+            if time.monotonic() >= deadline:
+                return False
+            time.sleep(LOCK_PAUSE_S)
+        return True
 
     def size(self, descriptor: int) -> int:
         """Return the length of a file, bytes."""
