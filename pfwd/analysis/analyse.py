@@ -28,11 +28,11 @@ from inversion.measured.record import CALIBRATED_ERROR, UNCALIBRATED_ERROR, Sens
 from inversion.notices import Notice, codes
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.response_tables import library_of_process
 from pfwd.analysis.result_store import question_of, software_name, stored_answer
 from pfwd.analysis.results import AnalysisRequest, DropAnalysis, DropResult, FileOutcome
 from pfwd.analysis.screening.bad_sensors import leave_out_bad_sensors
 from pfwd.analysis.screening.drops import Screening, duplicate_drops, screen_point, unbroken_part
-from pfwd.analysis.tasks import library_of_process
 from pfwd.errors import SurveyError
 from pfwd.files.header import PointSetup
 from pfwd.files.reading import read_points

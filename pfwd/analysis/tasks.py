@@ -7,12 +7,11 @@ import dataclasses
 import os
 from collections.abc import Mapping
 from enum import IntEnum
-from functools import cache
-from typing import TYPE_CHECKING
 
 from inversion.result import TimeHistories
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.response_tables import library_of_process
 from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.analysis.screening.drops import Screening
 from pfwd.errors import SurveyError
@@ -20,16 +19,6 @@ from pfwd.files.header import PointSetup, setup_warnings
 from pfwd.files.traces import TracePoint
 from pfwd.jobs import TaskProgress, WorkerDied, report
 from pfwd_device import Drop
-
-if TYPE_CHECKING:
-    from inversion import SurrogateLibrary
-
-MAX_RESPONSE_TABLES = 100
-"""Largest number of response tables in memory, 0.1 to 2 MB each; the sources of an archive may
-declare any number of bedrock depths."""
-
-BUILDING = "building the response table"
-"""Kind of work of a progress in percent of a response table."""
 
 
 class Urgency(IntEnum):
@@ -41,17 +30,6 @@ class Urgency(IntEnum):
     """Compute the first modulus of a new drop."""
     FULL = 2
     """Invert a drop with the full search."""
-
-
-@cache
-def library_of_process() -> "SurrogateLibrary":
-    """Return the response tables of this process, created at the first call."""
-    from inversion import SurrogateLibrary
-
-    def progress(table: str, fraction: float) -> None:
-        report(TaskProgress(BUILDING, table, round(100 * fraction), 100))
-
-    return SurrogateLibrary(progress=progress, max_surrogates=MAX_RESPONSE_TABLES)
 
 
 def load_solvers() -> None:

@@ -16,8 +16,8 @@ from pfwd.analysis.diagnosis.diagnose import diagnose_entries
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint, entry_of
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.response_tables import library_of_process
 from pfwd.analysis.results import DiagnosisResult, DropResult
-from pfwd.analysis.tasks import library_of_process
 from pfwd.archive.sources import Source, is_unchanged
 from pfwd.errors import SurveyError, refusal
 from pfwd.files.folders import is_survey_file

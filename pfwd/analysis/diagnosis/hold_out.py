@@ -36,7 +36,7 @@ from pfwd.analysis.diagnosis.points import (
     Workers,
     successful,
 )
-from pfwd.analysis.tasks import library_of_process
+from pfwd.analysis.response_tables import library_of_process
 
 # Number of neighbours on either side of a point in the survey whose summaries are used.
 _MAX_NEIGHBOURS = 50

@@ -25,8 +25,8 @@ from inversion.forward.library import default_cache_folder
 from inversion.inference.diagnose import diagnose_point
 from inversion.inference.instrument import InstrumentKnowledge
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint
+from pfwd.analysis.response_tables import library_of_process
 from pfwd.analysis.result_store import software_name
-from pfwd.analysis.tasks import library_of_process
 from pfwd.files.output_path import replaced_at_once
 from pfwd.jobs import Jobs
 

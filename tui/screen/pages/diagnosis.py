@@ -7,8 +7,8 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
+from pfwd.analysis.response_tables import BUILDING
 from pfwd.analysis.results import DiagnosisResult, FittedState
-from pfwd.analysis.tasks import BUILDING
 from pfwd.digits import read_in, rounded
 from pfwd.judging.verdicts import modulus_in_force
 from pfwd.procedures import PointModulus

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from pfwd.analysis import tasks
+from pfwd.analysis.response_tables import BUILDING
 from pfwd.analysis.results import DiagnosisResult, FittedState
 from pfwd.jobs import Jobs, Task
 from tui.diagnosis_lines import USES, unexplained_text
@@ -131,7 +132,7 @@ def diagnosis_text(file: str, task: Task[Any], now: float) -> str:
     step = task.progress
     if step is None:
         text += ", reading the drops"
-    elif step.work == tasks.BUILDING:
+    elif step.work == BUILDING:
         text += f", {step.work} of {step.item}"
     else:
         name = os.path.basename(step.item.rpartition(", point ")[2])
