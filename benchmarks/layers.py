@@ -147,11 +147,11 @@ def _pavement(media: int) -> LayeredGround:
     return LayeredGround((*above[: media - 1], Medium(1e8, 1e5, 1900.0, 0.4)))
 
 
-def _milliseconds(action: Callable[[], Any]) -> float:
-    """Return the smallest processor time of one call, over at least a second of calls, ms."""
+def _milliseconds(action: Callable[[], Any], repeats: int = 20) -> float:
+    """Return the smallest processor time of one call, ms, over ``repeats`` calls or a second."""
     action()
     shortest, start, count = math.inf, time.perf_counter(), 0
-    while count < 20 or time.perf_counter() - start < 1.0:
+    while count < repeats or time.perf_counter() - start < 1.0:
         before = time.process_time_ns()
         action()
         shortest = min(shortest, time.process_time_ns() - before)
@@ -474,18 +474,8 @@ def _inversion_speed(report: Reporter) -> None:
     trailer = replace(portable, offsets=(0.0, 0.2, 0.3, 0.45, 0.6, 0.9, 1.2, 1.5, 1.8))
     for name, case in (("4 sensors", portable), ("9 sensors", trailer)):
         record = record_of_case(case)
-        plain = _shortest(partial(invert, record, Settings()))
-        layered = _shortest(partial(invert, record, Settings(layers=3)))
+        plain = 1e-3 * _milliseconds(partial(invert, record, Settings()), 3)
+        layered = 1e-3 * _milliseconds(partial(invert, record, Settings(layers=3)), 3)
         report.record(
             sensors=name, homogeneous_s=plain, three_media_s=layered, ratio=layered / plain
         )
-
-
-def _shortest(action: Any) -> float:
-    action()
-    times = []
-    for _ in range(3):
-        start = time.process_time()
-        action()
-        times.append(time.process_time() - start)
-    return min(times)

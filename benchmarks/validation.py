@@ -10,6 +10,7 @@ drops of a light plate on six other grounds, and nothing else.
 import csv
 import math
 import statistics
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -129,11 +130,9 @@ class Case:
 
 @dataclass(frozen=True)
 class Finding:
-    """Modulus (Pa) by one method, with its error and the correctness of its interval."""
+    """Relative error of the modulus by one method, and whether its interval is right."""
 
-    modulus: float
     error: float
-    r_squared: float | None
     covered: bool | None
 
 
@@ -146,11 +145,6 @@ class CaseReport:
     peak_contact_pressure: float
     methods: dict[str, Finding]
     ladder: dict[str, Finding]
-
-
-def all_cases() -> list[Case]:
-    """Return the 48 cases in the order of the study's tables."""
-    return [Case(e, n, h) for n, h, e in product(VISCOSITIES, DEPTHS, MODULI)]
 
 
 def simulate(case: Case) -> SimulatedDrop:
@@ -175,17 +169,16 @@ def examine(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> CaseR
     """Invert one simulated drop by all methods."""
     on_ground = replace(drop, load=drop.contact_force)
     results = {}
-    for name, choices in _PUBLISHED_OPTIONS.items():
-        results[name] = _published(case, drop, library, **choices)
-        results[name + ON_CONTACT] = _published(case, on_ground, library, **choices)
-    declared_depth = _invert(case, drop, library, AnalysisOptions(), case.depth)
-    unknown_depth = _invert(
-        case, drop, library, AnalysisOptions(bedrock_depth="unknown"), case.depth
-    )
-    results |= {DEPTH_DECLARED: declared_depth, DEPTH_UNKNOWN: unknown_depth}
+    for name in _PUBLISHED_OPTIONS:
+        results[name] = _published(case, drop, library, name)
+        results[name + ON_CONTACT] = _published(case, on_ground, library, name)
+    unknown = AnalysisOptions(bedrock_depth="unknown")
+    declared_depth = _invert(drop, library, AnalysisOptions(), case.depth)
+    results[DEPTH_DECLARED] = declared_depth
+    results[DEPTH_UNKNOWN] = _invert(drop, library, unknown, case.depth)
     methods = {name: _finding(case, result) for name, result in results.items()}
     peak = value_of(declared_depth.peak_modulus_pa)
-    methods[PEAK] = Finding(peak, peak / case.modulus - 1.0, None, None)
+    methods[PEAK] = Finding(peak / case.modulus - 1.0, None)
     rungs = [results[PUBLISHED], *_steps(case, drop, library), declared_depth]
     area = math.pi * PLATE.radius**2
     return CaseReport(
@@ -198,10 +191,10 @@ def examine(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> CaseR
 
 
 def _published(
-    case: Case, drop: SimulatedDrop, library: SurrogateLibrary, **choices: Any
+    case: Case, drop: SimulatedDrop, library: SurrogateLibrary, name: str = PUBLISHED
 ) -> InversionResult:
-    options = AnalysisOptions(published=True, **({"bedrock_depth": case.depth} | choices))
-    return _invert(case, drop, library, options, None)
+    choices = {"bedrock_depth": case.depth, **_PUBLISHED_OPTIONS[name]}
+    return _invert(drop, library, AnalysisOptions(published=True, **choices), None)
 
 
 def _steps(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> Iterable[InversionResult]:
@@ -219,7 +212,6 @@ def _steps(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> Iterab
 
 
 def _invert(
-    case: Case,
     drop: SimulatedDrop,
     library: SurrogateLibrary,
     options: AnalysisOptions,
@@ -269,9 +261,7 @@ def correct(report: Reporter) -> None:
 def _finding(case: Case, result: InversionResult) -> Finding:
     modulus = value_of(result.modulus_pa)
     low, high = value_of(result.modulus_interval_pa)
-    return Finding(
-        modulus, modulus / case.modulus - 1.0, result.r_squared, low <= case.modulus <= high
-    )
+    return Finding(modulus / case.modulus - 1.0, low <= case.modulus <= high)
 
 
 def run(arguments: list[str]) -> int:
@@ -289,7 +279,7 @@ def run(arguments: list[str]) -> int:
     if options.corrections:
         correct(report)
         return 0
-    cases = all_cases()
+    cases = [Case(e, n, h) for n, h, e in product(VISCOSITIES, DEPTHS, MODULI)]
     cases = cases[:: max(1, len(cases) // options.cases)][: options.cases]
     _build_surrogates()
     with Jobs(options.jobs) as pool:
@@ -345,22 +335,22 @@ def summarise(report: Reporter, reports: Sequence[CaseReport], printed: Printed)
             contact_kpa=case_report.peak_contact_pressure / 1e3,
             **errors,
         )
-    selections: list[tuple[str, Callable[[Case], bool]]] = [("all", lambda case: True)]
-    selections += [(f"{n / 1e3:g} kPa s", _with("viscosity", n)) for n in VISCOSITIES]
-    selections += [(f"{h:g} m", _with("depth", h)) for h in DEPTHS]
+    by_viscosity, by_depth = defaultdict(list), defaultdict(list)
+    for case_report in reports:
+        by_viscosity[f"{case_report.case.viscosity / 1e3:g} kPa s"].append(case_report)
+        by_depth[f"{case_report.case.depth:g} m"].append(case_report)
     report.title("mean error, %, ours and the study's")
-    for name, chosen in selections:
-        part = [case_report for case_report in reports if chosen(case_report.case)]
+    for name, part in {"all": reports, **by_viscosity, **by_depth}.items():
         for method in METHODS:
-            if part:
-                report.record(cases=name, method=method, **_means(part, method, printed))
+            report.record(cases=name, method=method, **_means(part, method, printed))
     report.title("what the published method's error is made of: mean error by rung, %")
     for rung in LADDER:
-        report.record(rung=rung, **_rung(reports, rung))
-
-
-def _with(name: str, value: float) -> Callable[[Case], bool]:
-    return lambda case: getattr(case, name) == value
+        percent = {
+            name: [100 * case_report.ladder[rung].error for case_report in part]
+            for name, part in {"all": reports, **by_viscosity}.items()
+        }
+        means = {name: statistics.mean(values) for name, values in percent.items()}
+        report.record(rung=rung, **means, largest=max(map(abs, percent["all"])))
 
 
 def _means(part: Sequence[CaseReport], method: str, printed: Printed) -> dict[str, Any]:
@@ -376,23 +366,6 @@ def _means(part: Sequence[CaseReport], method: str, printed: Printed) -> dict[st
     theirs = [table[case_report.case.key] for case_report in part if case_report.case.key in table]
     if theirs:
         values |= {"printed_mean": 100 * statistics.mean(theirs), "printed_cases": len(theirs)}
-    return values
-
-
-def _rung(reports: Sequence[CaseReport], rung: str) -> dict[str, float]:
-    values = {}
-    for name, chosen in [
-        ("all", VISCOSITIES),
-        *((f"{n / 1e3:g} kPa s", (n,)) for n in VISCOSITIES),
-    ]:
-        errors = [
-            case_report.ladder[rung].error
-            for case_report in reports
-            if case_report.case.viscosity in chosen
-        ]
-        if errors:
-            values[name] = 100 * statistics.mean(errors)
-    values["largest"] = 100 * max(abs(case_report.ladder[rung].error) for case_report in reports)
     return values
 
 
@@ -457,9 +430,9 @@ def _draw_fits(path: Path, case: Case = Case(40e6, 54e3, 1.0)) -> None:
     drop = simulate(case)
     results = {
         PUBLISHED: _published(case, drop, library),
-        HALF_SPACE: _published(case, drop, library, bedrock_depth="none"),
-        ELASTIC: _published(case, drop, library, elastic=True),
-        DEPTH_DECLARED: _invert(case, drop, library, AnalysisOptions(), case.depth),
+        HALF_SPACE: _published(case, drop, library, HALF_SPACE),
+        ELASTIC: _published(case, drop, library, ELASTIC),
+        DEPTH_DECLARED: _invert(drop, library, AnalysisOptions(), case.depth),
     }
     figure = Figure(figsize=(9, 6), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
