@@ -142,6 +142,15 @@ _TERMS_OF_NUMBERS = {
 """Names in messages of the numbers that are no checks, by key."""
 
 
+_SHOWN_UNITS = {
+    "nominal_pressure_pa": (1e-3, "kPa"),
+    "nominal_load_n": (1e-3, "kN"),
+    "plate_radius_m": (1.0, "m"),
+    **{key: (check.scale, check.unit) for key, check in CHECKS.items()},
+}
+"""Factor to the shown unit of a number, and that unit, by key; others have no unit."""
+
+
 def term_of_number(key: str) -> str:
     """Return the name of a number of a procedure in messages, by its key."""
     return _TERMS_OF_NUMBERS.get(key, key)
@@ -308,6 +317,14 @@ class Procedure:
         for index, target in enumerate(self.targets, 1):
             numbers[f"target {index}"] = target.value
         return {key: number for key, number in numbers.items() if number is not None}
+
+    def shown_number(self, key: str) -> str:
+        """Return a number that the profile states as text with its shown unit."""
+        scale, unit = _SHOWN_UNITS.get(key, (1.0, ""))
+        if key.startswith("target"):
+            unit, size = self.quantity.display_unit
+            scale = 1.0 / size
+        return f"{self.numbers()[key].value * scale:g} {unit}".rstrip()
 
     def target_for(self, moisture: float | None, material: str | None) -> Target | None:
         """Return the first enforced target for a moisture (percent) and a material, or None.

@@ -12,7 +12,6 @@ from inversion.result import InversionResult
 from pfwd.files.header import IMPORTED, REMARK_CODES, declared_values
 from pfwd.judging import PointView
 from pfwd.procedures import Number, Procedure
-from pfwd.procedures.profile import CHECKS
 from pfwd.report import formatting
 from pfwd.report.blocks import (
     Block,
@@ -26,17 +25,6 @@ from pfwd.report.content import Report
 from pfwd.report.localising import with_decimals
 from pfwd.report.peaks_blocks import has_only_peaks
 from pfwd.report.texts import Texts
-
-_NUMBER_UNITS = {
-    "seating": (1.0, ""),
-    "measured": (1.0, ""),
-    "factor": (1.0, ""),
-    "nominal_pressure_pa": (1e-3, "kPa"),
-    "nominal_load_n": (1e-3, "kN"),
-    "poisson_ratio": (1.0, ""),
-    "plate_radius_m": (1.0, "m"),
-    **{key: (check.scale, check.unit) for key, check in CHECKS.items()},
-}
 
 
 def procedure_blocks(procedure: Procedure, texts: Texts) -> list[Block]:
@@ -52,7 +40,7 @@ def procedure_blocks(procedure: Procedure, texts: Texts) -> list[Block]:
         rows.append(
             (
                 texts.number_name(key),
-                with_decimals(_number(procedure, key, number), texts),
+                with_decimals(procedure.shown_number(key), texts),
                 texts.source(procedure, key, number),
                 _state(procedure, number, texts),
             )
@@ -61,17 +49,6 @@ def procedure_blocks(procedure: Procedure, texts: Texts) -> list[Block]:
         columns = (texts["number"], texts["value"], texts["source"], "")
         blocks.append(Table(columns, tuple(rows), (1,)))
     return blocks
-
-
-def _number(procedure: Procedure, key: str, number: Number) -> str:
-    scale, unit = _NUMBER_UNITS.get(key, (1.0, ""))
-    if key.startswith("target"):
-        unit, size = procedure.quantity.display_unit
-        scale = 1.0 / size
-    for suffix in ("_pa", "_n", "_m"):
-        if not unit and key.endswith(suffix):
-            unit = {"_pa": "Pa", "_n": "N", "_m": "m"}[suffix]
-    return f"{number.value * scale:g} {unit}".strip()
 
 
 def _state(procedure: Procedure, number: Number, texts: Texts) -> str:

@@ -5,16 +5,9 @@ import textwrap
 
 from pfwd.export.json_text import json_text
 from pfwd.procedures import Procedure, find_procedure, shipped_procedures
-from pfwd.procedures.profile import CHECKS, Number, number_words
+from pfwd.procedures.profile import Number, number_words
 from tui.arguments import add_json
 from tui.output import clean
-
-_UNITS = {
-    "nominal_pressure_pa": (1e-3, "kPa"),
-    "nominal_load_n": (1e-3, "kN"),
-    "plate_radius_m": (1.0, "m"),
-    **{key: (check.scale, check.unit) for key, check in CHECKS.items()},
-}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,12 +52,8 @@ def _lines(procedure: Procedure) -> list[str]:
     )
     lines.append(f"  judged: {procedure.quantity}, of the mean {procedure.average}")
     for key, number in procedure.numbers().items():
-        scale, unit = _UNITS.get(key, (1.0, ""))
-        if key.startswith("target"):
-            unit, size = procedure.quantity.display_unit
-            scale = 1.0 / size
         state = "" if number.verified else "  NOT VERIFIED, not enforced"
-        lines.append(f"  {number_words(key)}: {number.value * scale:g} {unit}".rstrip() + state)
+        lines.append(f"  {number_words(key)}: {procedure.shown_number(key)}{state}")
         lines.append(f"      {number.source}")
     return lines
 

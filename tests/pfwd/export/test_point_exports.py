@@ -458,7 +458,7 @@ def test_drops_have_no_number_where_their_point_has_no_modulus(
     with SurveyWriter.open(judged) as writer:
         for number, result in enumerate(on_bound, 1):
             writer.save_result(number, result)
-    before = [(45e6, "bedrock depth is on a bound of the search")] * 2
+    before = [(45e6, "bedrock depth sits on a bound of the search")] * 2
     assert _fits_of(judged, tmp_path / "before") == before
     assert ["modulus_pa" in value for value in values_of_averaged_drops(judged)] == [True] * 2
     after = FittedState(modulus_pa=2e7, modulus_interval_pa=(1e7, 9e7))
