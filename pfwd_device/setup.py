@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pfwd_device.acquisition.detection import DetectionSettings
+from pfwd_device.calibration import load_channel, sensor_channels
 from pfwd_device.errors import SetupError, quote, refusal
 from pfwd_device.identity import (
     FASTEST_SAMPLING,
@@ -37,7 +38,7 @@ from pfwd_device.wire.registry import (
     dialect_names,
     find_dialect,
 )
-from pfwd_plugins.quantities import MOTIONS, QUANTITY_BY_ROLE, Measurand
+from pfwd_plugins.quantities import QUANTITY_BY_ROLE
 
 MAX_COLUMNS = 64
 """Largest number of columns of an ASCII line."""
@@ -240,18 +241,15 @@ class DeviceSetup:
             )
             for channel in self.channels
         ]
-        load_cells = sum(channel.quantity is Measurand.LOAD for channel in identities)
-        if load_cells != 1:
-            raise SetupError(f'channels: expected one with role = "load", got {load_cells}')
-        if not any(channel.quantity.is_motion for channel in identities):
-            roles = " or ".join(f'"{quantity.role}"' for quantity in MOTIONS)
-            raise SetupError(f"channels: expected one or more with role = {roles}, got none")
         defaults = {"serial_number": "unknown", "model": title, "firmware": ""}
-        return Identity(
+        identity = Identity(
             **{**defaults, **self.instrument},
             sampling_rate=self.sampling_rate,
             channels=tuple(identities),
         )
+        load_channel(identity)  # refuses channels without a load cell
+        sensor_channels(identity)  # and without a sensor of motion
+        return identity
 
 
 _CHANNEL_FIELDS = {item.name for item in dataclasses.fields(ChannelIdentity)}

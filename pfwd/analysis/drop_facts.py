@@ -12,19 +12,17 @@ from inversion.notices import Notice, invalidating, text_notice
 from pfwd.analysis.results import DropResult, MeasuredFacts, fit_fault
 from pfwd.analysis.screening.drops import CENTRE, Screening, pulse_peak, unbroken_part
 from pfwd.files.header import IMPORTED, PEAK_DEVIATIONS, PointSetup
+from pfwd.peaks.stiffness import ground_velocity
 from pfwd.procedures import Kind, PointDrop
 from pfwd_device import Channel, Drop
 from pfwd_device.drop import Peaks
 from pfwd_device.signals import (
-    correct_response,
     displacement_of,
     integrated,
     quiet_samples,
     remove_offset,
     trace_peaks,
-    velocity_of,
 )
-from pfwd_plugins.quantities import Measurand
 
 FACTS_VERSION = 1
 """Version of the stored facts: to be increased when :func:`point_drop` changes, so that facts of
@@ -391,11 +389,9 @@ def _centre_motion(
     drop: Drop, channel: Channel, setup: PointSetup
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return deflection, m, and velocity, m/s, without the geophone's declared response."""
-    frequency, damping = setup.geophone_natural_frequency, setup.geophone_damping
-    velocity = velocity_of(channel, drop.time)
-    if channel.quantity is not Measurand.VELOCITY or frequency is None or damping is None:
+    velocity = ground_velocity(channel, drop, setup)
+    if not channel.quantity.integrations:
         return displacement_of(channel, drop.time), velocity
-    velocity = correct_response(velocity, drop.sampling_rate, frequency, damping)
     return integrated(velocity, drop.time), velocity
 
 

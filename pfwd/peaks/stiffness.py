@@ -63,7 +63,7 @@ def stiffness_of(drop: Drop, setup: PointSetup) -> Stiffness | None:
         return None
     # Some devices store a last sample of 0, which is no measurement.
     time, load = drop.time[:-1], remove_offset(drop.time, drop.load)[:-1]
-    velocity = _velocity(channel, drop, setup)[:-1]
+    velocity = ground_velocity(channel, drop, setup)[:-1]
     displacement = integrated(velocity, time)
     load_peak = int(np.argmax(load))
     # Search the peak near that of the load: a drifting trace is larger later.
@@ -78,7 +78,8 @@ def stiffness_of(drop: Drop, setup: PointSetup) -> Stiffness | None:
     return Stiffness(peak_load, peak, peak_load / peak, dynamic)
 
 
-def _velocity(channel: Channel, drop: Drop, setup: PointSetup) -> NDArray[np.float64]:
+def ground_velocity(channel: Channel, drop: Drop, setup: PointSetup) -> NDArray[np.float64]:
+    """Return the velocity of a channel, m/s, without the declared response of the geophone."""
     velocity = velocity_of(channel, drop.time)
     frequency, damping = setup.geophone_natural_frequency, setup.geophone_damping
     if channel.quantity is not Measurand.VELOCITY or frequency is None or damping is None:

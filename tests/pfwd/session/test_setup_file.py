@@ -146,8 +146,8 @@ def test_lines_need_everything_that_they_do_not_say(line: str, message: str) -> 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('role = "load"', 'role = "unused"', 'expected one with role = "load"'),
-        ('role = "geophone"', 'role = "unused"', 'role = "geophone" or "displacement"'),
+        ('role = "load"', 'role = "unused"', "expected one with the role load"),
+        ('role = "geophone"', 'role = "unused"', "role geophone or displacement"),
     ],
 )
 def test_lines_need_a_load_and_a_sensor(old: str, new: str, message: str) -> None:
