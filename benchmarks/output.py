@@ -2,22 +2,18 @@
 
 import argparse
 import json
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
+
+from scipy.stats import binomtest
 
 Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
 class Proportion:
-    r"""Fraction of independent cases with its 95 % limits.
-
-    .. math:: \frac{p + z^2/2n \pm z \sqrt{p (1 - p)/n + z^2/4n^2}}{1 + z^2/n}, \quad z = 1.96
-
-    Wilson (1927), J. Am. Stat. Assoc. 22, 209-212.
-    """
+    """Fraction of independent cases with its 95 % limits by Wilson."""
 
     count: int
     of: int
@@ -37,12 +33,8 @@ class Proportion:
         """Lower and upper 95 % limit of the fraction, 0 to 1."""
         if not self.of:
             return 0.0, 1.0
-        p, n, z = self.count / self.of, self.of, 1.96
-        centre = p + z**2 / (2 * n)
-        half = z * math.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
-        return max((centre - half) / (1 + z**2 / n), 0.0), min(
-            (centre + half) / (1 + z**2 / n), 1.0
-        )
+        limits = binomtest(self.count, self.of).proportion_ci(method="wilson")
+        return float(limits.low), float(limits.high)
 
     def __str__(self) -> str:
         if self.share is None:

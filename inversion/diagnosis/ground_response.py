@@ -109,35 +109,6 @@ class GroundResponse:
         """Return whether the response of a ground is solved as that of layers."""
         return bool(ground.above) or isinstance(self._plate, str)
 
-    def solve_together(self, grounds: Sequence[Ground], s: ComplexArray, nearby: bool) -> None:
-        """Compute the responses of several grounds together, and cache them.
-
-        Layered grounds and those with partial contact are skipped.
-
-        Parameters
-        ----------
-        grounds : sequence of Ground
-            Grounds under the drops of a point.
-        s : (n,) ndarray of complex, 1/s
-        nearby : bool
-            True: derivatives are computed too, for grounds that differ by a small step.
-        """
-        new = [
-            g for g in dict.fromkeys(grounds) if not self.is_layered(g) and g.contact_share == 1.0
-        ]
-        for kind in dict.fromkeys(map(_kind, new)):
-            same_kind = [g for g in new if _kind(g) == kind]
-            if nearby:
-                columns = self._moving(same_kind[0])
-                keys = [(_key(s, ground), columns) for ground in same_kind]
-                if any(key not in self._slope_cache for key in keys):
-                    slopes = self._solve_slopes(same_kind, s, columns)
-                    for key, slope in zip(keys, slopes, strict=True):
-                        _remember(self._slope_cache, key, slope)
-            elif any(_key(s, ground) not in self._cache for ground in same_kind):
-                for ground, value in zip(same_kind, self._solve(same_kind, s), strict=True):
-                    _remember(self._cache, _key(s, ground), value)
-
     def _solve(self, grounds: Sequence[Ground], s: ComplexArray) -> ComplexArray:
         """Return the responses (m, n_sensors, n), m/N, of grounds of one kind without layers."""
         first = grounds[0]
@@ -224,7 +195,7 @@ class GroundResponse:
             steps = np.stack([self._fields(moved[place - 1]) for place in same_kind]) - start
             columns = np.flatnonzero(steps.any(axis=0))
             if not self.is_layered(ground):
-                # These are the columns of `solve_together`, so that its cache is used.
+                # Later steps find in the cache what a fit may change.
                 columns = np.array(self._moving(ground))
             slopes = self._slopes(ground, s, columns)
             changes = steps[:, columns] @ slopes.reshape(columns.size, -1)

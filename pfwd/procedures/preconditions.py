@@ -33,8 +33,6 @@ class PresumedLoad:
     """True: this program chose the tolerance; False: a verified source states it."""
     measured_load: float | None
     """Mean peak load of the averaged drops, N; None: not measured."""
-    measured_pressure: float | None
-    """Mean contact pressure, Pa, of the measured load under the plate in use."""
 
     def is_met_by(self, load: float) -> bool:
         """Return whether a peak load, N, is within the tolerance of the presumed one."""
@@ -55,23 +53,21 @@ def presumed_load(
         Radius of the plate in use.
     """
     radius = plate_radius if procedure.plate_radius is None else procedure.plate_radius.value
-    area, presumed_area = math.pi * plate_radius**2, math.pi * radius**2
+    area = math.pi * radius**2
     if procedure.nominal_load is not None:
         load = procedure.nominal_load.value
     elif procedure.nominal_pressure is not None:
-        load = procedure.nominal_pressure.value * presumed_area
+        load = procedure.nominal_pressure.value * area
     else:
         return None
     tolerance = procedure.tolerance("most_load_deviation")
     loads = [drop.peak_load for drop in used if drop.peak_load is not None]
-    measured = mean(loads) if loads else None
     return PresumedLoad(
         load,
-        load / presumed_area if presumed_area else math.nan,
+        load / area if area else math.nan,
         tolerance.value,
         tolerance.is_ours,
-        measured,
-        measured / area if measured is not None and area else None,
+        mean(loads) if loads else None,
     )
 
 

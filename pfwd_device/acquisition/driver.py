@@ -145,7 +145,6 @@ class Driver:
         self._sending = threading.Lock()
         self._opened = self._closed = False
         self._lost_since: float | None = None
-        self._last_error: str | None = None
         self._last_reported: str | None = None
 
     @property
@@ -175,11 +174,6 @@ class Driver:
         Before the first connection it is the time of the call of `open`.
         """
         return self._lost_since
-
-    @property
-    def last_error(self) -> str | None:
-        """Reason why the instrument is not connected, as a message; None while it is connected."""
-        return self._last_error
 
     @property
     def capture_error(self) -> Exception | None:
@@ -460,7 +454,7 @@ class Driver:
         if self._lost_since is not None:
             reconnected = any(isinstance(item, Connected) and item.reconnected for item in items)
             self.counters.reconnects += reconnected
-        self._lost_since = self._last_error = self._last_reported = None
+        self._lost_since = self._last_reported = None
         self._identity = identity = self._decoder.accepted
         if identity is not None and identity.keeps_drops and self._trigger is not None:
             self._decoder.transfers.arm(self._trigger(identity), time.monotonic())
@@ -492,7 +486,6 @@ class Driver:
                 self._link.send(transport, data)
 
     def _lose(self, lost: Lost) -> None:
-        self._last_error = lost.reason
         if lost.was_open:
             self._transport = None
             self._conversation.closed()

@@ -70,8 +70,6 @@ class _Stream:
     """Duration of all earlier streams, s."""
     timeline: Timeline
     """Samples of the stream."""
-    first_drop: int
-    """Number of the first drop of the stream."""
     end: int | None
     """Number of samples after the last drop; None without a last drop."""
     index: int = 0
@@ -370,7 +368,7 @@ class PortlessInstrument:
         first = self._drops_sent + 1
         timeline = Timeline(self._bench, self._rate, first, self._last_drop, knocks)
         end = timeline.end_index()
-        self._stream = _Stream(number, self.time, self._sampled, timeline, first, end)
+        self._stream = _Stream(number, self.time, self._sampled, timeline, end)
 
     # Time
 

@@ -79,7 +79,6 @@ def test_other_soils_are_those_of_the_forward_model(
     expected = transfer_function(surrogate, instrument, S, grounds)[0]
     np.testing.assert_allclose(under_plate.compliance(ground, S), expected, rtol=1e-12)
     steps = moved(ground, 1e-4)
-    under_plate.solve_together([ground], S, nearby=True)
     here, *others = under_plate.nearby(ground, steps, S)
     for other, step in zip(others, steps, strict=True):
         change = GroundResponse.compliance(under_plate, step, S) - here
@@ -139,27 +138,9 @@ def test_a_depth_that_is_given_is_not_moved(library: SurrogateLibrary) -> None:
     given = GroundResponse(one, Instrument(RADIUS), OFFSETS, 0.35)
     ground = replace(BELOW, inverse_depth=float(node[0]) / RADIUS)
     near = [replace(ground, modulus=ground.modulus * (1 + 1e-3))]
-    given.solve_together([ground, *near], S, nearby=True)
     here, there = given.nearby(ground, near, S)
     change = given.compliance(near[0], S) - given.compliance(ground, S)
     assert np.abs(there - here - change).max() < 0.012 * np.abs(change).max()
-
-
-def test_grounds_that_are_looked_ahead_for_are_those_asked_for(response: GroundResponse) -> None:
-    grounds = [replace(BELOW, modulus=m * 1e7) for m in (3.0, 4.0)]
-    grounds += [replace(g, inverse_depth=1.0) for g in grounds] + [replace(BELOW, plate_mass=9.0)]
-    alone = GroundResponse(response.surrogate, Instrument(RADIUS), OFFSETS, 0.35)
-    response.solve_together([*grounds, LAYERED], S, nearby=False)
-    response.solve_together([*grounds, LAYERED], S, nearby=True)
-    assert len(response._cache) == len(grounds)
-    for ground in grounds:
-        near = [replace(ground, modulus=ground.modulus * 1.001)]
-        expected, moved_too = alone.nearby(ground, near, S)
-        found, other = response.nearby(ground, near, S)
-        size = np.abs(expected).max()
-        assert np.abs(found - expected).max() < 1e-12 * size
-        assert np.abs(other - moved_too).max() < 1e-12 * size
-    assert len(response._cache) == len(grounds)
 
 
 def test_one_call_serves_all_steps(
