@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from inversion.measured.peak_method import (
         PLATE_FACTORS,
         PeakModulus,
-        dynamic_modulus_evd,
         peak_modulus,
     )
     from inversion.measured.record import Record, Sensor
@@ -50,7 +49,6 @@ __all__ = [
     "Settings",
     "SurrogateLibrary",
     "TimeHistories",
-    "dynamic_modulus_evd",
     "fit_half_sine",
     "fit_half_sine_equal_area",
     "invert",
@@ -79,7 +77,6 @@ _HOMES = {
     "Settings": "inversion.drop_inversion",
     "SurrogateLibrary": "inversion.forward.library",
     "TimeHistories": "inversion.result",
-    "dynamic_modulus_evd": "inversion.measured.peak_method",
     "fit_half_sine": "inversion.measured.half_sine",
     "fit_half_sine_equal_area": "inversion.measured.half_sine",
     "invert": "inversion.drop_inversion",

@@ -53,19 +53,3 @@ def peak_modulus(
     pressure = peak_load / (pi * plate_radius**2)
     value = factor * (1.0 - poisson_ratio**2) * pressure * plate_radius / peak_deflection
     return PeakModulus(value, factor, poisson_ratio, plate_radius)
-
-
-def dynamic_modulus_evd(settlement: float) -> float:
-    r"""Return E_vd of the German light drop-weight test, Pa.
-
-    .. math:: E_{vd} = 1.5 \, r \, \sigma / s = 22.5 \, \mathrm{MPa\,mm} / s
-
-    with r = 0.15 m and the assumed (not measured) pressure sigma = 0.1 MPa (7.07 kN on a plate of
-    0.3 m diameter).
-
-    Parameters
-    ----------
-    settlement : float, m, > 0
-        Mean of the peaks of three drops.
-    """
-    return 1.5 * 0.15 * 0.1e6 / settlement

@@ -162,8 +162,6 @@ class PositionReceiver:
         Opens the port; for tests.
     clock : callable
         Returns the time, s, monotonic.
-    stale : float, s
-        Age after which a position is not used.
     """
 
     def __init__(
@@ -172,12 +170,10 @@ class PositionReceiver:
         *,
         open_port: Callable[[], Transport] | None = None,
         clock: Callable[[], float] = time.monotonic,
-        stale: float = STALE,
     ) -> None:
         self.url = url
         self._open = open_port or (lambda: open_transport(url, baud_rate=BAUD_RATE))
         self._clock = clock
-        self._stale = stale
         self._parser = NmeaParser(clock)
         self._last: Fix | None = None
         self._fault: str | None = "nothing received yet"
@@ -212,7 +208,7 @@ class PositionReceiver:
     def latest(self) -> Fix | None:
         """Return the last position; None: there is none, or it is too old."""
         fix = self._last
-        if fix is None or self._clock() - fix.received > self._stale:
+        if fix is None or self._clock() - fix.received > STALE:
             return None
         return fix
 
@@ -240,7 +236,7 @@ class PositionReceiver:
             "age_s": age,
         }
         place = {"latitude": fix.latitude, "longitude": fix.longitude}
-        if age > self._stale:
+        if age > STALE:
             # Stored under another key, so that no reader uses it as the position of the drop.
             reason = f"stale: {age:.0f} s old"
             return {"source": "nmea", "fault": reason, "last_known": place, **details, **counts}

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from inversion.measured.peak_method import PLATE_FACTORS, dynamic_modulus_evd, peak_modulus
+from inversion.measured.peak_method import PLATE_FACTORS, peak_modulus
 from tests import reference
 
 RADIUS = 0.15
@@ -45,9 +45,3 @@ def test_rigid_instead_of_uniform_takes_off_21_per_cent() -> None:
         for name in ("rigid", "uniform")
     )
     assert rigid / uniform - 1 == pytest.approx(-0.21, abs=0.005)
-
-
-@pytest.mark.parametrize(("millimetres", "megapascals"), [(0.5, 45.0), (1.0, 22.5), (0.225, 100.0)])
-def test_light_drop_weight_modulus(millimetres: float, megapascals: float) -> None:
-    # E_vd = 22.5 / s, with s in mm and E_vd in MN/m2.
-    assert dynamic_modulus_evd(millimetres * 1e-3) == pytest.approx(megapascals * 1e6, rel=1e-12)
