@@ -21,36 +21,8 @@ FEW_DIGITS = 3
 _MIN_STRESS_DIFFERENCE = 0.02
 """Relative difference of the moduli at two stresses from which both are shown."""
 
-_READ_IN = {
-    "-": (1.0, ""),
-    "s": (1e3, "ms"),
-    "m/s": (1e3, "mm/s"),
-    "N/m": (1e-6, "MN/m"),
-    "Pa": (1e-3, "kPa"),
-    "Pa s": (1e-3, "kPa s"),
-}
-"""Factor and unit in which a value of an effect is shown, by its SI unit."""
-
-
-def read_in(unit: str) -> tuple[float, str]:
-    """Return the factor and the unit in which a value of an effect is shown.
-
-    Parameters
-    ----------
-    unit : str
-        SI unit; "-": a number without a unit.
-
-    Returns
-    -------
-    tuple of float and str
-        Shown value over SI value, and the unit of the shown value; "" for "-".
-
-    Examples
-    --------
-    >>> read_in("s"), read_in("Hz"), read_in("-")
-    ((1000.0, 'ms'), (1.0, 'Hz'), (1.0, ''))
-    """
-    return _READ_IN.get(unit, (1.0, unit))
+MISSING = "-"
+"""Text of a missing value."""
 
 
 def rounded(value: float, spread: float) -> str:
@@ -154,51 +126,20 @@ def with_ends(value: float, ends: tuple[float, float]) -> tuple[str, str, str]:
     return at_place(value, min(place, _top(value) - 1)), low, high
 
 
-def modulus_text(modulus: float | None, interval: tuple[float, float] | None) -> str:
-    """Return a modulus with its 95 % interval as text in MPa.
-
-    Parameters
-    ----------
-    modulus : float, Pa, or None
-        None: the data do not determine it.
-    interval : pair of float, Pa, or None
-
-    Returns
-    -------
-    str
-        Empty: neither modulus nor interval.
-
-    Examples
-    --------
-    >>> modulus_text(45.2e6, (43.4e6, 47.1e6)), modulus_text(45.2e6, None)
-    ('45.2 MPa (43.4 to 47.1)', '45.2 MPa')
-    >>> modulus_text(None, (11.2e6, 561.1e6))
-    'left open (11 to 600 MPa)'
-    """
-    ends = None
-    if interval is not None and all(map(math.isfinite, interval)):
-        ends = interval[0] / 1e6, interval[1] / 1e6
-    if modulus is None or not math.isfinite(modulus):
-        if ends is None:
-            return ""
-        low, high = (rounded(end, end) for end in ends)
-        return f"left open ({low} to {high} MPa)"
-    if ends is None:
-        return f"{significant(modulus / 1e6)} MPa"
-    value, low, high = with_ends(modulus / 1e6, ends)
-    return f"{value} MPa ({low} to {high})"
-
-
-def significant(value: float, digits: int = FEW_DIGITS) -> str:
+def significant(value: float | None, digits: int = FEW_DIGITS) -> str:
     """Return a number as text with a number of significant digits, but all digits before the point.
 
     Examples
     --------
-    >>> significant(0.012345), significant(45.678), significant(1234.5)
-    ('0.0123', '45.7', '1234')
+    >>> significant(0.012345), significant(45.678), significant(1234.5), significant(9.996)
+    ('0.0123', '45.7', '1234', '10.0')
+    >>> significant(None), significant(math.nan)
+    ('-', '-')
     """
-    decimals = 0 if value == 0 else min(6, max(0, digits - 1 - _top(value)))
-    return f"{value:.{decimals}f}"
+    if value is None or not math.isfinite(value):
+        return MISSING
+    top = _top(float(f"{value:.{digits - 1}e}"))
+    return f"{value:.{min(6, max(0, digits - 1 - top)) if value else 0}f}"
 
 
 def _place(spread: float) -> int:

@@ -98,7 +98,7 @@ from pfwd_device.setup import read_device_setup
 from pfwd_device.wire.identity_layout import pack_identity, read_identity
 from tests.pfwd.report.surveys import half_sine_drop
 from tui.screen.drawing.drop_figures import live_figures
-from tui.screen.units import SI, US
+from pfwd.units import SI, US
 
 # Instrument: the role in JSON and in a setup file, the code on the wire.
 channel = ChannelIdentity("j0", jerk)

@@ -14,9 +14,9 @@ from pfwd.analysis.options import AnalysisOptions
 from pfwd.errors import OptionError, refusal
 from pfwd.export.json_text import json_text
 from tui.diagnosis_lines import show_diagnosis
+from tui.format import printed_results
 from tui.output import clean, say
 from tui.progress import ProgressBars
-from tui.survey_lines import printed_results
 
 if TYPE_CHECKING:
     from pfwd.archive.run import Summary

@@ -20,9 +20,11 @@ from pfwd.analysis.results import (
     HeldOut,
     HeldOutPart,
 )
-from pfwd.digits import modulus_at_100_kpa, modulus_text, read_in, rounded
+from pfwd.digits import MISSING, modulus_at_100_kpa, rounded, significant
 from pfwd.export.json_text import json_text
+from pfwd.facts import UNEXPLAINED, facts_of_state
 from pfwd.message_groups import as_ranges, group_messages
+from pfwd.units import SI, Fact, Units, modulus_text, percent, unit_of_effect
 from tui.format import MODEL_WORDS, word
 from tui.output import clean, spelled
 
@@ -45,12 +47,8 @@ _GAP = "  "
 _VERDICTS = {
     "clean": "CLEAN: the base model explains the records",
     "explained": "EXPLAINED: with the effects below the model explains the records",
-    "unexplained": "NOT EXPLAINED: no effects explain the records, see the warnings",
+    "unexplained": f"{UNEXPLAINED}: part of the residual remains, whatever the effects",
 }
-_PARTLY_EXPLAINED = (
-    "PARTLY EXPLAINED: the effects below leave a small residual, which the interval of the modulus "
-    "covers"
-)
 _NO_DROP = "NOTHING TO DIAGNOSE: no drop of the point can be used, see the warnings"
 USES = {"design": "design value", "with-care": "use with care", "do-not-use": "do not use"}
 _ACTIONS = {
@@ -58,12 +56,6 @@ _ACTIONS = {
     "with-care": "design with the lower end",
     "do-not-use": "measure again",
 }
-
-_MIN_ROUNDED_SHARE = 0.1
-"""Fraction above which a percentage has no decimals."""
-
-_MAX_PRINTED_RATIO = 1e4
-"""Largest ratio of the ends of an interval that is shown for an undetermined modulus."""
 
 _EVIDENCE_WORDS = ((5.0, "very strong"), (3.0, "strong"), (1.0, "positive"))
 """Smallest log Bayes factor for each word (Kass and Raftery 1995, section 3.2)."""
@@ -104,19 +96,23 @@ def diagnosis_lines(
     lines = [f"{clean(result.file)}{point}{device}, drops {drops}", f"  {_verdict(result)}"]
     if result.before is not None and result.after is not None:
         lines.append(
-            f"  {word(PLATE_WORDS, result.plate)}, radius {_short(result.plate_radius_m)} m; "
-            f"Poisson's ratio {_short(result.poisson_ratio)}"
+            f"  {word(PLATE_WORDS, result.plate)}, radius "
+            f"{SI.with_unit('depth', result.plate_radius_m)}; "
+            f"Poisson's ratio {significant(result.poisson_ratio)}"
         )
         lines.append(f"  before  {_state(result.before)}")
         lines.append(f"  after   {_state(result.after)}")
         if result.effects:
             lines += _change(result.before, result.after)
-        elif result.verdict == "unexplained" and _modulus(result.before) != _modulus(result.after):
+        elif result.verdict == "unexplained" and (
+            facts_of_state(result.before)["modulus"] != facts_of_state(result.after)["modulus"]
+        ):
             lines.append("  no effect is accepted: after is the base model within usual soils")
         sentence = use_sentence(result, modulus)
         lines += [f"  {sentence}"] if sentence else []
         if (equivalent := _equivalent_use(result, modulus)) is not None:
-            lines.append(f"  Equivalent modulus {_equivalent(result.after)}: {equivalent}.")
+            value = SI.show(facts_of_state(result.after)["equivalent"])
+            lines.append(f"  Equivalent modulus {value}: {equivalent}.")
     for effect in result.effects or ():
         lines += _effect(effect, advice=device_advice or effect.scope != "device")
     lines += _held_out(result.held_out)
@@ -127,8 +123,6 @@ def diagnosis_lines(
 def _verdict(result: DiagnosisResult) -> str:
     if result.drops == ():
         return _NO_DROP
-    if result.verdict == "unexplained" and result.use == "with-care":
-        return _PARTLY_EXPLAINED
     return _VERDICTS.get(result.verdict or "", clean(result.verdict))
 
 
@@ -151,16 +145,11 @@ def use_sentence(
     after = result.after
     if after is None or after.modulus_interval_pa is None:
         return ""
-    if (fault := _record_fault(modulus)) is not None:
-        return f"Do not use: {fault}; measure again."
-    if result.use == "do-not-use" or not _is_finite(after.modulus_pa):
-        if modulus == "unknown" or modulus is None or modulus.value is None:
-            return f"Do not use: {result.use_reason}; {result.remedy}."
-        return (
-            f"Use the fit without effects: "
-            f"{modulus_text(modulus.value, modulus.interval)}. Do not use the modulus after: "
-            f"{result.use_reason}; {result.remedy}."
-        )
+    if objection := _objection(result, modulus):
+        if modulus == "unknown" or modulus is None or _record_fault(modulus) or not modulus.value:
+            return f"Do not use: {objection}."
+        text = modulus_text(modulus.value, modulus.interval)
+        return f"Use the fit without effects: {text}. Do not use the modulus after: {objection}."
     heading = "Design value" if result.use == "design" else "Use with care:"
     text = f"{heading} {modulus_text(after.modulus_pa, after.modulus_interval_pa)}"
     if _is_finite(after.stress_pa):
@@ -169,6 +158,16 @@ def use_sentence(
         text += f" ({at_100_kpa} MPa at 100 kPa)" if at_100_kpa else ""
     reason = f": {result.use_reason}" if result.use == "with-care" else ""
     return f"{text}{reason}."
+
+
+def _objection(result: DiagnosisResult, modulus: "PointModulus | Literal['unknown'] | None") -> str:
+    """Return why a diagnosed modulus must not be used, and the remedy; empty: it may be used."""
+    if (fault := _record_fault(modulus)) is not None:
+        return f"{fault}; measure again"
+    has_modulus = result.after is not None and _is_finite(result.after.modulus_pa)
+    if has_modulus and result.use != "do-not-use":
+        return ""
+    return f"{result.use_reason}; {result.remedy}"
 
 
 def _equivalent_use(
@@ -229,10 +228,10 @@ def _conditions(results: Sequence[DiagnosisResult]) -> list[str]:
     """Return the assumptions under which the moduli of a table are valid; empty: rigs only."""
     used = [result for result in results if result.plate_radius_m is not None]
     plates = dict.fromkeys(
-        f"{word(PLATE_WORDS, result.plate)}, radius {_short(result.plate_radius_m)} m"
+        f"{word(PLATE_WORDS, result.plate)}, radius {SI.with_unit('depth', result.plate_radius_m)}"
         for result in used
     )
-    ratios = dict.fromkeys(_short(result.poisson_ratio) for result in used)
+    ratios = dict.fromkeys(significant(result.poisson_ratio) for result in used)
     if not used:
         return []
     return [
@@ -251,14 +250,13 @@ def _unusable_lines(
     """Return the reasons why moduli must not be used, each once with its points and the remedy."""
     where: dict[str, list[str]] = {}
     for name, result, modulus in points:
-        fault = _record_fault(modulus)
-        sentence = use_sentence(result, modulus if fault else None)
-        if sentence and (
-            fault or (result.use == "do-not-use" and (modulus is None or modulus.value is None))
-        ):
-            where.setdefault(sentence.partition(": ")[2], []).append(name)
+        lacks_modulus = modulus is None or modulus.value is None
+        is_unusable = lacks_modulus and result.use == "do-not-use"
+        has_modulus = result.after is not None and result.after.modulus_interval_pa is not None
+        if has_modulus and (is_unusable or _record_fault(modulus) is not None):
+            where.setdefault(_objection(result, modulus), []).append(name)
     return [
-        f"Do not use the modulus of {_where(chosen, names)}: {text}"
+        f"Do not use the modulus of {_where(chosen, names)}: {text}."
         for text, chosen in where.items()
     ]
 
@@ -301,7 +299,9 @@ class PointCells(NamedTuple):
     """What to do with the modulus, or at the point."""
 
 
-def point_cells(name: str, result: DiagnosisResult, modulus: "PointModulus | None") -> PointCells:
+def point_cells(
+    name: str, result: DiagnosisResult, modulus: "PointModulus | None", units: Units = SI
+) -> PointCells:
     """Return the cells of a point in a table of diagnoses.
 
     Parameters
@@ -311,6 +311,7 @@ def point_cells(name: str, result: DiagnosisResult, modulus: "PointModulus | Non
     result : DiagnosisResult
     modulus : PointModulus or None
         Modulus to use at the point; None: there is none.
+    units : Units, optional
     """
     after = result.after or FittedState()
     if _record_fault(modulus) is not None:
@@ -334,11 +335,13 @@ def point_cells(name: str, result: DiagnosisResult, modulus: "PointModulus | Non
     listed = ", ".join([*effects[:MAX_EFFECTS_IN_TABLE], *more]) or "no effect"
     return PointCells(
         name,
-        "none" if modulus is None or modulus.value is None else _in_force(modulus),
+        "none"
+        if modulus is None or modulus.value is None
+        else units.show(Fact("modulus", modulus.value, modulus.interval), with_unit=False),
         stress,
-        _equivalent(after).replace(" MPa", "") if is_diagnosed else "",
+        units.show(facts_of_state(after)["equivalent"], with_unit=False) if is_diagnosed else "",
         use,
-        unexplained_text(result),
+        percent(result.explained_to),
         _prediction_cell(result.held_out),
         listed,
         action,
@@ -399,11 +402,6 @@ def _short_effect(effect: EffectResult) -> str:
 def _is_shared(effect: EffectResult) -> bool:
     """Return whether an effect is a device effect with one value for all points of the device."""
     return effect.scope == "device" and not _is_finite(effect.evidence)
-
-
-def _in_force(modulus: "PointModulus") -> str:
-    """Return a modulus with its interval in MPa as text, without the unit."""
-    return modulus_text(modulus.value, modulus.interval).replace(" MPa", "")
 
 
 def _summary(results: Sequence[DiagnosisResult], moduli: "Sequence[PointModulus | None]") -> str:
@@ -508,26 +506,32 @@ def diagnosis_warnings(results: Sequence[DiagnosisResult]) -> list[str]:
     return lines
 
 
-def diagnosis_line(point: str, result: DiagnosisResult) -> str:
-    """Return one line of text for a diagnosis of a point that is being measured."""
-    after = result.after or FittedState()
+def diagnosis_sentence(result: DiagnosisResult, units: Units = SI) -> str:
+    """Return the diagnosis of a point in one sentence, or why there is none.
+
+    The sentence has the verdict, the effects, the modulus before and after with its use, and the
+    part that is unexplained.
+    """
+    if result.after is None and not result.effects:
+        return f"not made: {next(iter(result.warnings or ()), 'no reason was given')}"
+    before, after = (facts_of_state(state)["modulus"] for state in (result.before, result.after))
     effects = ", ".join(_words(effect.name) for effect in result.effects or ())
-    text = f"{_modulus(after)}, {USES[result.use]}" if _modulus(after) else "no modulus"
-    text += f", {unexplained_text(result)} of the peak unexplained"
-    return f"point {clean(point)} diagnosed: {text}" + (f": {effects}" if effects else "")
-
-
-def unexplained_text(result: DiagnosisResult) -> str:
-    """Return what a diagnosis leaves unexplained, allowance included, in percent of the peak."""
-    return _percent(result.explained_to)
+    moduli = units.show(after)
+    if effects and before.value is not None:
+        moduli = f"{units.value_and_ends(before)[0]} → {moduli}"
+    return (
+        f"{clean(result.verdict).upper()}{effects and f', found {effects}'}: E {moduli}, "
+        f"{USES[result.use]}; {percent(result.explained_to)} of the peak unexplained, allowance "
+        f"included{f'; {result.remedy}' if result.use == 'do-not-use' else ''}"
+    )
 
 
 def _prediction_cell(held: HeldOut | None) -> str:
     if held is None:
         return ""
     if held.after is None and held.side_difference is not None:
-        return f"sides differ {_percent(held.side_difference)}"
-    return f"{_percent(held.after)} off"
+        return f"sides differ {percent(held.side_difference)}"
+    return f"{percent(held.after)} off"
 
 
 _PREDICTED = {"next": "next drop", "drop": "each drop", "sensor": "each sensor"}
@@ -548,19 +552,19 @@ def _held_out(held: HeldOut | None) -> list[str]:
     reference = "no preceding record to scale"
     if held.scaled_record is not None:
         reference = (
-            f"preceding record scaled by the peak loads {_percent(held.scaled_record)} "
-            f"({_percent(held.contact_scaled_record)})"
+            f"preceding record scaled by the peak loads {percent(held.scaled_record)} "
+            f"({percent(held.contact_scaled_record)})"
         )
     elif held.mode == "sensor":
         reference = "no two sensors at one distance to compare the sides of the plate"
         if held.side_difference is not None:
-            reference = f"sides of the plate differ by {_percent(held.side_difference)}"
+            reference = f"sides of the plate differ by {percent(held.side_difference)}"
         if held.after is None:
             return [f"  {subject}, but not judged: {reference} of the peak"]
     lines = [
-        f"  {subject}: off by {_percent(held.after)} of the peak (contact "
-        f"{_percent(held.contact_after)}), base model {_percent(held.before)} "
-        f"({_percent(held.contact_before)}), {reference}"
+        f"  {subject}: off by {percent(held.after)} of the peak (contact "
+        f"{percent(held.contact_after)}), base model {percent(held.before)} "
+        f"({percent(held.contact_before)}), {reference}"
     ]
     parts = held.by or ()
     if len(parts) == 1:
@@ -573,10 +577,10 @@ def _held_out(held: HeldOut | None) -> list[str]:
 
 
 def _part_error(part: HeldOutPart) -> str:
-    text = f"{clean(part.name)} {_percent(part.after)}"
+    text = f"{clean(part.name)} {percent(part.after)}"
     if part.interpolated is None:
         return text
-    return f"{text} (between its neighbours {_percent(part.interpolated)})"
+    return f"{text} (between its neighbours {percent(part.interpolated)})"
 
 
 def _peak_error(error: float | None, held: HeldOut) -> list[str]:
@@ -592,50 +596,29 @@ def _peak_error(error: float | None, held: HeldOut) -> list[str]:
     return [f"    recorded peak {100 * (error or 0.0):+.1f} % from the predicted one; {expected}"]
 
 
-def _modulus(state: FittedState) -> str:
-    """Return the modulus with its interval as text; empty: no modulus."""
-    interval = state.modulus_interval_pa
-    if interval is not None and state.is_undetermined:
-        low, high = interval
-        if not 0.0 < high < _MAX_PRINTED_RATIO * low:
-            return "E left open"
-        return f"E {modulus_text(None, interval)}"
-    text = modulus_text(state.modulus_pa, interval) if _is_finite(state.modulus_pa) else ""
-    return f"E {text}" if text else ""
-
-
 def _state(state: FittedState) -> str:
-    text = _modulus(state) or "no ground"
+    facts = facts_of_state(state)
+    modulus = SI.show(facts["modulus"])
+    text = "no ground" if modulus == MISSING else f"E {modulus}"
     if state.equivalent_modulus_interval_pa is not None:
-        text += f", equivalent {_equivalent(state)}"
-    over_noise = state.residual_over_noise
-    times = f"{over_noise:.1f}" if _is_finite(over_noise) else "-"
-    contact = _percent(state.contact_residual_rms_over_peak)
+        text += f", equivalent {SI.show(facts['equivalent'])}"
     return (
         f"{text}, {word(MODEL_WORDS, state.model)}; residual "
-        f"{_percent(state.residual_rms_over_peak)} of the peak (contact {contact}), "
-        f"{times} times noise and model error"
+        f"{percent(state.residual_rms_over_peak)} of the peak (contact "
+        f"{percent(state.contact_residual_rms_over_peak)}), "
+        f"{significant(state.residual_over_noise)} times noise and model error"
     )
-
-
-def _equivalent(state: FittedState) -> str:
-    """Return the equivalent modulus with its interval as text; empty: there is none."""
-    return modulus_text(state.equivalent_modulus_pa, state.equivalent_modulus_interval_pa)
 
 
 def _change(before: FittedState, after: FittedState) -> list[str]:
     """Return a line with the change of the modulus; empty: a modulus is missing or undetermined."""
-    first, last = before.modulus_pa, after.modulus_pa
-    if (
-        not _is_finite(first)
-        or not _is_finite(last)
-        or before.is_undetermined
-        or after.is_undetermined
-    ):
+    first, last = (facts_of_state(state)["modulus"] for state in (before, after))
+    if not first.value or not last.value:
         return []
+    values = (SI.text("modulus", fact.value) for fact in (first, last))
     return [
-        f"  the modulus changes from {first / 1e6:.3g} to {last / 1e6:.3g} MPa, by "
-        f"{100 * (last / first - 1):+z.0f} %"
+        f"  the modulus changes from {' to '.join(values)} MPa, by "
+        f"{100 * (last.value / first.value - 1):+z.0f} %"
     ]
 
 
@@ -669,30 +652,13 @@ def _words(name: str | None) -> str:
 
 def _parameter(parameter: EffectParameter, effect: EffectResult) -> str:
     """Return a parameter of an effect with its standard deviation as text."""
-    scale, unit = read_in(clean(parameter.unit))
-    unit = f" {unit}" if unit else ""
     drop = "" if parameter.drop is None else f" (drop {parameter.drop})"
     name = f"{_PARAMETER_WORDS.get(parameter.name or '', _words(parameter.name))}{drop}"
-    if not _is_finite(parameter.value):
-        return f"{name} -"
-    value = scale * parameter.value
-    if not _is_finite(parameter.sd):
-        declared = not _is_finite(effect.probability)
-        return f"{name} {value:.3g}{unit}" if declared else f"{name} undetermined"
-    if parameter.sd == 0.0:
-        return f"{name} {value:.3g}{unit}"
-    spread = scale * parameter.sd
-    return f"{name} {rounded(value, spread)} ± {rounded(spread, spread)}{unit}"
-
-
-def _percent(value: float | None) -> str:
-    if not _is_finite(value):
-        return "-"
-    return f"{100 * value:.0f} %" if value >= _MIN_ROUNDED_SHARE else f"{100 * value:.2g} %"
-
-
-def _short(value: float | None) -> str:
-    return f"{value:g}" if _is_finite(value) else "-"
+    has_deviation = _is_finite(parameter.sd)
+    if _is_finite(parameter.value) and not has_deviation and _is_finite(effect.probability):
+        return f"{name} undetermined"
+    unit = unit_of_effect(clean(parameter.unit))
+    return f"{name} {SI.show(Fact(unit, parameter.value, deviation=parameter.sd))}"
 
 
 def _is_finite(value: float | None) -> TypeGuard[float]:

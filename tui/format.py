@@ -1,59 +1,104 @@
 """Results of inversions as text with units; texts from files are cleaned of control characters."""
 
 import itertools
-import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Literal
 
 from pfwd.analysis.options import METHOD_WORDS, PLATE_WORDS
-from pfwd.analysis.results import DropResult, HalfSinePulse, LayerResult, relative_spread
-from pfwd.digits import rounded, significant, with_ends
+from pfwd.analysis.results import DropResult
+from pfwd.digits import MISSING, significant
+from pfwd.export.json_text import json_text
+from pfwd.facts import UNEXPLAINED, fact_of_modulus, facts_of_drop
 from pfwd.message_groups import as_ranges, group_messages
-from tui.output import clean, spelled
-
-NO_VALUE = "-"
-"""Text of a cell without a value."""
+from pfwd.procedures import Kind, PointDrop, Quantity, judge
+from pfwd.procedures.point import UNSUPPORTED_MARK
+from pfwd.units import SI, Fact, percent
+from tui.output import clean, counted, spelled
 
 By = Literal["point", "drop"]
 """Rows of a table: one for each point, or one for each drop."""
 
-UNEXPLAINED = "UNEXPLAINED"
-"""Word for a residual above noise and model error, with which the modulus may be wrong."""
-
 MODEL_WORDS = {"layer": "soil on bedrock"}
 """Texts for models of the JSON output; a model without a text is shown as it is."""
 
+MAX_NAME_LETTERS = 20
+"""Largest number of characters of a point's name in a table; a longer name ends with an ellipsis.
+"""
 
-def point_lines(results: Sequence[DropResult]) -> list[str]:
-    """Return the drops of one point as lines of text.
+_MARK_NOTE = f"{UNSUPPORTED_MARK} not supported by the data, decides no verdict"
+_CONTACT_NOTE = "contact: residual of the contact phase, of the peak"
+_GROUND = ("drop", "E MPa", "95 % MPa", "equivalent MPa", "bedrock m")
+_DAMPING = ("drop", "η kPa s", "ρ kg/m³")
+_PULSE = ("drop", "kind", "kN", "kPa", "ms", "peak E MPa", "residual %", "contact %", "fit")
+_DROPS = ("point", "drop", "kN", "E MPa", "95 % MPa", "equivalent MPa", "contact %", "fit")
+_POINTS = ("point", "drops", "E MPa", "95 % MPa", "equivalent MPa", "contact %", "fit")
+
+
+def printed_results(results: Sequence[DropResult], *, as_json: bool, by: By = "drop") -> list[str]:
+    """Return the lines that ``pfwd invert`` prints: one JSON object for each drop, or text."""
+    return [json_text(r.to_json()) for r in results] if as_json else result_lines(results, by)
+
+
+def result_lines(results: Sequence[DropResult], by: By = "drop") -> list[str]:
+    """Return the results of ``pfwd invert`` as lines of text.
+
+    Parameters
+    ----------
+    results : sequence of DropResult
+    by : "point" or "drop"
+        A line for each point, or for each drop.
 
     Returns
     -------
     list of str
-        For each setting of the fit tables of moduli, of damping and density, and of pulse and fit,
-        then rejected drops and warnings. The tables fit into 80 columns.
+        For each file its name, for each setting of the fit the tables, then rejected drops and
+        warnings, each once. A single point has tables of all values, several points have one table.
+        The tables fit into 80 columns.
     """
     lines = []
-    inverted = [result for result in results if not _is_rejected(result)]
-    for settings, group in itertools.groupby(inverted, key=settings_lines):
-        rows = list(group)
-        lines += [f"  {line}" for line in settings]
-        lines += _table(_GROUND, rows)
-        lines += _table(_DAMPING, [row for row in rows if not _is_layered(row)])
-        lines += layer_lines(rows)
-        lines += _table(_PULSE, rows)
-        lines += _search_lines(rows)
-    rejected = [(r, r.reason or NO_VALUE) for r in results if _is_rejected(r)]
-    warnings = [(r, text) for r in results for text in r.warnings or ()]
+    for file, group in itertools.groupby(results, key=lambda result: result.file):
+        of_file = list(group)
+        lines.append(clean(file))
+        is_single = by == "drop" and len({result.point for result in of_file}) == 1
+        inverted = [result for result in of_file if result.status != "rejected"]
+        for _, rows in itertools.groupby(inverted, key=lambda r: settings_lines(r, [""])):
+            lines += _settings_block(list(rows), by, is_single=is_single)
+        notes = [_MARK_NOTE] if any(UNSUPPORTED_MARK in line for line in lines) else []
+        notes += [_CONTACT_NOTE] if inverted and not is_single else []
+        lines += ["  " + "; ".join(notes)] if notes else []
+        rejected = [(r, r.reason or MISSING) for r in of_file if r.status == "rejected"]
+        lines += _message_lines(of_file, "rejected", rejected)
+        # The reason of a rejected drop is printed already.
+        warnings = [(r, text) for r in of_file for text in r.warnings or () if text != r.reason]
+        lines += _message_lines(of_file, "warning", warnings)
+    return lines
+
+
+def _settings_block(rows: Sequence[DropResult], by: By, *, is_single: bool) -> list[str]:
+    """Return the settings that drops of a file share, and the tables of the drops."""
+    models = dict.fromkeys(result.model for result in rows)
+    lines = [f"  {line}" for line in settings_lines(rows[0], models)]
+    cells: list[dict[str, str]] = []
+    points = [(name, list(drops)) for name, drops in itertools.groupby(rows, key=_point)]
+    if is_single:
+        cells += map(drop_cells, rows)
+        lines += _table(_GROUND, cells)
+        lines += _table(_DAMPING, [drop_cells(row) for row in rows if not _is_layered(row)])
+        return [*lines, *_layer_lines(rows), *_table(_PULSE, cells), *_search_lines(rows)]
+    if by == "point":
+        lines += _table(_POINTS, [_point_cells(*point) for point in points])
+    else:
+        for name, drops in points:
+            for place, drop in enumerate(drops):
+                kind = "" if drop.status == "measured" else f" {_text(drop.status)}"
+                heads = {"point": "" if place else name, "drop": f"{_text(drop.drop)}{kind}"}
+                cells.append(drop_cells(drop) | heads | {"fit": _fit(drop)})
+        lines += _table(_DROPS, cells)
     return [
         *lines,
-        *_message_lines(results, "rejected", rejected),
-        *_message_lines(results, "warning", warnings),
+        *(f"  {name},{line[1:]}" for name, drops in points for line in _layer_lines(drops)),
     ]
-
-
-def _is_rejected(result: DropResult) -> bool:
-    return result.status == "rejected"
 
 
 def _is_layered(result: DropResult) -> bool:
@@ -72,11 +117,11 @@ def settings_lines(
         Models of all drops of the table, if they differ from drop to drop.
     """
     model = " or ".join(word(MODEL_WORDS, text) for text in models or [result.model])
+    radius = SI.with_unit("depth", result.plate_radius_m)
     return (
-        f"{word(PLATE_WORDS, result.plate)}, "
-        f"radius {_fixed(_finite(result.plate_radius_m), 3)} m; "
-        f"Poisson's ratio {_short(_finite(result.poisson_ratio))}; "
-        f"peak-method factor {_short(_finite(result.peak_factor))}",
+        f"{word(PLATE_WORDS, result.plate)}, radius {radius}; "
+        f"Poisson's ratio {significant(result.poisson_ratio)}; "
+        f"peak-method factor {significant(result.peak_factor)}",
         f"{model}; {_text(result.load)} load; "
         f"{word(METHOD_WORDS, result.method)}, seed {_text(result.seed)}",
     )
@@ -87,22 +132,97 @@ def word(words: Mapping[str, str], value: str | None) -> str:
     return words.get(value or "", _text(value))
 
 
-def layer_lines(rows: Iterable[DropResult]) -> list[str]:
+def drop_cells(result: DropResult) -> dict[str, str]:
+    """Return the texts of a drop by the titles of their columns."""
+    facts = facts_of_drop(result)
+    texts = {key: SI.show(fact, with_unit=False) for key, fact in facts.items()}
+    return {
+        "drop": _text(result.drop),
+        "kind": _text(result.status),
+        **_modulus_cells(facts["modulus"]),
+        "equivalent MPa": texts["equivalent"],
+        "bedrock m": texts["bedrock"],
+        "η kPa s": texts["viscosity"],
+        "ρ kg/m³": texts["density"],
+        "kN": texts["load"],
+        "kPa": texts["pressure"],
+        "ms": texts["duration"],
+        "peak E MPa": texts["peak modulus"],
+        "residual %": _share(result.residual_rms_over_peak),
+        "contact %": _share(result.contact_residual_rms_over_peak),
+        "fit": _explained(result),
+    }
+
+
+def _modulus_cells(fact: Fact) -> dict[str, str]:
+    value, ends = SI.value_and_ends(fact)
+    return {"E MPa": value, "95 % MPa": ends or MISSING}
+
+
+def _point_cells(name: str, results: Sequence[DropResult]) -> dict[str, str]:
+    """Return the texts of a point with the mean modulus of its measured drops, as in reports."""
+    from pfwd.analysis.drop_facts import with_modulus
+    from pfwd.procedures import NO_PROCEDURE
+
+    measured = [r for r in results if r.status == "measured"]
+    facts = [
+        with_modulus(PointDrop(number, Kind.MEASURED), result)
+        for number, result in enumerate(measured, 1)
+    ]
+    radius = results[0].plate_radius_m or 0.0
+    modulus = judge(NO_PROCEDURE, facts, plate_radius=radius).fitted_modulus
+    equivalent = fact_of_modulus(modulus, Quantity.EQUIVALENT_MODULUS)
+    residuals = [part for r in measured if (part := r.contact_residual_rms_over_peak) is not None]
+    ends = dict.fromkeys(_share(end(residuals)) for end in (min, max)) if residuals else ()
+    seating = len(results) - len(measured)
+    counts = Counter(map(_fit, measured))
+    worst_first = sorted(counts, key=lambda word: (word != UNEXPLAINED, word))
+    return {
+        "point": name,
+        "drops": f"{len(measured)}" + (f" + {seating} seating" if seating else ""),
+        **_modulus_cells(fact_of_modulus(modulus)),
+        "equivalent MPa": SI.show(equivalent, with_unit=False),
+        "contact %": " to ".join(ends) or MISSING,
+        "fit": ", ".join(f"{counts[word]} {word}" for word in worst_first)
+        if len(counts) > 1
+        else next(iter(counts), MISSING),
+    }
+
+
+def _point(result: DropResult) -> str:
+    name = MISSING if result.point is None else clean(result.point)
+    return name if len(name) <= MAX_NAME_LETTERS else f"{name[: MAX_NAME_LETTERS - 1]}…"
+
+
+def _layer_lines(rows: Iterable[DropResult]) -> list[str]:
     """Return a table of the layers of drops with several layers, and one modulus for all layers."""
-    lines = []
     layered = [row for row in rows if _is_layered(row)]
-    layers = [(row, number) for row in layered for number in range(len(row.layers or ()))]
-    if layers:
-        cells = [list(_LAYER), *([show(*item) for show in _LAYER.values()] for item in layers)]
-        lines += aligned(cells)
+    cells = []
     for row in layered:
-        modulus, ends = value_and_ends(
-            row.effective_modulus_pa, row.effective_modulus_interval_pa, 1e6
-        )
-        lines.append(
-            f"  drop {_text(row.drop)}: one modulus for all {modulus} MPa ({ends}), down "
-            f"to {_short(_finite(row.effective_depth_m))} m"
-        )
+        layers = row.layers or ()
+        for number, layer in enumerate(layers, 1):
+            # The lowest layer has no modulus if the data do not determine it.
+            is_open = row.modulus_pa is None and number == len(layers)
+            modulus = None if is_open else layer.modulus_pa
+            thickness, ends = SI.value_and_ends(
+                Fact("depth", layer.thickness_m, layer.thickness_interval_m)
+            )
+            cells.append(
+                {
+                    "drop": _text(row.drop),
+                    "layer": str(number),
+                    **_modulus_cells(Fact("modulus", modulus, layer.modulus_interval_pa)),
+                    "h m": thickness,
+                    "95 % m": ends or MISSING,
+                    "η kPa s": SI.text("viscosity", layer.viscosity_pa_s),
+                    "ρ kg/m³": SI.text("density", layer.density_kg_m3),
+                }
+            )
+    lines = _table(tuple(cells[0]) if cells else (), cells)
+    for row in layered:
+        effective = SI.show(facts_of_drop(row)["effective"])
+        depth = SI.with_unit("depth", row.effective_depth_m)
+        lines.append(f"  drop {_text(row.drop)}: one modulus for all {effective}, down to {depth}")
     return lines
 
 
@@ -116,236 +236,69 @@ def _search_lines(rows: Sequence[DropResult]) -> list[str]:
         faults += [f"AT BOUND: {bounds}"] if bounds else []
         if faults:
             drops.setdefault("; ".join(faults), []).append(_text(row.drop))
-    return [
-        f"  drop{'s' if len(names) > 1 else ''} {as_ranges(names, order)}: {faults}"
-        for faults, names in drops.items()
-    ]
+    return [f"  {_named('drop', names, order)}: {faults}" for faults, names in drops.items()]
 
 
 def _message_lines(
-    results: Iterable[DropResult], kind: str, messages: Iterable[tuple[DropResult, str]]
+    results: Sequence[DropResult], kind: str, messages: Iterable[tuple[DropResult, str]]
 ) -> list[str]:
-    """Return messages about drops of a point as lines, each once with its drops."""
-    order = list(dict.fromkeys(_text(result.drop) for result in results))
+    """Return messages about drops as lines, each once with its points, or the drops of a point."""
+    points, drops = (
+        list(dict.fromkeys(map(name, results))) for name in (_point, lambda r: _text(r.drop))
+    )
     lines = []
-    for group in group_messages((_text(result.drop), text) for result, text in messages):
-        drops = "drop" if len(group.places) == 1 else "drops"
-        lines.append(f"  {kind}, {drops} {as_ranges(group.places, order)}: {clean(group.text)}")
+    # Identified by their index, because two drops may have the same name.
+    places = {id(result): place for place, result in enumerate(results)}
+    for group in group_messages((places[id(result)], text) for result, text in messages):
+        concerned = [results[place] for place in group.places]
+        where = _named("drop", [_text(result.drop) for result in concerned], drops)
+        if len(points) > 1:
+            names = set(map(_point, concerned))
+            where = "all points" if len(names) == len(points) else _named("point", names, points)
+            where += f" ({counted(len(concerned), 'drop')})"
+        lines.append(f"  {kind}, {where}: {clean(group.text)}")
     return lines
 
 
-def _table(
-    columns: Mapping[str, Callable[[DropResult], str]], rows: Sequence[DropResult]
-) -> list[str]:
-    cells = [[show(row) for show in columns.values()] for row in rows]
-    return aligned([list(columns), *cells]) if cells else []
+def _named(noun: str, names: Collection[str], order: Sequence[str]) -> str:
+    return f"{noun}{'s' if len(names) > 1 else ''} {as_ranges(names, order)}"
 
 
-def aligned(cells: Sequence[Sequence[str]], text_columns: Collection[int] = ()) -> list[str]:
-    """Return the lines of a table, aligned to the right.
-
-    Parameters
-    ----------
-    cells : sequence of rows of texts
-    text_columns : collection of int
-        Indices of the columns that are aligned to the left.
-    """
-    cells = [[spelled(cell) for cell in row] for row in cells]
+def _table(titles: Sequence[str], rows: Iterable[Mapping[str, str]]) -> list[str]:
+    """Return the lines of a table: names of points and last columns to the left, others right."""
+    cells = [[spelled(row[title]) for title in titles] for row in rows]
+    if not cells:
+        return []
+    cells.insert(0, list(map(spelled, titles)))
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    lefts = {0, len(titles) - 1} if titles[0] == "point" else set()
     return [
         "  "
         + "  ".join(
-            text.ljust(width) if column in text_columns else text.rjust(width)
+            text.ljust(width) if column in lefts else text.rjust(width)
             for column, (text, width) in enumerate(zip(row, widths, strict=True))
         ).rstrip()
         for row in cells
     ]
 
 
-def _with_deviation(key: str, unit: str, scale: float = 1.0) -> Callable[[DropResult], str]:
-    """Return a function that shows a value of a result with its standard deviation.
-
-    The standard deviation is that of the noise. Both have no digits that the interval of the
-    modulus or the residual does not support.
-
-    Parameters
-    ----------
-    key, unit : str
-        The value is the field ``<key>_<unit>`` of the result.
-    scale : float
-        SI units in one shown unit.
-    """
-
-    def show(result: DropResult) -> str:
-        value = _finite(getattr(result, f"{key}_{unit}"), scale)
-        deviation = _finite(getattr(result, f"{key}_sd_{unit}"), scale)
-        if value is None:
-            return NO_VALUE
-        if deviation is None:
-            return f"{_short(value)} given"
-        spread = max(deviation, abs(value) * relative_spread(result))
-        text, around = rounded(value, spread), rounded(deviation, spread)
-        return text if float(around) == 0.0 else f"{text} ± {around}"
-
-    return show
-
-
-def modulus_and_ends(result: DropResult) -> tuple[str, str]:
-    """Return the modulus and its 95 % interval as texts in MPa."""
-    return value_and_ends(result.modulus_pa, result.modulus_interval_pa, 1e6)
-
-
-def equivalent_modulus(result: DropResult) -> str:
-    """Return the equivalent modulus with its 95 % interval as text in MPa."""
-    return in_megapascals(result.equivalent_modulus_pa, result.equivalent_modulus_interval_pa)
-
-
-def in_megapascals(modulus: float | None, ends: tuple[float, float] | None) -> str:
-    """Return a modulus, Pa, with its interval as one text in MPa without the unit."""
-    value, interval = value_and_ends(modulus, ends, 1e6)
-    return value if interval == NO_VALUE else f"{value} ({interval})"
-
-
-def value_and_ends(
-    value: float | None, ends: tuple[float, float] | None, scale: float = 1.0
-) -> tuple[str, str]:
-    """Return a value and its interval as two texts.
-
-    Parameters
-    ----------
-    value : float or None
-        None: the text is `NO_VALUE`.
-    ends : pair of float or None
-        None: the value has three digits, and the text of the interval is `NO_VALUE`.
-    scale : float
-        SI units in one shown unit.
-    """
-    number = _finite(value, scale)
-    if ends is None or not all(map(math.isfinite, ends)):
-        return _short(number), NO_VALUE
-    low, high = (end / scale for end in ends)
-    mean = math.sqrt(low * high) if low > 0 else (low + high) / 2
-    text, *end_texts = with_ends(mean if number is None else number, (low, high))
-    return (NO_VALUE if number is None else text), " to ".join(end_texts)
-
-
-def _modulus(result: DropResult) -> str:
-    return modulus_and_ends(result)[0]
-
-
-def _interval(result: DropResult) -> str:
-    return modulus_and_ends(result)[1]
-
-
-def bedrock_depth(result: DropResult) -> str:
-    """Return the depth of bedrock as text in m, with its interval unless it is declared."""
-    depth = _finite(result.bedrock_depth_m)
-    ends = result.bedrock_depth_interval_m
-    if depth is None or result.bedrock_depth_sd_m is None or ends is None:
-        return _with_deviation("bedrock_depth", "m")(result)
-    text, interval = value_and_ends(depth, ends)
-    return f"{text} ({interval})"
-
-
-def fit_word(result: DropResult) -> str:
+def _explained(result: DropResult) -> str:
     """Return "explained" if the model explains the record, else `UNEXPLAINED`."""
     if result.explained is None:
-        return NO_VALUE
+        return MISSING
     return "explained" if result.explained else UNEXPLAINED
 
 
-def peak_load(result: DropResult) -> str:
-    """Return the peak load as text in kN: the measured one, else that of the half-sine."""
-    return _short(_finite(result.peak_load_n, 1e3))
-
-
-def _peak_pressure(result: DropResult) -> str:
-    """Return the mean pressure under the plate at the peak load as text in kPa."""
-    load, radius = result.peak_load_n, result.plate_radius_m
-    if load is None or not radius:
-        return NO_VALUE
-    return _short(_finite(load / (math.pi * radius**2), 1e3))
-
-
-def _layer(result: DropResult, number: int) -> LayerResult:
-    return (result.layers or ())[number]
-
-
-def _layer_modulus(result: DropResult, number: int) -> tuple[str, str]:
-    """Return modulus and interval of a layer as texts in MPa.
-
-    The lowest layer has no modulus if the data do not determine it.
-    """
-    layer = _layer(result, number)
-    is_open = result.modulus_pa is None and number == len(result.layers or ()) - 1
-    return value_and_ends(None if is_open else layer.modulus_pa, layer.modulus_interval_pa, 1e6)
-
-
-def _thickness(layer: LayerResult) -> tuple[str, str]:
-    return value_and_ends(layer.thickness_m, layer.thickness_interval_m)
-
-
-def _pulse(result: DropResult) -> HalfSinePulse:
-    return result.half_sine or HalfSinePulse()
-
-
-_GROUND: dict[str, Callable[[DropResult], str]] = {
-    "drop": lambda result: _text(result.drop),
-    "E MPa": _modulus,
-    "95 % MPa": _interval,
-    "equivalent MPa": equivalent_modulus,
-    "bedrock m": bedrock_depth,
-}
-_DAMPING: dict[str, Callable[[DropResult], str]] = {
-    "drop": lambda result: _text(result.drop),
-    "η kPa s": _with_deviation("viscosity", "pa_s", 1e3),
-    "ρ kg/m³": _with_deviation("density", "kg_m3"),
-}
-_LAYER: dict[str, Callable[[DropResult, int], str]] = {
-    "drop": lambda result, number: _text(result.drop),
-    "layer": lambda result, number: str(number + 1),
-    "E MPa": lambda result, number: _layer_modulus(result, number)[0],
-    "95 % MPa": lambda result, number: _layer_modulus(result, number)[1],
-    "h m": lambda result, number: _thickness(_layer(result, number))[0],
-    "95 % m": lambda result, number: _thickness(_layer(result, number))[1],
-    "η kPa s": lambda result, number: _short(_finite(_layer(result, number).viscosity_pa_s, 1e3)),
-    "ρ kg/m³": lambda result, number: _short(_finite(_layer(result, number).density_kg_m3)),
-}
-_PULSE: dict[str, Callable[[DropResult], str]] = {
-    "drop": lambda result: _text(result.drop),
-    "kind": lambda result: _text(result.status),
-    "kN": peak_load,
-    "kPa": _peak_pressure,
-    "ms": lambda result: _short(_finite(_pulse(result).duration_s, 1e-3)),
-    "peak E MPa": lambda result: _short(_finite(result.peak_modulus_pa, 1e6)),
-    "residual %": lambda result: percent(result.residual_rms_over_peak),
-    "contact %": lambda result: percent(result.contact_residual_rms_over_peak),
-    "fit": fit_word,
-}
-
-
-def _finite(value: float | None, scale: float = 1.0) -> float | None:
-    """Return a number divided by `scale`; None: it is None or not finite."""
-    return float(value) / scale if value is not None and math.isfinite(value) else None
+def _fit(result: DropResult) -> str:
+    return "NOT CONVERGED" if result.converged is False else _explained(result)
 
 
 def _text(value: object) -> str:
-    return NO_VALUE if value is None else clean(value)
+    return MISSING if value is None else clean(value)
 
 
-def _short(value: float | None) -> str:
-    """Return a number with three significant digits, but all digits before the point, as text."""
-    return NO_VALUE if value is None else significant(value)
-
-
-def percent(part: float | None) -> str:
-    """Return a fraction in percent with two significant digits, without the sign."""
-    value = _finite(part, 1e-2)
-    return NO_VALUE if value is None else significant(value, 2)
-
-
-def _fixed(value: float | None, decimals: int) -> str:
-    return NO_VALUE if value is None else f"{value:.{decimals}f}"
+def _share(part: float | None) -> str:
+    return percent(part).removesuffix(" %")
 
 
 def drop_line(point: str, number: int, result: DropResult) -> str:
@@ -360,22 +313,21 @@ def drop_line(point: str, number: int, result: DropResult) -> str:
     result : DropResult
     """
     name = f"{clean(point)}/{number}"
-    modulus = _finite(result.modulus_pa, 1e6)
     status = _text(result.status)
-    if modulus is None:
+    facts = facts_of_drop(result)
+    if SI.value("modulus", result.modulus_pa) is None:
         return f"{name}  {status}" + (f": {clean(result.reason)}" if result.reason else "")
-    equivalent = equivalent_modulus(result)
+    equivalent = SI.show(facts["equivalent"])
     parts = [
-        f"{name}  E {_modulus(result)} MPa ({_interval(result)})",
-        *([] if equivalent == NO_VALUE else [f"equivalent {equivalent} MPa"]),
+        f"{name}  E {SI.show(facts['modulus'])}",
+        *([] if equivalent == MISSING else [f"equivalent {equivalent}"]),
         f"{word(MODEL_WORDS, result.model)}, {word(PLATE_WORDS, result.plate)} "
-        f"{_fixed(_finite(result.plate_radius_m), 3)} m, "
-        f"ν {_short(_finite(result.poisson_ratio))}",
-        f"{peak_load(result)} kN",
-        f"residual {percent(result.residual_rms_over_peak)} %",
+        f"{SI.with_unit('depth', result.plate_radius_m)}, ν {significant(result.poisson_ratio)}",
+        SI.show(facts["load"]),
+        f"residual {percent(result.residual_rms_over_peak)}",
         word(METHOD_WORDS, result.method),
     ]
     parts += ["seating"] if status == "seating" else []
-    parts += [] if result.explained is not False else ["NOT EXPLAINED"]
+    parts += [] if result.explained is not False else [UNEXPLAINED]
     parts += [f"AT BOUND {clean(name)}" for name in result.at_bound or ()]
     return "  ".join(parts)

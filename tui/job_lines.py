@@ -21,7 +21,7 @@ def job_lines(job: Job) -> list[str]:
             if job.procedure is None
             else f"{procedure.name}{title}",
         ),
-        ("judged", job.quantity.symbol),
+        ("judged", job.quantity.label),
         ("target", "none" if job.target is None else target_text(job.target)),
         ("stations", str(len(job.stations)) if job.stations else "none"),
         ("step", "none" if job.step_m is None else f"{job.step_m:g} m"),

@@ -35,7 +35,7 @@ from pfwd.session.events import (
 )
 from pfwd.session.live_view import CompletePoints
 from pfwd.session.session import Ending
-from tui.diagnosis_lines import diagnosis_line
+from tui.diagnosis_lines import diagnosis_sentence
 from tui.format import drop_line
 from tui.output import clean, say
 from tui.point_lines import has_verdict_line, point_text
@@ -151,7 +151,7 @@ class SessionLines:
         self._reported_job = job_key
         target = "" if job.target is None else f", target {target_text(job.target)}"
         name = job.procedure_in_force.name
-        self._say(f"judged by {name}: {job.quantity.symbol}{target}")
+        self._say(f"judged by {name}: {job.quantity.label}{target}")
 
     def _say(self, text: str, level: int = logging.INFO) -> None:
         log.log(level, "%s", text)
@@ -254,7 +254,7 @@ class SessionLines:
             diagnosis = {key: record[key] for key in keys}
             print(json_text({"point": event.point, "diagnosis": diagnosis}), flush=True)
             return
-        print(diagnosis_line(event.point, result), flush=True)
+        print(f"point {clean(event.point)} diagnosed: {diagnosis_sentence(result)}", flush=True)
 
     def _forget(self, saved: SavedDrop) -> None:
         """Remove the intermediate results of a drop that has its last result."""

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pfwd.analysis.results import DropResult, FileOutcome
-from pfwd.digits import modulus_text
 from pfwd.display import COLOURS, draw_fit
 from pfwd.errors import OptionError, refusal
 from pfwd.files.output_path import require_writable
 from pfwd.matplotlib_start import start_matplotlib
+from pfwd.units import modulus_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

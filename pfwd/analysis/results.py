@@ -27,7 +27,7 @@ from inversion.result import StructureResult as StructureResult
 from inversion.result import TimeHistories as TimeHistories
 from pfwd.analysis.diagnosed_drop import DiagnosedDrop
 from pfwd.analysis.screening.drops import DropStatus, Screening
-from pfwd.digits import modulus_text, significant
+from pfwd.digits import significant
 from pfwd.display import (
     Displayable,
     alias,
@@ -41,6 +41,7 @@ from pfwd.display import (
 from pfwd.errors import SurveyError, refusal
 from pfwd.procedures import PointModulus
 from pfwd.procedures.point import Use
+from pfwd.units import modulus_text
 from pfwd_device import Drop
 
 if TYPE_CHECKING:
@@ -303,7 +304,7 @@ class DiagnosisResult(StoredRecord, Displayable):
         parts = [f"{file}, {count(len(self.drops or ()), 'drop')}: {verdict}"]
         if self.before is not None and self.after is not None:
             before, after = (
-                modulus_text(state.modulus_pa, state.modulus_interval_pa) or "none"
+                modulus_text(state.modulus_pa, state.modulus_interval_pa)
                 for state in (self.before, self.after)
             )
             use = f" before, {after} after: {self._use_words()}" if names else ""

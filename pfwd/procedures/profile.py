@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from inversion.notices import Notice, term_text
 from pfwd_plugins.quantities import Unit
@@ -47,6 +47,11 @@ class Quantity(StrEnum):
         return Unit("mm", 1e-3) if self is Quantity.DEFLECTION else Unit("MPa", 1e6)
 
     @property
+    def dimension(self) -> Literal["settlement", "modulus"]:
+        """Entry of `pfwd.units` with the unit in which the quantity is shown."""
+        return "settlement" if self is Quantity.DEFLECTION else "modulus"
+
+    @property
     def words(self) -> str:
         """Name of the quantity in a sentence."""
         return self.value.replace("-", " ")
@@ -55,11 +60,6 @@ class Quantity(StrEnum):
     def label(self) -> str:
         """Short name, as in the title of a column."""
         return "E_eq" if self is Quantity.EQUIVALENT_MODULUS else self.value
-
-    @property
-    def symbol(self) -> str:
-        """Symbol, or the name of a quantity that has none."""
-        return "E" if self is Quantity.MODULUS else self.label
 
     @property
     def term(self) -> str:

@@ -6,7 +6,6 @@ from functools import partial
 from typing import Any, TypeGuard
 
 from pfwd.analysis.results import DiagnosisResult, EffectResult
-from pfwd.digits import read_in
 from pfwd.judging import PointView
 from pfwd.message_groups import group_messages
 from pfwd.report import formatting
@@ -15,6 +14,7 @@ from pfwd.report.drawing import COLOURS, finish, margins, number_log_axis
 from pfwd.report.formatting import percent
 from pfwd.report.point_facts import all_warnings, diagnosis_counts, diagnosis_of
 from pfwd.report.texts import Texts
+from pfwd.units import unit_of_effect
 
 _VERDICTS = ("clean", "explained", "unexplained")
 
@@ -93,8 +93,8 @@ def _states(diagnosis: DiagnosisResult, texts: Texts, *, counts: bool) -> list[B
 
 
 def _effect(effect: EffectResult, texts: Texts) -> str:
-    scale, unit = read_in(effect.unit or "")
-    value = formatting.with_deviation(effect.value, effect.sd, scale, unit).strip()
+    unit = unit_of_effect(effect.unit or "")
+    value = formatting.with_deviation(effect.value, effect.sd, 1 / unit.scale, unit.name).strip()
     text = f"{texts.word(str(effect.name))}: {value}"
     alternatives = ", ".join(map(texts.word, effect.alternatives or ()))
     return f"{text} ({texts['effect_or']} {alternatives})" if alternatives else text

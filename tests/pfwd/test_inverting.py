@@ -14,12 +14,12 @@ from pfwd.analysis.analyse import analyse_files
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.analysis.screening.drops import REBOUND_OVER_LARGEST
-from pfwd.digits import modulus_text
 from pfwd.files.traces import read_traces
 from pfwd.judging.verdicts import modulus_in_force
 from pfwd.procedures import PointModulus
 from pfwd.scripting.options import DIAGNOSE_OPTIONS, INVERT_OPTIONS
 from pfwd.scripting.surveys import DATA_FOLDER
+from pfwd.units import modulus_text
 
 # As pfwd/scripting/data/README.md says them; a file says nothing of it.
 TRUE_MODULI = {"half-space": 60e6, "layer": 45e6, "three-sensors": 80e6}

@@ -61,8 +61,8 @@ def lines(**keys: Any) -> list[str]:
 def test_a_prediction_stands_beside_the_scaled_record() -> None:
     scaled = {"scaled_record": 0.06, "contact_scaled_record": 0.07}
     assert lines(mode="next", fitted=(), **scaled) == [
-        "  next drop predicted: off by 9 % of the peak (contact 8 %), base model 50 % (40 %), "
-        "preceding record scaled by the peak loads 6 % (7 %)",
+        "  next drop predicted: off by 9.0 % of the peak (contact 8.0 %), base model 50 % (40 %), "
+        "preceding record scaled by the peak loads 6.0 % (7.0 %)",
         "    fitted to the held-out data: nothing",
     ]
     last = lines(mode="next", fitted=("stiffness (drop 3)",), **scaled)[-1]
@@ -72,17 +72,17 @@ def test_a_prediction_stands_beside_the_scaled_record() -> None:
 def test_what_is_fitted_is_called_no_prediction() -> None:
     first, last = lines(mode="point", fitted=("choice of effects", "modulus_ratio (ground)"))
     assert first.startswith(
-        "  device of the other points, everything else fitted: off by 9 % of the peak"
+        "  device of the other points, everything else fitted: off by 9.0 % of the peak"
     )
     assert first.endswith("no preceding record to scale")
     assert last == "    fitted to the held-out data: choice of effects, modulus ratio (ground)"
     older = lines(mode="drop")[0]
-    assert older.startswith("  ground of the other drops, everything else fitted: off by 9 %")
+    assert older.startswith("  ground of the other drops, everything else fitted: off by 9.0 %")
 
 
 def test_a_next_drop_that_had_a_part_in_the_choice_of_effects_says_so() -> None:
     first, last = lines(mode="next", fitted=("choice of effects",))
-    assert first.startswith("  next drop predicted: off by 9 % of the peak")
+    assert first.startswith("  next drop predicted: off by 9.0 % of the peak")
     assert last == "    fitted to the held-out data: choice of effects"
 
 
@@ -107,9 +107,11 @@ def test_a_left_out_sensor_stands_beside_what_its_neighbours_say() -> None:
         HeldOutPart(name="sensor at 0.6 m", after=0.12),
     )
     first, each, _ = lines(mode="sensor", fitted=(), by=(near, far), side_difference=0.03)
-    assert first.startswith("  each sensor predicted: off by 9 % of the peak")
-    assert first.endswith(", sides of the plate differ by 3 %")
-    assert each == ("    sensor at 0.3 m 4 % (between its neighbours 6 %), sensor at 0.6 m 12 %")
+    assert first.startswith("  each sensor predicted: off by 9.0 % of the peak")
+    assert first.endswith(", sides of the plate differ by 3.0 %")
+    assert each == (
+        "    sensor at 0.3 m 4.0 % (between its neighbours 6.0 %), sensor at 0.6 m 12 %"
+    )
     alone = lines(mode="sensor", fitted=(), by=(near, far))[0]
     assert alone.endswith("no two sensors at one distance to compare the sides of the plate")
 

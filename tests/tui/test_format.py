@@ -7,8 +7,7 @@ import pytest
 
 from pfwd.analysis.results import DropResult
 from tests.snapshots import check_snapshot
-from tui.format import drop_line
-from tui.survey_lines import result_lines
+from tui.format import drop_line, result_lines
 
 RESULT = DropResult.from_json(
     {
@@ -82,8 +81,8 @@ def cell(result: DropResult, column: str) -> str:
 
 def test_a_given_value_has_no_deviation() -> None:
     given = replace(RESULT, bedrock_depth_sd_m=None, density_sd_kg_m3=None)
-    assert cell(given, "bedrock m") == "0.702 given"
-    assert cell(given, "ρ kg/m³") == "1993 given"
+    assert cell(given, "bedrock m") == "0.702 (given)"
+    assert cell(given, "ρ kg/m³") == "1993 (given)"
 
 
 def test_a_modulus_without_deviation_is_not_called_given() -> None:
@@ -158,7 +157,7 @@ def test_files_follow_each_other() -> None:
 
 def test_a_result_with_next_to_nothing_is_shown_all_the_same() -> None:
     lines = result_lines([DropResult(file="a.csv", drop=1, status="measured")])
-    assert "  -, radius - m; Poisson's ratio -; peak-method factor -" in lines
+    assert "  -, radius -; Poisson's ratio -; peak-method factor -" in lines
 
 
 def test_nothing_printed_nothing_wrong() -> None:
@@ -185,7 +184,7 @@ def test_the_method_that_ran_is_shown() -> None:
 def test_the_line_of_a_drop_has_both_moduli() -> None:
     line = drop_line("A", 1, RESULT)
     assert line.startswith(
-        "A/1  E 35.1 MPa (34.2 to 35.9)  equivalent 36.0 (35.3 to 36.8) MPa  soil"
+        "A/1  E 35.1 MPa (34.2 to 35.9)  equivalent 36.0 MPa (35.3 to 36.8)  soil"
     )
     assert "equivalent" not in drop_line("A", 1, replace(RESULT, **NO_EQUIVALENT))
 
@@ -248,4 +247,4 @@ def test_layers_of_which_nothing_is_known_are_shown_all_the_same() -> None:
     )
     lines = result_lines([bare])
     assert sum("      1  " in line or "      2  " in line for line in lines) >= 2
-    assert "  drop 1: one modulus for all - MPa (-), down to - m" in lines
+    assert "  drop 1: one modulus for all -, down to -" in lines

@@ -6,7 +6,7 @@ import pytest
 
 from pfwd.analysis.results import DropResult
 from tests.snapshots import check_snapshot
-from tui.survey_lines import result_lines
+from tui.format import result_lines
 
 DROP = DropResult(
     file="survey",
@@ -67,7 +67,7 @@ def test_a_line_a_point_has_the_mean_of_its_measured_drops() -> None:
     found = survey(2)
     found[2] = replace(found[2], modulus_pa=49.4e6, explained=False)
     lines = result_lines(found, by="point")
-    assert lines[3] == "  point          drops  E MPa  95 % MPa  equivalent MPa  residual %  fit"
+    assert lines[3] == "  point          drops  E MPa  95 % MPa  equivalent MPa  contact %  fit"
     assert lines[4].split("  ")[1:3] == ["km 1", " 2 + 1 seating"]
     assert "     47  " in lines[4]
     assert lines[4].endswith("1 UNEXPLAINED, 1 explained")

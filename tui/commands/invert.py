@@ -172,7 +172,7 @@ def show(outcome: "FileOutcome", *, as_json: bool, by: "By" = "drop") -> None:
     by : "point" or "drop"
         A line of text for each point, or for each drop.
     """
-    from tui.survey_lines import printed_results
+    from tui.format import printed_results
 
     if outcome.error is not None:
         say(outcome.error)

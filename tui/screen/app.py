@@ -36,6 +36,7 @@ from pfwd.session.events import (
 )
 from pfwd.session.plan import SessionPlan
 from pfwd.session.position import FIX_NAMES, PositionReceiver
+from pfwd.units import UNITS_BY_NAME, Units
 from tui.output import clean
 from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
 from tui.screen.pages import PAGES, make_page
@@ -70,7 +71,6 @@ from tui.screen.session.status import StatusWord, status_of
 from tui.screen.session.survey_edits import SurveyEdits
 from tui.screen.settings import ScreenSettings, save_settings
 from tui.screen.themes import THEMES, ScreenTheme
-from tui.screen.units import UNITS_BY_NAME, Units
 
 UPDATES_PER_S = 12.0
 """Updates of the page; with late timers at least ten a second remain."""

@@ -12,14 +12,13 @@ import numpy as np
 from inversion.diagnosis.findings import FittedState
 from inversion.records import known
 from pfwd.analysis.diagnosis.diagnose import Diagnosed
-from pfwd.digits import modulus_text, significant
+from pfwd.digits import significant
 from pfwd.display import AFTER_COLOUR, BEFORE_COLOUR, draw_residual
 from pfwd.errors import SurveyError, refusal
+from pfwd.facts import facts_of_state
 from pfwd.files.output_path import require_writable
 from pfwd.matplotlib_start import start_matplotlib
-
-_MAX_SHOWN_RATIO = 1000.0
-"""Ratio of the ends of an interval from which they are not shown: they say nothing."""
+from pfwd.units import SI
 
 _DATA = "#222222"
 
@@ -131,9 +130,5 @@ def _name(diagnosed: Diagnosed) -> str:
 
 
 def _modulus(state: FittedState) -> str:
-    """Return the modulus with its interval, or why there is none."""
-    low, high = state.modulus_interval_pa or (1.0, 1.0)
-    if not high < _MAX_SHOWN_RATIO * low:
-        return "E not determined"
-    text = modulus_text(state.modulus_pa, state.modulus_interval_pa)
-    return f"E {text}" if text else "no modulus"
+    """Return the modulus with its interval as text."""
+    return f"E {SI.show(facts_of_state(state)['modulus'])}"

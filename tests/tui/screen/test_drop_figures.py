@@ -10,12 +10,12 @@ from inversion.diagnosis.findings import DropCurves
 from pfwd.analysis.diagnosed_drop import DiagnosedDrop
 from pfwd.analysis.results import DiagnosisResult, FittedState
 from pfwd.procedures import Quantity
+from pfwd.units import SI
 from pfwd_device import Drop
 from pfwd_device.drop import Peaks
 from tests.tui.screen.scripted import curves, result, saved_drop
 from tui.screen.drawing.drop_figures import drop_figures
 from tui.screen.session.drop_state import DropState
-from tui.screen.units import SI
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import pytest
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult
 from pfwd.session.plan import SessionPlan
+from pfwd.units import SI, US
 from pfwd_device import Drop
 from tests.tui.screen.scripted import (
     Session,
@@ -32,7 +33,6 @@ from tui.screen.session.drop_fits import DropFits
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.screen_events import SessionStarted
 from tui.screen.session.state import SessionState
-from tui.screen.units import SI, US
 
 OFFSETS = (0.0, 0.3, -0.3, 0.6)
 TOP = {
@@ -117,7 +117,7 @@ def test_an_open_modulus_has_a_bar_and_no_value() -> None:
 def test_rock_units_and_narrow_columns() -> None:
     on_rock = BELOW | {"thickness_m": 0.75}
     layers = LAYERS | {"layers": [TOP, on_rock], "bedrock_depth_m": 1.0}
-    assert "rock at 1.00 m" in rows(result(**layers))
+    assert "rock at 1.00 m (given)" in rows(result(**layers))
     assert any("ksi" in row and "MPa" not in row for row in rows(result(**LAYERS), 70, US))
     assert "1 0.250 m 120 (110 to 131)" in rows(result(**LAYERS), 40)[2]
     narrow = rows(result(**LAYERS), 30)

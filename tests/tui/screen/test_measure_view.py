@@ -11,6 +11,7 @@ from pfwd.judging import Job, Station
 from pfwd.procedures import find_procedure, plain_procedure
 from pfwd.session.events import JobReported
 from pfwd.session.live_trace import Envelope
+from pfwd.units import SI, US, Units
 from pfwd_plugins.quantities import Measurand
 from tests.snapshots import check_snapshot
 from tests.tui.screen.scripted import Session, analysed, complete_point, ready, saved, status
@@ -22,7 +23,6 @@ from tui.screen.session.screen_events import SessionStarted
 from tui.screen.session.state import SessionState
 from tui.screen.session.stations import ReceiverStatus
 from tui.screen.session.status import status_of
-from tui.screen.units import SI, US, Units
 
 SIZES = [(80, 24), (120, 40), (200, 60)]
 

@@ -31,6 +31,7 @@ from pfwd.session.events import (
     TableBuilding,
 )
 from pfwd.session.plan import Ending
+from pfwd.units import SI
 from tests.tui.screen.scripted import (
     NOON,
     Session,
@@ -43,12 +44,11 @@ from tests.tui.screen.scripted import (
     status,
     stored_drop,
 )
+from tui.diagnosis_lines import diagnosis_sentence
 from tui.screen.pages.drop_texts import modulus_of_drop, remark, verdict_of, verdict_word
-from tui.screen.session.diagnosis import verdict_text
 from tui.screen.session.screen_events import SessionEnded, SessionStarted, SurveyRead
 from tui.screen.session.state import SessionState
 from tui.screen.session.status import SAFE_WORD_S, status_of
-from tui.screen.units import SI
 
 
 class Clock:
@@ -349,7 +349,7 @@ def test_a_point_that_could_not_be_diagnosed_says_why() -> None:
     no_drop = DiagnosisResult(
         drops=(), verdict="unexplained", warnings=("no measured drop to diagnose",)
     )
-    assert verdict_text(no_drop, SI) == "not made: no measured drop to diagnose"
+    assert diagnosis_sentence(no_drop, SI) == "not made: no measured drop to diagnose"
 
 
 def test_a_drop_at_the_end_of_the_range_is_advised_at_once() -> None:
@@ -379,13 +379,15 @@ def test_the_fit_of_a_drop_is_not_shown_where_its_point_has_no_modulus() -> None
     ]
     state = state_after(*events)
     assert state.last is not None
-    shown = modulus_of_drop(state.last, SI)
+    shown = SI.value_and_ends(modulus_of_drop(state.last))
     assert shown[0].endswith("*")
     numbers = tuple(drop.number for drop in state.current.drops)
     basis = basis_of(state.current.setup)
     diagnosis = DiagnosisResult(drops=numbers, basis=basis, after=FittedState())
     state.take(PointDiagnosed("7", diagnosis))
-    assert modulus_of_drop(state.last, SI) == ("-", "")
+    assert SI.value_and_ends(modulus_of_drop(state.last)) == ("-", "")
     assert f"no modulus: {diagnosis.use_reason}" in remark(state.last, SI)
     state.take(PointDiagnosed("7", dataclasses.replace(diagnosis, drops=())))
-    assert modulus_of_drop(state.last, SI) == shown, "the diagnosis is not in force any more"
+    assert SI.value_and_ends(modulus_of_drop(state.last)) == shown, (
+        "the diagnosis is not in force any more"
+    )

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from pfwd.digits import modulus_text
+from pfwd.digits import significant
+from pfwd.units import SI, US, Fact, percent
 from tui.screen.session.stations import point_name_error
 from tui.screen.settings import ScreenSettings, load_settings, save_settings
-from tui.screen.units import SI, US, format_number, percent
 
 
 def test_units_by_their_definitions() -> None:
@@ -21,40 +21,30 @@ def test_units_by_their_definitions() -> None:
     assert US.si("length", 6.0) == pytest.approx(0.1524)
 
 
-@pytest.mark.parametrize(
-    ("modulus", "interval"),
-    [
-        (81.2e6, (71.6e6, 112.3e6)),
-        (47.34e6, (46.7e6, 47.9e6)),
-        (29.1e6, (11.2e6, 561.1e6)),
-        (1234.5e6, (1229e6, 1241e6)),
-        (45.26e6, None),
-    ],
-)
-def test_a_modulus_is_printed_as_the_commands_print_it(
-    modulus: float, interval: tuple[float, float] | None
-) -> None:
-    assert SI.with_interval("modulus", modulus, interval) == modulus_text(modulus, interval)
-
-
 def test_a_value_has_no_digits_beyond_its_interval() -> None:
-    assert SI.value_and_ends("modulus", 81.2e6, (71.6e6, 112.3e6)) == ("81", "72 to 112")
-    assert US.value_and_ends("depth", 0.3048, (0.2743, 0.3353)) == ("1.00", "0.90 to 1.10")
-    assert SI.value_and_ends("depth", 1.02, None) == ("1.02", "")
-    assert SI.value_and_ends("depth", None, (1.0, 2.0)) == ("-", "")
-    assert SI.value_and_ends("modulus", 47e6, (46e6, float("inf"))) == ("47.0", "")
-    assert SI.with_interval("modulus", 81e6, (72e6, 112e6), "*") == "81* MPa (72 to 112)"
+    assert SI.value_and_ends(Fact("modulus", 81.2e6, (71.6e6, 112.3e6))) == ("81", "72 to 112")
+    assert US.value_and_ends(Fact("depth", 0.3048, (0.2743, 0.3353))) == ("1.00", "0.90 to 1.10")
+    assert SI.value_and_ends(Fact("depth", 1.02)) == ("1.02", "")
+    assert SI.value_and_ends(Fact("depth", None, (1.0, 2.0))) == ("-", "1.0 to 2.0")
+    assert SI.value_and_ends(Fact("modulus", 47e6, (46e6, float("inf")))) == ("47.0", "")
+    assert SI.show(Fact("modulus", 81e6, (72e6, 112e6), mark="*")) == "81* MPa (72 to 112)"
 
 
 def test_a_deviation_has_no_digits_beyond_the_spread() -> None:
-    assert SI.with_deviation("viscosity", 20_080.0, 410.0, 410.0) == "20.1 ± 0.4 kPa s"
-    assert SI.with_deviation("density", 1990.0, 12.3, 12.3) == "1990 ± 12 kg/m³"
-    assert SI.with_deviation("density", 1990.0, 1.0, 80.0) == "1990 kg/m³"
+    assert SI.show(Fact("viscosity", 20_080.0, deviation=410.0)) == "20.1 ± 0.4 kPa s"
+    assert SI.show(Fact("density", 1990.0, deviation=12.3)) == "1990 ± 12 kg/m³"
+    assert SI.show(Fact("density", 1990.0, deviation=1.0, spread=0.04)) == "1990 kg/m³"
+
+
+def test_an_interval_without_a_value_is_left_open() -> None:
+    assert SI.show(Fact("modulus", None, (20e6, 200e6))) == "left open (20 to 200 MPa)"
+    assert SI.show(Fact("modulus", None, (1.0, 1e9))) == "left open"
+    assert SI.show(Fact("modulus", None)) == "-"
 
 
 def test_no_digit_before_the_point_is_lost() -> None:
-    assert format_number(12345.6) == "12346"
-    assert format_number(float("nan")) == "-"
+    assert significant(12345.6) == "12346"
+    assert significant(float("nan")) == "-"
     assert percent(0.0042) == "0.42 %"
 
 

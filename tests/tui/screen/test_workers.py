@@ -13,12 +13,12 @@ import pytest
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.jobs import Task, TaskProgress
+from pfwd.units import SI
 from tests.tui.screen.scripted import saved_drop
 from tui.screen.command_process import run_command
 from tui.screen.session.diagnosis import Diagnoses, diagnosis_text
 from tui.screen.session.drop_fits import DropFits
 from tui.screen.session.screen_events import DiagnosisFinished
-from tui.screen.units import SI
 
 PATIENCE = 120.0
 

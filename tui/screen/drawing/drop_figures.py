@@ -12,13 +12,14 @@ from pfwd.analysis.screening.drops import (
     remove_offset,
 )
 from pfwd.analysis.sensor_fits import sensor_fits
+from pfwd.digits import significant
 from pfwd.session.events import SavedDrop
 from pfwd.session.live_trace import Envelope
+from pfwd.units import Units, percent
 from tui.screen.drawing.lines import TextRole
 from tui.screen.drawing.plot import Curve, Figure
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.screen_events import Refit
-from tui.screen.units import Units, format_number, percent
 
 Array = NDArray[np.float64]
 N_BOWL_POINTS = 400
@@ -92,7 +93,7 @@ def _fitted(
     load_scale = units.of("load").scale
     scale = units.of("deflection").scale
     pulse = half_sine_of(result, curves)
-    name = f"half-sine {format_number(1e3 * pulse[1])} ms" if pulse else "half-sine"
+    name = f"half-sine {significant(1e3 * pulse[1])} ms" if pulse else "half-sine"
     shape = pulse[0] if pulse else np.full_like(curves.time, np.nan)
     load = Figure(
         "load",
@@ -121,7 +122,7 @@ def _fitted(
         ),
         start,
         end,
-        note=f"peak as recorded {format_number(float(np.nanmax(observed)), 3)}",
+        note=f"peak as recorded {significant(float(np.nanmax(observed)), 3)}",
     )
     return [load, deflection, _residual(result, time, fitted - observed, units, (start, end))]
 
@@ -179,7 +180,7 @@ def _raw(
             (Curve(time, load, "load", "measured"),),
             start,
             end,
-            note=f"peak {format_number(float(np.nanmax(load)), 3)}",
+            note=f"peak {significant(float(np.nanmax(load)), 3)}",
             time_axis=False,
         )
     ]
@@ -189,7 +190,7 @@ def _raw(
         sensor = min(sensor, len(channels) - 1)
         moved = displacement_of(channels[sensor], drop.time) / units.of("deflection").scale
         finite = moved[np.isfinite(moved)]
-        peak = format_number(float(finite.max()), 3) if len(finite) else "-"
+        peak = significant(float(finite.max()), 3) if len(finite) else "-"
         offsets = np.array([channel.offset for channel in channels])
         plots.append(
             Figure(
@@ -291,7 +292,7 @@ def live_figures(envelope: Envelope, units: Units, window: float) -> list[Figure
             -window,
             0.0,
             "s",
-            note=f"now {format_number(float(load[-1]), 2) if count else '-'}",
+            note=f"now {significant(float(load[-1]), 2) if count else '-'}",
             min_range=1.0,
         ),
         Figure(

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from pfwd.digits import significant
 from tui.screen.drawing.lines import Cell, Line, TextRole, cell, line
 from tui.screen.drawing.plot import tick_text, ticks
-from tui.screen.units import format_number
 
 MIN_PROFILE_BAR_COLUMNS = 2
 """Smallest width of a bar with its gap, columns."""
@@ -65,7 +65,7 @@ def profile_lines(
     gap = marks[1] - marks[0] if len(marks) > 1 else top
     labels = {rows - 1 - int(mark / top * rows): tick_text(mark, gap) for mark in marks}
     aim = None if not target else rows - 1 - int(target / top * rows)
-    named = f"   ─── target {format_number(target)}" if target else ""
+    named = f"   ─── target {significant(target)}" if target else ""
     lines = [line(cell(f" {title}", "strong"), cell(named, "warn"))]
     for row in range(rows):
         label = labels.get(row, "")

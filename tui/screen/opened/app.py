@@ -14,6 +14,7 @@ from textual.timer import Timer
 from textual.widgets import DataTable, Input, Label, TabbedContent, TabPane
 from textual.widgets._tabs import Underline
 
+from pfwd.digits import significant
 from pfwd.errors import DeviceError, SurveyError
 from tui.output import clean, counted, say
 from tui.screen.command_process import run_command
@@ -38,7 +39,6 @@ from tui.screen.opened.widgets import KeysLine, PlainTable
 from tui.screen.pages.dialogs import TextDialog
 from tui.screen.settings import ScreenSettings
 from tui.screen.themes import THEMES
-from tui.screen.units import format_number
 
 TABLE_PAGE_ROWS = 48
 """Rows of a page of the table: more than a terminal shows, and filled within 50 ms."""
@@ -547,9 +547,9 @@ class OpenApp(App[int]):
             cells = (
                 str(number),
                 "moved" if drop.moved_to else kinds[number].value if number in kinds else "",
-                format_number(facts.peak_load and facts.peak_load / 1e3),
-                format_number(facts.peak_deflection and facts.peak_deflection * 1e3),
-                format_number(modulus and modulus / 1e6),
+                significant(facts.peak_load and facts.peak_load / 1e3),
+                significant(facts.peak_deflection and facts.peak_deflection * 1e3),
+                significant(modulus and modulus / 1e6),
                 "-" if residual is None else f"{100 * residual:.2g} %",
                 clean(why.get(number, "averaged")),
             )

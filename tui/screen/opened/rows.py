@@ -15,9 +15,9 @@ from pfwd.errors import DeviceError, SurveyError
 from pfwd.files.folders import refuse_no_survey
 from pfwd.files.output_path import replaced_at_once
 from pfwd.procedures import Quantity
+from pfwd.units import SI, Fact
 from pfwd_plugins.quantities import Unit
 from tui.output import counted
-from tui.screen.units import SI, judged_quantity
 
 if TYPE_CHECKING:
     # Loaded when the survey is read: the frame is painted before.
@@ -336,16 +336,16 @@ def judged_texts(row: PointRow) -> tuple[str, str]:
     A value that allows no verdict has a mark. Without a value the texts are a dash and nothing.
     """
     interval = None if row.low is None or row.high is None else (row.low, row.high)
-    value, ends = SI.value_and_ends(judged_quantity(row.judged_by), row.value, interval)
-    return f"{value}{_mark(row.value_marked)}", ends
+    mark = _mark(row.value_marked)
+    return SI.value_and_ends(Fact(row.judged_by.dimension, row.value, interval, mark=mark))
 
 
 def modulus_in_force_text(row: PointRow) -> str:
     """Return the fitted modulus in force that is not judged, in MPa without the unit."""
     low, high = row.modulus_low, row.modulus_high
     interval = None if low is None or high is None else (low, high)
-    value, ends = SI.value_and_ends("modulus", row.modulus, interval)
-    return f"{value}{_mark(row.modulus_marked)}" + (f" ({ends})" if ends else "")
+    fact = Fact("modulus", row.modulus, interval, mark=_mark(row.modulus_marked))
+    return SI.show(fact, with_unit=False)
 
 
 def _mark(is_marked: bool) -> str:

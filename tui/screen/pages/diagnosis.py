@@ -1,18 +1,18 @@
 """Diagnosis page: a table of the points before and after, and effects of the device."""
 
 import dataclasses
-import math
 from collections.abc import Sequence
 from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
 from pfwd.analysis.response_tables import BUILDING
-from pfwd.analysis.results import DiagnosisResult, FittedState
-from pfwd.digits import read_in, rounded
+from pfwd.analysis.results import DiagnosisResult
+from pfwd.facts import facts_of_state
 from pfwd.judging.verdicts import modulus_in_force
 from pfwd.procedures import PointModulus
-from tui.diagnosis_lines import diagnosis_lines, point_cells
+from pfwd.units import Units
+from tui.diagnosis_lines import device_lines, diagnosis_lines, point_cells
 from tui.screen.drawing.lines import (
     Line,
     TableColumn,
@@ -29,7 +29,6 @@ from tui.screen.drawing.lines import (
 )
 from tui.screen.pages.measure_view import key_line
 from tui.screen.pages.page import Page
-from tui.screen.units import Units
 
 _MODULUS_TITLES = ("before", "E")
 """Titles of the columns with a modulus, to which the unit is added."""
@@ -118,7 +117,10 @@ class DiagnosisPage(Page):
             return [(), *[line(" ", row) for row in wrap(hint, width - 2)]]
         self.place = min(self.place, len(results) - 1)
         names = [result.point or f"no. {number}" for number, result in enumerate(results, 1)]
-        device = device_lines(results, self.pfwd.units, width)
+        device: list[Line] = [
+            line(" ", part) for text in device_lines(results) for part in wrap(text, width - 2)
+        ]
+        device[:0] = [()] if device else []
         table_room = max(3, (room - len(device)) // 2)
         visible = window(len(results), self.place, table_room - 1)
         moduli = {at: self._modulus_in_force(results[at]) for at in {*visible, self.place}}
@@ -204,20 +206,14 @@ def result_row(
     chosen : bool
         The row is marked, and the text below the table is about its point.
     """
-    before = result.before or FittedState()
     verdict = str(result.verdict)
-    is_partly_explained = verdict == "unexplained" and result.use == "with-care"
-    cells = point_cells(name, result, modulus)
-    in_force = cells.modulus
-    if modulus is not None and modulus.not_supported is None:
-        value, ends = units.value_and_ends("modulus", modulus.value, modulus.interval)
-        in_force = f"{value} ({ends})" if ends else value
+    cells = point_cells(name, result, modulus, units)
     return TableRow(
         (
             shorten(cell(name).text, 24),
-            "PARTLY EXPLAINED" if is_partly_explained else verdict.upper(),
-            units.value_and_ends("modulus", before.modulus_pa, before.modulus_interval_pa)[0],
-            in_force,
+            verdict.upper(),
+            units.value_and_ends(facts_of_state(result.before)["modulus"])[0],
+            cells.modulus,
             cells.use,
             cells.unexplained,
             cell(cells.effects).text,
@@ -225,31 +221,3 @@ def result_row(
         _ROLE.get(verdict, "text"),
         chosen,
     )
-
-
-def device_lines(results: Sequence[DiagnosisResult], units: Units, width: int) -> list[Line]:
-    """Return a line for each effect of the device: its values and the number of points."""
-    values: dict[str, list[str]] = {}
-    for result in results:
-        for effect in result.effects or ():
-            if effect.scope != "device":
-                continue
-            value, sd = effect.value, effect.sd
-            if value is None or not math.isfinite(value):
-                continue
-            scale, unit = read_in(effect.unit or "")
-            spread = scale * sd if sd is not None and math.isfinite(sd) else 0.0
-            text = f"{scale * value:.4g}"
-            if spread > 0.0:
-                text = f"{rounded(scale * value, spread)} ± {rounded(spread, spread)}"
-            name = str(effect.name).replace("_", " ")
-            values.setdefault(name, []).append(f"{text} {unit}".rstrip())
-    if not values:
-        return []
-    lines: list[Line] = [(), line(cell(" effects of the device over the points", "strong"))]
-    for name, texts in values.items():
-        same = texts[:1] if len(set(texts)) == 1 else texts
-        points = "1 point" if len(texts) == 1 else f"{len(texts)} points"
-        for row in wrap(f"{name}: {'; '.join(same)} ({points})", width - 2):
-            lines.append(line(" ", row))
-    return lines

@@ -1,121 +1,46 @@
 """Texts of a drop and of a point for tables, verdicts and summaries on every page."""
 
 import dataclasses
-import math
 from collections.abc import Mapping
-from typing import NamedTuple
 
 from pfwd.analysis.options import PLATE_WORDS
-from pfwd.analysis.results import DropResult, relative_spread
+from pfwd.analysis.results import DropResult
+from pfwd.digits import MISSING
+from pfwd.facts import UNEXPLAINED, fact_of_modulus, fact_of_value, facts_of_drop
 from pfwd.judging import PointView
-from pfwd.procedures import PointProgress, Quantity, Verdict
+from pfwd.procedures import Quantity, Verdict
 from pfwd.procedures.point import UNSUPPORTED_MARK
+from pfwd.units import Fact, Units, percent
 from tui.format import MODEL_WORDS, word
 from tui.screen.drawing.lines import Line, TableColumn, TableRow, TextRole, cell, fit, piece
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.state import SessionState
-from tui.screen.units import NO_VALUE, QuantityName, Units, judged_quantity, percent
 
 
-def modulus_of_drop(
-    drop: DropState | None, units: Units, quantity: Quantity = Quantity.MODULUS
-) -> tuple[str, str]:
-    """Return a fitted modulus of a drop and its 95 % interval as text, without the unit.
-
-    The interval contains the error of the model. A modulus that the record does not support has a
-    mark. Without a modulus the texts are a dash and nothing.
-    """
+def modulus_of_drop(drop: DropState | None, quantity: Quantity = Quantity.MODULUS) -> Fact:
+    """Return a fitted modulus of a drop, of the diagnosis of its point if that counts."""
     result = drop.result if drop is not None else None
     modulus, interval = (None, None) if drop is None else drop.fitted(quantity)
-    if result is None or modulus is None:
-        return NO_VALUE, ""
-    value, ends = units.value_and_ends("modulus", modulus, interval)
-    is_supported = result.not_supported is None or (drop is not None and drop.is_diagnosed)
-    return (value if is_supported else f"{value}{UNSUPPORTED_MARK}"), ends
+    if drop is None or result is None or modulus is None:
+        return Fact("modulus", None)
+    is_supported = result.not_supported is None or drop.is_diagnosed
+    return Fact("modulus", modulus, interval, mark="" if is_supported else UNSUPPORTED_MARK)
 
 
-class JudgedValue(NamedTuple):
-    """Judged quantity of one drop or point as texts."""
-
-    name: str
-    value: str
-    ends: str
-    """Ends of the 95 % interval, as "46.7 to 47.9"; empty: not known for a single drop."""
-    unit: str
-    is_fit: bool
-    """True for the modulus of the inversion."""
-
-    @property
-    def text(self) -> str:
-        """Value with unit and interval."""
-        return f"{self.value} {self.unit}" + (f" ({self.ends})" if self.ends else "")
-
-
-def judged_value(state: SessionState, drop: DropState | None, units: Units) -> JudgedValue:
-    """Return the judged quantity of a drop; a dash where it is not known."""
+def judged_value(state: SessionState, drop: DropState | None) -> Fact:
+    """Return the judged quantity of a drop."""
     quantity = state.job.quantity
-    name, unit = quantity.label, units.unit(judged_quantity(quantity))
     if quantity.is_fitted:
-        value, ends = modulus_of_drop(drop, units, quantity)
-        return JudgedValue(name, value, ends, unit, is_fit=True)
+        return modulus_of_drop(drop, quantity)
     judged = state.value_of(drop)
-    text = units.text(judged_quantity(quantity), None if judged is None else judged.value)
-    return JudgedValue(name, text, "", unit, is_fit=False)
-
-
-def judged_value_of_point(progress: PointProgress, units: Units) -> JudgedValue | None:
-    """Return the judged quantity of a point, the mean of its drops; None: nothing is measured."""
-    value = progress.value
-    if value is None:
-        return None
-    quantity = judged_quantity(value.quantity)
-    mark = UNSUPPORTED_MARK if value.not_supported is not None else ""
-    text, ends = units.value_and_ends(quantity, value.value, value.interval)
-    is_fit = value.quantity.is_fitted
-    name = value.quantity.label
-    return JudgedValue(name, f"{text}{mark}", ends, units.unit(quantity), is_fit)
-
-
-def point_modulus_text(
-    progress: PointProgress, units: Units, quantity: Quantity = Quantity.MODULUS
-) -> str:
-    """Return a fitted modulus of a point with interval, mark and unit; a dash for none."""
-    modulus = progress.modulus
-    value, interval = (None, None) if modulus is None else modulus.in_quantity(quantity)
-    if modulus is None or value is None:
-        return NO_VALUE
-    mark = UNSUPPORTED_MARK if modulus.not_supported is not None else ""
-    return units.with_interval("modulus", value, interval, mark)
+    return Fact(quantity.dimension, None if judged is None else judged.value)
 
 
 def ground_parameters(result: DropResult, units: Units) -> dict[str, str]:
-    """Return the parameters of the ground besides the modulus, by name, as text with unit.
-
-    A fitted parameter has its standard deviation, the depth of bedrock its 95 % interval; a
-    parameter that was declared has the word "given". Parameters that the model lacks are left out.
-    """
-    parameters: tuple[tuple[str, QuantityName, float | None, float | None], ...] = (
-        ("viscosity", "viscosity", result.viscosity_pa_s, result.viscosity_sd_pa_s),
-        ("bedrock", "depth", result.bedrock_depth_m, result.bedrock_depth_sd_m),
-        ("density", "density", result.density_kg_m3, result.density_sd_kg_m3),
-    )
-    texts = {}
-    for name, quantity, value, deviation in parameters:
-        if value is None or not math.isfinite(value):
-            continue
-        if deviation is None or not math.isfinite(deviation):
-            texts[name] = f"{units.with_unit(quantity, value)} (given)"
-        elif name == "bedrock" and result.bedrock_depth_interval_m is not None:
-            texts[name] = units.with_interval(quantity, value, result.bedrock_depth_interval_m)
-        else:
-            spread = max(deviation, abs(value) * relative_spread(result))
-            texts[name] = units.with_deviation(quantity, value, deviation, spread)
-    return texts
-
-
-def two_decimals(value: object) -> str:
-    """Format a number with two decimals; a dash for anything else."""
-    return f"{value:.2f}" if isinstance(value, int | float) else NO_VALUE
+    """Return the parameters of the ground besides the modulus that the model has, as texts."""
+    facts = facts_of_drop(result)
+    texts = {key: units.show(facts[key]) for key in ("viscosity", "bedrock", "density")}
+    return {key: text for key, text in texts.items() if text != MISSING}
 
 
 METHOD_TEXTS: Mapping[str, str] = {"mpga": "full search", "posterior": "quick fit"}
@@ -163,10 +88,10 @@ def verdict_of(drop: DropState | None, diagnosed: str = "") -> tuple[str, TextRo
     if diagnosed:
         return f"fit {diagnosed}{warning}", "warn" if bounds else "text"
     if result.explained:
-        text = f"fit CLEAN: residual {part} of the peak, as small as the noise"
+        text = f"fit EXPLAINED: residual {part} of the peak, as small as the noise"
         return text + warning, "warn" if warning else "good"
     contact = percent(result.contact_residual_rms_over_peak)
-    text = f"fit UNEXPLAINED: residual {part} of the peak, {contact} in contact; 4 finds causes"
+    text = f"fit {UNEXPLAINED}: residual {part} of the peak, {contact} in contact; 4 finds causes"
     poor = (result.residual_rms_over_peak or 0.0) > MAX_FIT_RESIDUAL
     return text + warning, "bad" if poor else "warn"
 
@@ -191,7 +116,7 @@ _DROP_TABLE_COLUMNS = (
 
 def drop_columns(quantity: Quantity, units: Units) -> tuple[TableColumn, ...]:
     """Return the columns of a table of drops; that of the judged quantity stands before E."""
-    unit = units.unit(judged_quantity(quantity))
+    unit = units.unit(quantity.dimension)
     name = quantity.label if quantity is Quantity.EQUIVALENT_MODULUS else "E"
     titles = {
         "load": f"load {units.unit('load')}",
@@ -216,11 +141,11 @@ def _hidden_columns(quantity: Quantity) -> tuple[str, ...]:
 def drop_row(state: SessionState, drop: DropState, units: Units, *, chosen: bool) -> TableRow:
     """Return the texts of a drop for a table with the columns of `drop_columns`."""
     quantity = state.job.quantity
-    value, ends = modulus_of_drop(drop, units, quantity)
+    value, ends = units.value_and_ends(modulus_of_drop(drop, quantity))
     exclusion = state.exclusion_reason(drop)
     residual = None if drop.shown_result is None else drop.shown_result.residual_rms_over_peak
     if drop.is_diagnosed:  # the ground is that of the point, and no single drop has its own
-        value, ends = NO_VALUE, ""
+        value, ends = MISSING, ""
     kind = drop.edited_word or (drop.status if drop.safe else "NOT SAFE")
     role: TextRole = "text"
     if drop.discarded or drop.status == "seating":
@@ -232,9 +157,9 @@ def drop_row(state: SessionState, drop: DropState, units: Units, *, chosen: bool
         kind,
         units.text("load", drop.peak_load),
         units.text("deflection", drop.peak_deflection),
-        judged_value(state, drop, units).value,
+        units.value_and_ends(judged_value(state, drop))[0],
         "..." if drop.awaits_modulus else value,
-        ends or ("" if drop.awaits_modulus else NO_VALUE),
+        ends or ("" if drop.awaits_modulus else MISSING),
         percent(residual),
         cell(f"{exclusion}; {remark(drop, units)}" if exclusion else remark(drop, units)).text,
     )
@@ -297,12 +222,13 @@ def point_summary(state: SessionState, point: PointView, units: Units, width: in
     """Return the judged value of a point and its verdict; other values follow as not judged."""
     progress = point.progress
     pieces = []
-    judged, texts = progress.value, judged_value_of_point(progress, units)
-    if judged is None or texts is None:
+    judged = progress.value
+    if judged is None:
         withheld = progress.withheld
         text = "nothing measured yet" if withheld is None else f"no modulus: {withheld}"
         return fit([piece(0, cell(f"point: {text}", "dim"))], width)
-    text = f"point: {texts.name} {texts.text}, mean of {judged.drops}"
+    value = units.show(fact_of_value(judged))
+    text = f"point: {judged.quantity.label} {value}, mean of {judged.drops}"
     pieces.append(piece(0, cell(text, "strong")))
     if UNSUPPORTED_MARK in text:
         pieces.append(piece(1, cell(f"{UNSUPPORTED_MARK} not supported", "warn")))
@@ -311,7 +237,7 @@ def point_summary(state: SessionState, point: PointView, units: Units, width: in
         pieces.append(piece(3, cell(progress.verdict_reason)))
     if progress.modulus is not None:
         other = judged.quantity.other_fitted
-        modulus = point_modulus_text(progress, units, other)
+        modulus = units.show(fact_of_modulus(progress.modulus, other))
         rank = 4 if judged.quantity.is_fitted else 2
         pieces.append(piece(rank, cell(f"not judged: {other.label} {modulus}", "dim")))
     return fit(pieces, width)

@@ -9,7 +9,10 @@ import numpy as np
 
 from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
 from pfwd.analysis.screening.drops import channels_outward
-from tui.diagnosis_lines import diagnosis_lines
+from pfwd.digits import MISSING, significant
+from pfwd.facts import facts_of_drop, facts_of_state
+from pfwd.units import Units, percent
+from tui.diagnosis_lines import diagnosis_lines, diagnosis_sentence
 from tui.format import word
 from tui.screen.drawing.drop_figures import (
     bowl_figure,
@@ -42,11 +45,9 @@ from tui.screen.pages.drop_texts import (
 )
 from tui.screen.pages.layer_texts import effective_text, has_layers, layer_lines, sensor_lines
 from tui.screen.pages.measure_view import key_line
-from tui.screen.session.diagnosis import verdict_text
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.screen_events import Refit
 from tui.screen.session.state import SessionState
-from tui.screen.units import QuantityName, Units, format_number, percent
 
 FIGURE_NAMES = ("load", "deflection", "residual", "spectrum", "bowl")
 MIN_TWO_COLUMNS = 100
@@ -132,7 +133,7 @@ def _title(view: DropPageState, drop: DropState, width: int) -> Line:
 
 
 def _verdict(view: DropPageState, drop: DropState, width: int) -> list[Line]:
-    diagnosed = "" if drop.diagnosed is None else verdict_text(drop.diagnosed, view.units)
+    diagnosed = "" if drop.diagnosed is None else diagnosis_sentence(drop.diagnosed, view.units)
     text, role = verdict_of(drop, diagnosed)
     if view.refit is not None and view.refit.result is not None:
         trial = replace_result(drop, view.refit.result)
@@ -236,7 +237,8 @@ def _paragraph(text: str, width: int, role: TextRole = "text") -> list[Line]:
 
 def _parameters(view: DropPageState, result: DropResult, width: int) -> list[Line]:
     units = view.units
-    modulus = units.with_interval("modulus", result.modulus_pa, result.modulus_interval_pa)
+    facts = facts_of_drop(result)
+    modulus = units.show(facts["modulus"])
     lines = _heading("ground")
     name = "subgrade" if has_layers(result) else "modulus"
     lines += _paragraph(f"{name:10} {modulus}", width, "strong")
@@ -250,8 +252,8 @@ def _parameters(view: DropPageState, result: DropResult, width: int) -> list[Lin
     if correlation is not None and math.isfinite(correlation):
         text = f"correlation of the errors of modulus and depth {correlation:+z.2f}"
         lines += _paragraph(text, width)
-    peak = units.with_unit("modulus", result.peak_modulus_pa)
-    factor = format_number(result.peak_factor, 3)
+    peak = units.show(facts["peak modulus"])
+    factor = significant(result.peak_factor, 3)
     text = f"for comparison: modulus from the peaks {peak}, factor {factor}"
     lines += _paragraph(text, width, "dim")
     return lines
@@ -260,19 +262,11 @@ def _parameters(view: DropPageState, result: DropResult, width: int) -> list[Lin
 def _diagnosed_ground(diagnosis: DiagnosisResult, units: Units, width: int) -> list[Line]:
     """Return the ground by a diagnosis that counts, and its residual over all drops."""
     after = diagnosis.after or FittedState()
-    modulus = units.with_interval("modulus", after.modulus_pa, after.modulus_interval_pa)
-    equivalent = after.equivalent_modulus_pa, after.equivalent_modulus_interval_pa
     lines = _heading("ground, by the diagnosis of all drops")
-    lines += _paragraph(f"{'modulus':10} {modulus}", width, "strong")
-    lines += _paragraph(f"equivalent {units.with_interval('modulus', *equivalent)}", width)
-    quantities: tuple[tuple[str, QuantityName, float | None], ...] = (
-        ("viscosity", "viscosity", after.viscosity_pa_s),
-        ("bedrock", "depth", after.bedrock_depth_m),
-        ("density", "density", after.density_kg_m3),
-    )
-    for name, quantity, value in quantities:
-        if value is not None:
-            lines += _paragraph(f"{name:10} {units.with_unit(quantity, value, 2)}", width)
+    for name, fact in facts_of_state(after).items():
+        if (text := units.show(fact)) != MISSING:
+            role: TextRole = "strong" if name == "modulus" else "text"
+            lines += _paragraph(f"{name:10} {text}", width, role)
     return lines + _paragraph(
         f"residual {percent(after.residual_rms_over_peak)} of the peak, "
         f"{percent(after.contact_residual_rms_over_peak)} in contact",
@@ -282,7 +276,7 @@ def _diagnosed_ground(diagnosis: DiagnosisResult, units: Units, width: int) -> l
 
 def _fit_lines(view: DropPageState, result: DropResult, width: int) -> list[Line]:
     units = view.units
-    ratio = format_number(result.poisson_ratio, 2)
+    ratio = significant(result.poisson_ratio, 2)
     ground, plate, method, load = assumption_texts(result, units)
     lines = _heading("model and fit")
     text = (
@@ -292,18 +286,18 @@ def _fit_lines(view: DropPageState, result: DropResult, width: int) -> list[Line
     lines += _paragraph(
         f"residual {percent(result.residual_rms_over_peak)} of the peak, "
         f"{percent(result.contact_residual_rms_over_peak)} in contact; R² "
-        f"{format_number(result.r_squared, 5)}; noise "
+        f"{significant(result.r_squared, 5)}; noise "
         f"{units.with_unit('deflection', result.noise_rms_m, 2)}",
         width,
     )
     pulse = result.half_sine
     if pulse is not None:
         pressure = units.with_unit("pressure", pulse.peak_pressure_pa)
-        duration = format_number(1e3 * (pulse.duration_s or math.nan))
+        duration = significant(1e3 * (pulse.duration_s or math.nan))
         rms = percent(pulse.rms_over_peak)
         lines += _paragraph(f"half-sine {pressure}, {duration} ms, load off by {rms}", width)
     state = "search finished" if result.converged else "SEARCH NOT FINISHED"
-    seconds = format_number(result.elapsed_s, 2)
+    seconds = significant(result.elapsed_s, 2)
     solves = result.forward_solves
     lines += _paragraph(f"{state}: {solves} evaluations of the model in {seconds} s", width)
     return lines
@@ -337,7 +331,7 @@ def _short_result(result: DropResult, units: Units) -> str:
     if modulus is None:
         open_below = effective_text(result, units) if has_layers(result) else ""
         return open_below or result.reason or "no modulus"
-    text = units.with_interval("modulus", modulus, result.modulus_interval_pa)
+    text = units.show(facts_of_drop(result)["modulus"])
     return f"{text}, residual {percent(result.residual_rms_over_peak)}"
 
 

@@ -5,8 +5,10 @@ from collections.abc import Collection
 
 from pfwd.analysis.results import DropResult, LayerResult, TimeHistories
 from pfwd.analysis.sensor_fits import sensor_fits
+from pfwd.digits import MISSING
+from pfwd.facts import facts_of_drop
+from pfwd.units import Fact, Units, percent
 from tui.screen.drawing.lines import Line, cell, line, wrap
-from tui.screen.units import NO_VALUE, Units, percent
 
 MIN_BAR_COLUMNS = 8
 """Smallest width of a bar; with less room it takes a line of its own."""
@@ -54,7 +56,7 @@ def layer_lines(result: DropResult, units: Units, width: int) -> list[Line]:
             lines.append(line(text))
             lines.append(line("   ", cell(_bar(layer, scale, width - 3), "measured")))
     if result.bedrock_depth_m is not None:
-        lines.append(line(f"rock at {units.with_unit('depth', result.bedrock_depth_m)}"))
+        lines.append(line(f"rock at {units.show(facts_of_drop(result)['bedrock'])}"))
     text = effective_text(result, units)
     lines += [line(row) for row in wrap(text, width)] if text else []
     return lines
@@ -65,7 +67,7 @@ def effective_text(result: DropResult, units: Units) -> str:
     modulus, depth = result.effective_modulus_pa, result.effective_depth_m
     if modulus is None or depth is None:
         return ""
-    value = units.with_interval("modulus", modulus, result.effective_modulus_interval_pa)
+    value = units.show(facts_of_drop(result)["effective"])
     return f"effective {value}, down to {units.with_unit('depth', depth, 2)}"
 
 
@@ -122,7 +124,7 @@ def _layer_texts(
         interval = layer.thickness_interval_m if with_depth_interval else None
         has_end = layer.thickness_m is not None
         depths.append(
-            units.with_interval("depth", layer.thickness_m, interval) if has_end else "no end"
+            units.show(Fact("depth", layer.thickness_m, interval)) if has_end else "no end"
         )
     widest = max(map(len, depths))
     return [
@@ -134,8 +136,8 @@ def _layer_texts(
 def _modulus(layer: LayerResult, units: Units) -> str:
     """Return the modulus with its interval; without a value if the record does not determine it."""
     if layer.modulus_pa is None:
-        return NO_VALUE
-    value, ends = units.value_and_ends("modulus", layer.modulus_pa, layer.modulus_interval_pa)
+        return MISSING
+    value, ends = units.value_and_ends(Fact("modulus", layer.modulus_pa, layer.modulus_interval_pa))
     return (value if layer.modulus_known else "not known") + (f" ({ends})" if ends else "")
 
 

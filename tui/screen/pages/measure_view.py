@@ -3,8 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from pfwd.digits import MISSING, significant
+from pfwd.facts import fact_of_value
 from pfwd.procedures import NO_PROCEDURE, PLAIN
 from pfwd.session.live_trace import WINDOW, Envelope
+from pfwd.units import Units
 from tui.output import counted
 from tui.screen.drawing.digits import (
     LETTER_ROWS,
@@ -36,16 +39,13 @@ from tui.screen.drawing.lines import (
 from tui.screen.drawing.plot import Figure, plot_lines, stacked_plots
 from tui.screen.drawing.profile import Bar, profile_lines
 from tui.screen.pages.drop_texts import (
-    JudgedValue,
     assumption_texts,
     drop_columns,
     drop_row,
     ground_parameters,
     judged_value,
-    judged_value_of_point,
     modulus_of_drop,
     point_summary,
-    two_decimals,
     verdict_of,
     verdict_word,
 )
@@ -54,7 +54,6 @@ from tui.screen.session.drop_state import DropState
 from tui.screen.session.state import SessionState
 from tui.screen.session.stations import ReceiverStatus, lot_progress, next_station
 from tui.screen.session.status import StatusWord
-from tui.screen.units import NO_VALUE, Units, judged_quantity
 
 MEASURE_PLOTS = ("live", "load", "deflection", "residual")
 """Plots of a small terminal, which shows one at a time."""
@@ -144,10 +143,10 @@ def complete_point_lines(view: MeasureView, width: int, room: int) -> list[Line]
     progress = state.progress
     verdict = verdict_word(state.current)
     word, role = verdict or ("DONE", "strong")
-    quantity = judged_quantity(state.job.quantity)
-    judged = judged_value_of_point(progress, units)
+    quantity = state.job.quantity.dimension
+    judged = fact_of_value(progress.value)
     name = state.job.quantity.label
-    text = f"no {name}" if judged is None else f"{name} {judged.text}"
+    text = f"no {name}" if progress.value is None else f"{name} {units.show(judged)}"
     drops = 0 if progress.value is None else progress.value.drops
     target = "no target"
     if progress.target is not None:
@@ -176,7 +175,7 @@ def complete_point_lines(view: MeasureView, width: int, room: int) -> list[Line]
     rows = room - len(facts) - table
     plots = _figures(view) if width >= TRACES_WIDTH and rows >= TRACES_HEIGHT else []
     digits_width = width * 3 // 5 if plots else width
-    value = NO_VALUE if judged is None else judged.value
+    value, _ = units.value_and_ends(judged)
     large = _verdict_digits((word, role), value, digits_width - 2, space - table)
     lines = pad_rows([(), *[(Cell(" "), *row) for row in large]], rows)
     if plots:
@@ -195,7 +194,7 @@ MIN_ROWS_FOR_BOTH = 2 * LETTER_ROWS + 1
 def _verdict_digits(verdict: tuple[str, TextRole], value: str, width: int, rows: int) -> list[Line]:
     """Return verdict and judged value in large letters; with few rows side by side."""
     word, role = verdict
-    if value == NO_VALUE:
+    if value == MISSING:
         return digit_lines(word, role, *(largest_size(word, width, rows) or (1, 1)))
     if rows < MIN_ROWS_FOR_BOTH:
         size = largest_size(f"{word} {value}", width, rows)
@@ -283,7 +282,7 @@ def _procedure_lines(view: MeasureView, width: int) -> list[Line]:
         if total != 0 or count:
             parts.append(piece(0, f"{name} ", _boxes(count, total)))
     target = progress.target
-    quantity = judged_quantity(view.state.job.quantity)
+    quantity = view.state.job.quantity.dimension
     text = f"target {view.units.with_unit(quantity, target)}" if target else "no target"
     parts.append(piece(1, text))
     if view.state.procedure.name != PLAIN:
@@ -369,7 +368,7 @@ def _with_each_drop(view: MeasureView, lines: list[Line], width: int) -> list[Li
     if rows < MIN_BAR_ROWS or len(drops) < 2:
         return lines
     job = view.state.job
-    quantity = judged_quantity(job.quantity)
+    quantity = job.quantity.dimension
     title = f"{job.quantity.label} of each drop, {view.units.unit(quantity)}"
     bars = []
     for drop in drops:
@@ -399,8 +398,8 @@ def _small(view: MeasureView, width: int, room: int) -> list[Line]:
 
 def _tiny(view: MeasureView, width: int, room: int) -> list[Line]:
     """Return the page for a terminal that has room for the numbers only."""
-    judged = judged_value(view.state, view.drop, view.units)
-    lines = [line(cell(f" {judged.name} {judged.text}", "strong"))]
+    value = view.units.show(judged_value(view.state, view.drop))
+    lines = [line(cell(f" {view.state.job.quantity.label} {value}", "strong"))]
     lines += [line(" ", *row) for row in _verdict_lines(view, width - 1)]
     lines.append(model_line(view.drop, view, width))
     return [*lines, *drop_table(view, width, max(2, room - len(lines)))]
@@ -414,11 +413,12 @@ def _large(view: MeasureView, width: int, room: int) -> list[Line] | None:
     table_rows = min(4, room - LETTER_ROWS - 4)
     verdict = _verdict_lines(view, width - 1)
     space = room - table_rows - 2 - max(2, len(verdict))
-    judged = judged_value(view.state, drop, view.units)
-    digits = _large_number(judged.value, judged.ends, width - 2, space)
+    value, ends = view.units.value_and_ends(judged_value(view.state, drop))
+    digits = _large_number(value, ends, width - 2, space)
     lines: list[Line] = [(Cell(" "), *row) for row in digits]
-    name = "" if judged.is_fit else f"  {judged.name}"
-    lines.append(line(cell(f" {_unit_text(judged, drop)}{name}", "strong")))
+    quantity = view.state.job.quantity
+    name = "" if quantity.is_fitted else f"  {quantity.label}"
+    lines.append(line(cell(f" {_unit_text(view, drop)}{name}", "strong")))
     lines += [line(" ", *row) for row in verdict]
     lines = [*pad_rows(lines, room - table_rows - 1), model_line(drop, view, width)]
     return [*lines, *drop_table(view, width, table_rows)]
@@ -459,16 +459,16 @@ def _single_plot(view: MeasureView, width: int, rows: int) -> list[Line]:
 def result_lines(view: MeasureView, width: int, rows: int, *, wide: bool = False) -> list[Line]:
     """Return the judged value of a drop in large digits, with its details and verdict."""
     drop = view.drop
-    judged = judged_value(view.state, drop, view.units)
-    value = judged.value
+    quantity = view.state.job.quantity
+    value, ends = view.units.value_and_ends(judged_value(view.state, drop))
     details = _details(view, drop)
     if wide:
-        digits = [()] * LETTER_ROWS if value == NO_VALUE else digit_lines(value, "strong", 2, 1)
+        digits = [()] * LETTER_ROWS if value == MISSING else digit_lines(value, "strong", 2, 1)
         digits_width = max(width_of(row) for row in digits) + 2
         side = width - digits_width - 3
         unit = fit(
             [
-                piece(0, cell(_unit_text(judged, drop, short=True), "strong")),
+                piece(0, cell(_unit_text(view, drop, short=True), "strong")),
                 Piece(_refining(drop), 1),
             ],
             side,
@@ -477,17 +477,17 @@ def result_lines(view: MeasureView, width: int, rows: int, *, wide: bool = False
         text = [unit, *[fit([piece(0, cell(detail, "dim"))], side) for detail in details]]
         text = [*text[: rows - len(verdict)], *verdict]
         return join_blocks([line(" ", *row) for row in digits], text, digits_width, rows, "  ")
-    layered = judged.is_fit and drop is not None and has_layers(drop.result)
-    name = "modulus of the subgrade" if layered else judged.name
+    layered = quantity.is_fitted and drop is not None and has_layers(drop.result)
+    name = "modulus of the subgrade" if layered else quantity.label
     title = name if drop is None else f"{name}, drop {drop.number}"
-    if judged.is_fit and drop is not None and drop.is_diagnosed:
+    if quantity.is_fitted and drop is not None and drop.is_diagnosed:
         title = f"{name}, by the diagnosis of all drops"
     verdict = _verdict_lines(view, width)
-    unit_rows = wrap(_unit_text(judged, drop), width)
+    unit_rows = wrap(_unit_text(view, drop), width)
     used = len(details) + len(verdict) + len(unit_rows) + 1
     space = max(LETTER_ROWS, rows - used)
     lines: list[Line] = [line(cell(title, "dim"), *_refining(drop))]
-    lines += _large_number(value, judged.ends, width, space)
+    lines += _large_number(value, ends, width, space)
     lines += [line(cell(row, "strong")) for row in unit_rows]
     for detail in details:
         rows_of_detail = [detail] if len(detail) <= width else wrap(detail, width)
@@ -496,24 +496,23 @@ def result_lines(view: MeasureView, width: int, rows: int, *, wide: bool = False
     return pad_rows([*lines, *verdict[: max(0, room)]], rows)
 
 
-def _unit_text(judged: JudgedValue, drop: DropState | None, *, short: bool = False) -> str:
+def _unit_text(view: MeasureView, drop: DropState | None, *, short: bool = False) -> str:
     """Return the unit of the large digits and the interval."""
-    if judged.value == NO_VALUE:
-        if judged.is_fit and drop is not None and drop.withheld is not None:
+    fact, quantity = judged_value(view.state, drop), view.state.job.quantity
+    unit, (value, ends) = view.units.unit(fact.quantity), view.units.value_and_ends(fact)
+    if value == MISSING:
+        if quantity.is_fitted and drop is not None and drop.withheld is not None:
             return f"no modulus: {drop.withheld}"
-        return "no result yet" if judged.is_fit else f"no {judged.name} yet"
-    if not judged.is_fit:
-        return f"{judged.unit}  {judged.name}" if short else judged.unit
-    if not judged.ends:
-        return judged.unit
-    if short:
-        return f"{judged.unit} ({judged.ends}, 95 %)"
-    return f"{judged.unit} ({judged.ends}; 95 %, model error included)"
+        return "no result yet" if quantity.is_fitted else f"no {quantity.label} yet"
+    if not quantity.is_fitted:
+        return f"{unit}  {quantity.label}" if short else unit
+    text = f"{ends}, 95 %" if short else f"{ends}; 95 %, model error included"
+    return f"{unit} ({text})" if ends else unit
 
 
 def _large_number(value: str, ends: str, width: int, rows: int) -> list[Line]:
     """Return a value as large as possible, and the interval below it where that fits as well."""
-    if value == NO_VALUE:  # a dash of blocks would look like a result
+    if value == MISSING:  # a dash of blocks would look like a result
         return [()] * LETTER_ROWS
     size = largest_size(value, width, rows) or (1, 1)
     lines = digit_lines(value, "strong", *size)
@@ -542,10 +541,7 @@ def _details(view: MeasureView, drop: DropState | None) -> list[str]:
         lines.append(effective_text(result, units))
     if drop.modulus is not None:
         other = view.state.job.quantity.other_fitted
-        modulus, ends = modulus_of_drop(drop, units, other)
-        interval = f" ({ends})" if ends else ""
-        text = f"{other.label} {modulus} {units.unit('modulus')}{interval}"
-        lines.insert(0, f"not judged: {text}")
+        lines.insert(0, f"not judged: {other.label} {units.show(modulus_of_drop(drop, other))}")
         parameters = {} if drop.is_diagnosed else ground_parameters(result, units)
         for name, text in parameters.items():
             lines.append(f"{name:9} {text}")
@@ -578,7 +574,7 @@ def model_line(drop: DropState | None, view: MeasureView, width: int) -> Line:
     pieces = [
         piece(0, cell(f" {ground}", "dim")),
         piece(0, cell(plate, "dim")),
-        piece(0, cell(f"Poisson's ratio {two_decimals(result.poisson_ratio)}", "dim")),
+        piece(0, cell(f"Poisson's ratio {significant(result.poisson_ratio, 2)}", "dim")),
         piece(1, cell(method, "dim")),
         piece(2, cell(load, "dim")),
     ]

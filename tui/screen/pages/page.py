@@ -8,6 +8,7 @@ from textual.screen import Screen
 
 from pfwd.judging import PointView
 from pfwd.session.plan import SessionPlan
+from pfwd.units import Units
 from tui.screen.drawing.glyphs import Glyphs
 from tui.screen.drawing.lines import Line
 from tui.screen.lines_view import LinesView
@@ -22,7 +23,6 @@ from tui.screen.session.status import StatusWord
 from tui.screen.session.survey_edits import SurveyEdits
 from tui.screen.settings import ScreenSettings
 from tui.screen.themes import ScreenTheme
-from tui.screen.units import Units
 
 MIN_WIDTH, MIN_HEIGHT = 40, 10
 """Smallest terminal on which a page is useful, columns and rows."""

@@ -6,10 +6,13 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
+from pfwd.digits import MISSING
 from pfwd.errors import OptionError
+from pfwd.facts import fact_of_modulus, fact_of_value
 from pfwd.files.editing import Edit, parse_position
 from pfwd.judging import PointView
 from pfwd.procedures import PointProgress, Verdict
+from pfwd.units import Units
 from tui.output import counted
 from tui.screen.drawing.lines import (
     Line,
@@ -30,8 +33,6 @@ from tui.screen.pages.dialogs import PointDialog, TextDialog
 from tui.screen.pages.drop_texts import (
     drop_columns,
     drop_row,
-    judged_value_of_point,
-    point_modulus_text,
     point_summary,
 )
 from tui.screen.pages.measure_view import key_lines
@@ -39,7 +40,6 @@ from tui.screen.pages.page import Page
 from tui.screen.pages.setup_form import typed_target_fault
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.stations import point_name_error, point_name_question
-from tui.screen.units import NO_VALUE, Units, judged_quantity
 
 _OTHER_MODULUS = "other modulus"
 """Column of the fitted modulus that is not judged."""
@@ -156,7 +156,7 @@ class PointsPage(Page):
             for place in visible
         ]
         job = app.state.job
-        quantity = judged_quantity(job.quantity)
+        quantity = job.quantity.dimension
         unit = app.units.unit(quantity)
         judged = job.quantity.label
         titles = {
@@ -195,17 +195,19 @@ class PointsPage(Page):
         state = self.pfwd.state
         place = point.position
         progress = point.progress
-        judged = judged_value_of_point(progress, units)
+        judged = fact_of_value(progress.value)
+        value, ends = units.value_and_ends(judged)
+        unjudged = fact_of_modulus(progress.modulus, state.job.quantity.other_fitted)
         texts = {
             "point": cell(point.shown_name).text,
             "drops": str(len(state.drops_of(point))),
-            "judged": NO_VALUE if judged is None else judged.value,
-            "95 %": NO_VALUE if judged is None or not judged.ends else judged.ends,
-            "target": units.text(judged_quantity(state.job.quantity), progress.target),
+            "judged": value,
+            "95 %": MISSING if judged.note or not ends else ends,
+            "target": units.text(state.job.quantity.dimension, progress.target),
             "status": status_of(point, progress),
-            _OTHER_MODULUS: point_modulus_text(progress, units, state.job.quantity.other_fitted),
-            "position": f"{place[0]:.6f}, {place[1]:.6f}" if place else NO_VALUE,
-            "notes": cell("; ".join(point.notes)).text or NO_VALUE,
+            _OTHER_MODULUS: units.show(unjudged),
+            "position": f"{place[0]:.6f}, {place[1]:.6f}" if place else MISSING,
+            "notes": cell("; ".join(point.notes)).text or MISSING,
         }
         role: TextRole = "dim" if point.discarded else "text"
         return TableRow(tuple(texts[column.title] for column in _POINT_TABLE_COLUMNS), role, chosen)
@@ -213,7 +215,7 @@ class PointsPage(Page):
     def _bar(self, point: PointView, chosen: bool) -> Bar:
         state = self.pfwd.state
         judged = None if point.discarded else point.progress.value
-        quantity = judged_quantity(state.job.quantity)
+        quantity = state.job.quantity.dimension
         value = self.pfwd.units.value(quantity, None if judged is None else judged.value)
         return Bar(cell(point.shown_name).text, value, "measured", chosen)
 
@@ -278,7 +280,7 @@ class PointsPage(Page):
     def action_target(self) -> None:
         """Open the dialog for the target of the point."""
         units, procedure = self.pfwd.units, self.pfwd.state.procedure
-        quantity = judged_quantity(procedure.quantity)
+        quantity = procedure.quantity.dimension
         unit = units.unit(quantity)
 
         def check(text: str) -> str:
@@ -289,7 +291,7 @@ class PointsPage(Page):
         now = units.text(quantity, self.chosen.target, 4)
         self._ask(
             f"Target of point {self.chosen.shown_name}, {unit}",
-            "" if now == NO_VALUE else now,
+            "" if now == MISSING else now,
             check,
             lambda text: Edit("target", units.si(quantity, float(text))),
         )

@@ -16,7 +16,7 @@ from pfwd.procedures import PLAIN, Procedure, find_procedure, plain_procedure
 from pfwd.procedures.shipped import DEFAULT_MEASURED_DROPS, DEFAULT_SEATING_DROPS
 from pfwd.session.plan import SessionPlan
 from pfwd.session.setup_file import with_procedure
-from tui.screen.units import QuantityName, Units, judged_quantity
+from pfwd.units import QuantityName, Units
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ _NOT_DECLARED = ("url", "measured", "target", "stations", "step_m")
 
 def quantity_of(field: Field, procedure: Procedure) -> QuantityName | None:
     """Return the quantity of a field; for the target the judged quantity."""
-    return judged_quantity(procedure.quantity) if field.kind == "target" else field.quantity
+    return procedure.quantity.dimension if field.kind == "target" else field.quantity
 
 
 def unit_of(field: Field, procedure: Procedure, units: Units) -> str:
@@ -168,7 +168,7 @@ def value_of(
 
 def typed_target_fault(target: float, procedure: Procedure, units: Units) -> str:
     """Return the message on a target, SI, in the units of the screen; empty: it is valid."""
-    unit = units.of(judged_quantity(procedure.quantity))
+    unit = units.of(procedure.quantity.dimension)
     return target_fault(target, procedure, (unit.name, unit.scale))
 
 

@@ -11,14 +11,14 @@ from typing import Any
 
 from pfwd.analysis import tasks
 from pfwd.analysis.response_tables import BUILDING
-from pfwd.analysis.results import DiagnosisResult, FittedState
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.jobs import Jobs, Task
-from tui.diagnosis_lines import USES, unexplained_text
+from pfwd.units import Units
+from tui.diagnosis_lines import diagnosis_sentence
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.screen_events import DiagnosisFinished
 from tui.screen.session.sources import SessionSource
 from tui.screen.session.state import SessionState
-from tui.screen.units import Units
 
 
 class Diagnoses:
@@ -93,37 +93,12 @@ class Diagnoses:
         for result in event.results:
             for point in self._state.points.values():
                 if str(result.point) in (point.name, point.shown_name):
-                    self.verdicts[point.name] = verdict_text(result, units)
+                    self.verdicts[point.name] = diagnosis_sentence(result, units)
 
     def on_point(self, name: str, result: DiagnosisResult, units: Units) -> None:
         """Store and show the diagnosis of a point that is being measured."""
-        self.verdicts[name] = verdict_text(result, units)
+        self.verdicts[name] = diagnosis_sentence(result, units)
         self._show_message(f"diagnosis: {self.verdicts[name]}")
-
-
-def verdict_text(result: DiagnosisResult, units: Units) -> str:
-    """Return the diagnosis of a point in one sentence, or why there is none.
-
-    The sentence has the verdict, the effects, the modulus before and after with its use, and the
-    part that is unexplained as ``pfwd diagnose`` prints it.
-    """
-    if result.after is None and not result.effects:
-        reason = next(iter(result.warnings or ()), "no reason was given")
-        return f"not made: {reason}"
-    before, after = result.before or FittedState(), result.after or FittedState()
-    old = units.value_and_ends("modulus", before.modulus_pa, before.modulus_interval_pa)[0]
-    new = units.with_interval("modulus", after.modulus_pa, after.modulus_interval_pa)
-    change = f"{old} → {new}, {USES[result.use]}"
-    unexplained = f"{unexplained_text(result)} of the peak unexplained, allowance included"
-    effects = ", ".join(str(effect.name).replace("_", " ") for effect in result.effects or ())
-    if result.verdict == "clean":
-        return f"CLEAN: {unexplained}"
-    if result.verdict == "explained":
-        return f"EXPLAINED by {effects}: {change}; {unexplained}"
-    if result.use == "with-care":
-        return f"PARTLY EXPLAINED by {effects}: {change}; {unexplained}"
-    hint = f"; best guess {effects}" if effects else ""
-    return f"UNEXPLAINED: {unexplained}{hint}; {result.remedy or 'repeat the drop'}"
 
 
 def diagnosis_text(file: str, task: Task[Any], now: float) -> str:

@@ -14,12 +14,12 @@ from pfwd.errors import DeviceError, SurveyError
 from pfwd.jobs import Jobs, Task, TaskProgress
 from pfwd.session.events import Notice, SavedDrop, TableBuilding
 from pfwd.session.stored_drops import add_result, recorded_drop, stored_results
+from pfwd.units import Units
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.screen_events import DropRead, Refit
 from tui.screen.session.sources import SessionSource
 from tui.screen.session.state import SessionState
-from tui.screen.units import Units
 
 
 class DropFits:

@@ -59,10 +59,10 @@ def known(modulus: float | None, interval: tuple[float, float] | None) -> Fitted
         ),
         (
             replace(STATE, modulus_pa=None, modulus_interval_pa=(0.4e6, 5e6)),
-            "E left open (0.4 to 5 MPa)",
+            "E left open (0.40 to 5.0 MPa)",
         ),
-        (known(None, None), "no modulus"),
-        (known(None, (8e-18, 7e11)), "E not determined"),
+        (known(None, None), "E -"),
+        (known(None, (8e-18, 7e11)), "E left open"),
     ],
 )
 def test_a_ladder_tells_moduli_with_their_intervals_and_what_is_left(

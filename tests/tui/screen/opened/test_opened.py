@@ -14,13 +14,15 @@ from textual.widgets._tabs import Underline
 
 from pfwd.analysis.result_store import basis_of
 from pfwd.errors import OptionError, SurveyError
+from pfwd.facts import fact_of_modulus
 from pfwd.files.header import declared_values
 from pfwd.judging import point_views
+from pfwd.units import SI
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from tests.pfwd.report.surveys import SETUP, half_sine_drop, write_judged_survey
 from tests.tui.screen.scripted import play, until
 from tui.cli import main
-from tui.diagnosis_lines import diagnosis_line, diagnosis_lines, point_cells, survey_lines
+from tui.diagnosis_lines import diagnosis_lines, diagnosis_sentence, point_cells, survey_lines
 from tui.page.server import is_local, parse_place
 from tui.screen.drawing.glyphs import BRAILLE
 from tui.screen.drawing.lines import text_of
@@ -38,9 +40,6 @@ from tui.screen.opened.rows import (
 )
 from tui.screen.opened.widgets import KeysLine, PlainTable
 from tui.screen.pages.diagnosis import result_row
-from tui.screen.pages.drop_texts import point_modulus_text
-from tui.screen.session.diagnosis import verdict_text
-from tui.screen.units import SI
 
 MODULI = {"0+000": 60e6, "0+020": 40e6, "0+100": 50.2e6, "10": 55e6, "9": 41e6}
 
@@ -451,17 +450,17 @@ def test_screen_and_diagnose_print_the_same_modulus_and_unexplained_part(survey:
     opened_row = opened(survey).rows[0]
     assert modulus_in_force_text(opened_row) == "81 (72 to 112)"
     assert (opened_row.use, opened_row.unexplained) == ("use with care", "1.4 %")
-    assert point_modulus_text(point.progress, SI) == "81 MPa (72 to 112)"
+    assert SI.show(fact_of_modulus(point.progress.modulus)) == "81 MPa (72 to 112)"
     page_row = result_row(result, "0+000", modulus, SI, chosen=False).texts
-    assert {"81 (72 to 112)", "1.4 %", "PARTLY EXPLAINED"} <= set(page_row)
+    assert {"81 (72 to 112)", "1.4 %", "UNEXPLAINED"} <= set(page_row)
     assert modulus is not None
     unsupported = dataclasses.replace(modulus, not_supported="the plate was lifted")
     printed = point_cells("0+000", result, unsupported)
     page_row = result_row(result, "0+000", unsupported, SI, chosen=False).texts
     assert (page_row[3], page_row[4]) == (printed.modulus, printed.use) == ("none", "do not use")
-    sentence = verdict_text(result, SI)
+    sentence = diagnosis_sentence(result, SI)
     assert "81 MPa (72 to 112), use with care; 1.4 % of the peak unexplained" in sentence
-    assert "1.4 % of the peak unexplained" in diagnosis_line("0+000", result)
+    assert "1.4 % of the peak unexplained" in diagnosis_sentence(result)
     (text_on_page,) = (text for text in diagnosis_lines(result) if "Use with care" in text)
     assert "81 MPa (72 to 112)" in text_on_page
     assert "1.4 % of the peak is unexplained" in text_on_page
