@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from pfwd.digits import MISSING, rounded, significant, with_ends
+from pfwd.digits import MISSING, MOST_DIGITS, rounded, significant, with_ends
 from pfwd_plugins.quantities import INCH_M, POUND_FORCE_N, Measurand, Unit
 
 UnitsName = Literal["si", "us"]
@@ -152,13 +152,15 @@ class Units:
         value = self.value(fact.quantity, fact.value)
         low, high = (self.value(fact.quantity, end) for end in fact.interval or (None, None))
         if low is not None and high is not None:
-            middle = math.sqrt(low * high) if low > 0.0 else (low + high) / 2.0
-            text, *ends = with_ends(middle if value is None else value, (low, high))
+            centre = math.sqrt(low * high) if low > 0.0 else (low + high) / 2.0
+            text, *ends = with_ends(centre if value is None else value, (low, high))
             return MISSING if value is None else f"{text}{fact.mark}", " to ".join(ends)
         deviation = self.value(fact.quantity, fact.deviation)
         if value is None or not deviation:
             return f"{significant(value)}{'' if value is None else fact.mark}", ""
-        spread = max(deviation, abs(value) * fact.spread)
+        # More digits than MOST_DIGITS are not supported, however small the deviation is.
+        minimum = 10.0 ** (math.floor(math.log10(abs(value))) + 2 - MOST_DIGITS) if value else 0.0
+        spread = max(deviation, abs(value) * fact.spread, minimum)
         text, around = rounded(value, spread), rounded(deviation, spread)
         return text if float(around) == 0.0 else f"{text} ± {around}", ""
 

@@ -8,6 +8,7 @@ from functools import partial
 from statistics import fmean
 from typing import Any
 
+from pfwd.digits import significant
 from pfwd.errors import OptionError, refusal
 from pfwd.judging import PointView
 from pfwd.matplotlib_start import start_matplotlib
@@ -232,15 +233,15 @@ def _loads(points: Sequence[PointView], procedure: Procedure, texts: Texts) -> s
     if presumed is not None:
         ours = f", {texts['our_tolerance']}" if presumed.tolerance_is_ours else ""
         parts.append(
-            f"{texts['load_presumed']}: {formatting.digits(presumed.load / 1e3)} kN, σ = "
-            f"{formatting.digits(presumed.pressure / 1e3)} kPa "
+            f"{texts['load_presumed']}: {significant(presumed.load / 1e3)} kN, σ = "
+            f"{significant(presumed.pressure / 1e3)} kPa "
             f"(± {100 * presumed.tolerance:g} %{ours})"
         )
     return "; ".join(parts)
 
 
 def _range(values: Sequence[float], scale: float) -> str:
-    ends = (formatting.digits(value * scale) for value in (min(values), max(values)))
+    ends = (significant(value * scale) for value in (min(values), max(values)))
     return " – ".join(dict.fromkeys(ends))
 
 
@@ -371,7 +372,7 @@ def points_table(report: Report, texts: Texts) -> Table:
 def _moduli_of(drops: Sequence[PointDrop]) -> str:
     """Return the moduli of drops that are not averaged; what the data do not support is missing."""
     supported = [
-        formatting.digits(drop.modulus / 1e6)
+        significant(drop.modulus / 1e6)
         for drop in drops
         if drop.modulus is not None and drop.fit_fault is None and drop.record_fault is None
     ]
@@ -434,7 +435,7 @@ def unsupported_note(report: Report, texts: Texts) -> list[Block]:
 
 
 def _mean(values: Sequence[float]) -> str:
-    return formatting.digits(sum(values) / len(values)) if values else formatting.NO_VALUE
+    return significant(sum(values) / len(values)) if values else formatting.NO_VALUE
 
 
 MAX_LISTED_DEPTHS = 3

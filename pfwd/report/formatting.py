@@ -1,16 +1,17 @@
 """Numbers as texts of a report: with unit and justified digits, a modulus with its interval."""
 
-import math
 from collections.abc import Collection, Sequence
 from typing import Any
 
 from inversion.records import is_number
 from pfwd.analysis.results import DropResult
-from pfwd.digits import rounded, with_ends
+from pfwd.digits import significant, with_ends
 from pfwd.procedures import PointValue, Quantity
 from pfwd.procedures.point import UNSUPPORTED_MARK
 from pfwd.report.blocks import Table
 from pfwd.report.texts import Texts
+from pfwd.units import SI, Fact
+from pfwd_plugins.quantities import Unit
 
 NO_VALUE = "–"
 
@@ -18,23 +19,6 @@ NO_VALUE = "–"
 def symbol_title(symbol: str, unit: str) -> str:
     """Return the title of a column that a symbol names, on one line."""
     return f"{symbol},\N{NO-BREAK SPACE}{unit}"
-
-
-def digits(value: float, count: int = 3) -> str:
-    """Return a number with this count of significant digits, or all before the point.
-
-    Examples
-    --------
-    >>> digits(0.012345), digits(45.678), digits(1234.5)
-    ('0.0123', '45.7', '1234')
-    """
-    return f"{value:.{_decimals(value, count)}f}"
-
-
-def _decimals(value: float, count: int) -> int:
-    if value == 0 or not math.isfinite(value):
-        return 0
-    return min(6, max(0, count - 1 - math.floor(math.log10(abs(value)))))
 
 
 def with_interval(
@@ -62,7 +46,7 @@ def with_interval(
     """
     mark = UNSUPPORTED_MARK if marked else ""
     if not interval or not all(is_number(end) for end in interval):
-        return f"{f'{digits(value)}{mark} {unit}'.strip()} ({texts[missing]})"
+        return f"{f'{significant(value)}{mark} {unit}'.strip()} ({texts[missing]})"
     number, low, high = with_ends(value, (interval[0], interval[1]))
     # Broken between value and interval, if at all.
     value_text = number + mark + (f"\N{NO-BREAK SPACE}{unit}" if unit else "")
@@ -85,24 +69,8 @@ def with_deviation(
     """
     if not is_number(value):
         return NO_VALUE
-    scaled_value = value * scale
-    if not is_number(deviation):
-        return f"{digits(scaled_value)} {unit}".rstrip()
-    spread = deviation * scale
-    if relative > 0.0 and abs(scaled_value) * relative > spread:
-        text, around = (
-            rounded(scaled_value, abs(scaled_value) * relative),
-            rounded(spread, abs(scaled_value) * relative),
-        )
-        return (
-            f"{text} {unit}".rstrip()
-            if float(around) == 0.0
-            else f"{text} ± {around} {unit}".rstrip()
-        )
-    decimals = min(_decimals(spread, 2) if spread else 3, _decimals(scaled_value, 4))
-    last_digit = 10.0**-decimals
-    around = f"<{last_digit:.{decimals}f}" if spread < last_digit / 2 else f" {spread:.{decimals}f}"
-    return f"{scaled_value:.{decimals}f} ±{around} {unit}".rstrip()
+    sd = deviation if is_number(deviation) else None
+    return SI.show(Fact(Unit(unit, 1.0 / scale), value, deviation=sd, spread=relative))
 
 
 def depth_of(result: DropResult, texts: Texts, unit: str = "m") -> str:
@@ -111,7 +79,7 @@ def depth_of(result: DropResult, texts: Texts, unit: str = "m") -> str:
     if not is_number(depth):
         return NO_VALUE
     if result.bedrock_depth_sd_m is None:
-        return f"{digits(depth)} {unit}".rstrip()
+        return f"{significant(depth)} {unit}".rstrip()
     return with_interval(depth, result.bedrock_depth_interval_m, unit, texts)
 
 
@@ -150,7 +118,7 @@ def basis_of(result: DropResult | None, texts: Texts, *, with_depth: bool = True
     if with_depth and result.bedrock_depth_m is not None:
         depth, ends = result.bedrock_depth_m, result.bedrock_depth_interval_m
         if result.bedrock_depth_sd_m is None or ends is None:
-            model = on_rock(model, f"{digits(depth)} m", texts)
+            model = on_rock(model, f"{significant(depth)} m", texts)
         else:
             _, low, high = with_ends(depth, ends)
             model = on_rock(model, f"{low} – {high} m", texts)
@@ -172,7 +140,7 @@ def value_of(value: PointValue | None, texts: Texts) -> str:
     if value.interval is None and value.drop_range is not None:
         smallest, largest = value.drop_range
         _, low, high = with_ends(value.value / scale, (smallest / scale, largest / scale))
-        number = f"{digits(value.value / scale)}{UNSUPPORTED_MARK if marked else ''} {unit}"
+        number = f"{significant(value.value / scale)}{UNSUPPORTED_MARK if marked else ''} {unit}"
         return f"{number} ({texts.say('drop_range', count=value.drops, low=low, high=high)})"
     interval = None if value.interval is None else [end / scale for end in value.interval]
     return with_interval(value.value / scale, interval, unit, texts, "one_drop", marked=marked)
@@ -215,12 +183,12 @@ def target_of(target: float | None, quantity: Quantity) -> str:
 
 def percent(value: Any, count: int = 2) -> str:
     """Return a fraction as a text in percent."""
-    return f"{digits(value * 100, count)} %" if is_number(value) else NO_VALUE
+    return f"{significant(value * 100, count)} %" if is_number(value) else NO_VALUE
 
 
 def scaled(value: Any, scale: float, unit: str, count: int = 3) -> str:
     """Return a number times a scale as a text with a unit; a dash if it is not known."""
-    return f"{digits(value * scale, count)} {unit}".rstrip() if is_number(value) else NO_VALUE
+    return f"{significant(value * scale, count)} {unit}".rstrip() if is_number(value) else NO_VALUE
 
 
 def without_empty_columns(table: Table, always: Collection[str] = ()) -> Table:

@@ -9,6 +9,7 @@ import numpy as np
 
 from pfwd.analysis.results import DropResult, LayerResult
 from pfwd.analysis.sensor_fits import SensorFit, over_drops, sensor_fits
+from pfwd.digits import significant
 from pfwd.judging import DropView
 from pfwd.report import formatting
 from pfwd.report.blocks import Block, Heading, Paragraph, Picture, Table
@@ -69,7 +70,7 @@ def effective_of(result: DropResult, texts: Texts) -> str:
     ends = result.effective_modulus_interval_pa
     interval = None if ends is None else [end / 1e6 for end in ends]
     value = formatting.with_interval(modulus / 1e6, interval, "MPa", texts)
-    return texts.say("effective_text", value=value, depth=formatting.digits(depth, 2))
+    return texts.say("effective_text", value=value, depth=significant(depth, 2))
 
 
 def _layers(drops: Sequence[DropView], texts: Texts) -> list[Block]:
@@ -109,7 +110,7 @@ def _modulus(layer: LayerResult, texts: Texts) -> str:
         return formatting.NO_VALUE
     ends = None if interval is None else [end / 1e6 for end in interval]
     if ends is not None and not layer.modulus_known:
-        low, high = (formatting.digits(end, 2) for end in ends)
+        low, high = (significant(end, 2) for end in ends)
         return texts.say("layer_open", low=low, high=high)
     return formatting.with_interval(layer.modulus_pa / 1e6, ends, "", texts)
 

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 from functools import partial
 
+from pfwd.digits import significant
 from pfwd.judging import PointView
 from pfwd.procedures import Quantity
 from pfwd.report import formatting
@@ -58,16 +59,16 @@ def _rows(
     lot: Lot, points: Sequence[PointView], excluded: Sequence[str], unit: str, texts: Texts
 ) -> list[tuple[str, str]]:
     names = [point.shown_name for point in points]
-    outliers = ", ".join(f"{names[i]} ({formatting.digits(lot.values[i])})" for i in lot.noticeable)
+    outliers = ", ".join(f"{names[i]} ({significant(lot.values[i])})" for i in lot.noticeable)
     low, high = lot.mean_interval
     ends = (max(0.0, low), high)
     return [
         (texts["mean"], formatting.with_interval(lot.mean, ends, unit, texts)),
         (
             texts["spread_of_points"],
-            f"s = {formatting.digits(lot.deviation, 2)} {unit}, "
+            f"s = {significant(lot.deviation, 2)} {unit}, "
             f"V = {formatting.percent(lot.variation)}; "
-            f"{formatting.digits(min(lot.values))} – {formatting.digits(max(lot.values))} {unit}, "
+            f"{significant(min(lot.values))} – {significant(max(lot.values))} {unit}, "
             f"n = {len(lot.values)}",
         ),
         (texts["characteristic"], _characteristic(lot, unit, texts)),
@@ -83,7 +84,7 @@ def _rows(
 def _characteristic(lot: Lot, unit: str, texts: Texts) -> str:
     if lot.characteristic <= 0:
         return texts["characteristic_none"]
-    return f"{formatting.digits(lot.characteristic, 2)} {unit}"
+    return f"{significant(lot.characteristic, 2)} {unit}"
 
 
 def _passed(points: Sequence[PointView], texts: Texts) -> str:
@@ -112,10 +113,10 @@ def _zones(
             (
                 name,
                 str(len(values)),
-                formatting.digits(sum(values) / len(values)),
-                formatting.NO_VALUE if lot is None else formatting.digits(lot.deviation, 2),
+                significant(sum(values) / len(values)),
+                formatting.NO_VALUE if lot is None else significant(lot.deviation, 2),
                 formatting.NO_VALUE if lot is None else _characteristic(lot, "", texts).strip(),
-                f"{formatting.digits(min(values))} – {formatting.digits(max(values))}",
+                f"{significant(min(values))} – {significant(max(values))}",
                 _passed(some, texts),
             )
         )
@@ -152,8 +153,8 @@ def _correlation(
     draw = partial(draw_correlation, pairs=pairs, line=line, names=names, texts=texts)
     sign = "+" if line.slope >= 0 else "−"
     equation = (
-        f"{texts['plate_load_axis']} = {formatting.digits(line.intercept, 3)} MPa {sign} "
-        f"{formatting.digits(abs(line.slope), 3)} · {name}; R² = {line.r_squared:.2f}, "
+        f"{texts['plate_load_axis']} = {significant(line.intercept, 3)} MPa {sign} "
+        f"{significant(abs(line.slope), 3)} · {name}; R² = {line.r_squared:.2f}, "
         f"n = {line.pairs}"
     )
     caption = f"{equation}. {texts['plate_load_note']}"

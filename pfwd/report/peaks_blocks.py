@@ -4,6 +4,7 @@ from collections.abc import Collection, Hashable, Sequence
 from functools import partial
 from statistics import fmean
 
+from pfwd.digits import significant
 from pfwd.judging import DropView, PointView
 from pfwd.peaks.basin import ASSUMED_POISSON_RATIO, Basin, basin_of
 from pfwd.procedures import Verdict
@@ -185,7 +186,7 @@ def _peaks_of_sensors(point: PointView, texts: Texts) -> Table:
 
 def _mean(values: Sequence[float | None], scale: float) -> str:
     recorded = [value * scale for value in values if value is not None]
-    return formatting.digits(fmean(recorded)) if recorded else formatting.NO_VALUE
+    return significant(fmean(recorded)) if recorded else formatting.NO_VALUE
 
 
 def basin_of_drop(drop: DropView) -> Basin | None:

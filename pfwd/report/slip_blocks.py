@@ -6,6 +6,7 @@ from functools import partial
 from statistics import fmean
 from typing import Any
 
+from pfwd.digits import significant
 from pfwd.judging import DropView, PointView, value_of_drop
 from pfwd.procedures import Quantity
 from pfwd.report import formatting
@@ -130,7 +131,7 @@ def _value_of_drop(point: PointView, drop: DropView) -> str:
     value = value_of_drop(point.job, drop)
     if value is None or value.not_supported is not None or drop.facts.record_fault is not None:
         return formatting.NO_VALUE
-    return formatting.digits(value.value / value.quantity.display_unit.scale)
+    return significant(value.value / value.quantity.display_unit.scale)
 
 
 def _drops(report: Report, texts: Texts) -> Table:

@@ -116,7 +116,7 @@ def test_a_diagnosed_depth_has_the_deviation_of_its_effect(survey: Path) -> None
     record = point.diagnosis.to_json()
     record["effects"] = [{"name": "bedrock", "value": 0.887, "sd": 0.031, "unit": "m"}]
     again = replace(point, whole=None, diagnosis=DiagnosisResult.from_json(record))
-    assert "layer on rock at 0.887 ± 0.031 m," in rows_of(again)["Basis"]
+    assert "layer on rock at 0.89 ± 0.03 m," in rows_of(again)["Basis"]
 
 
 def test_a_diagnosis_of_an_earlier_version_has_fewer_numbers(survey: Path) -> None:
