@@ -37,7 +37,7 @@ from pfwd.files.traces import read_traces
 from pfwd.jobs import Jobs
 from pfwd_plugins.quantities import MotionName
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop
-from simulators.mesh import Ground, Plate
+from simulators.mesh import Plate, SoilProfile
 from simulators.traces import Recording, write_traces
 
 Group = Literal["depth declared", "depth unknown", "three sensors"]
@@ -58,7 +58,7 @@ TARGET_COVERAGE, TARGET_HALF_WIDTH = 0.95, 0.03
 
 
 @dataclass(frozen=True)
-class Case:
+class CoverageCase:
     """True values of one simulated drop and of its recording, SI units."""
 
     number: int
@@ -77,9 +77,9 @@ class Case:
     pre_trigger: float
 
     @property
-    def ground(self) -> Ground:
+    def ground(self) -> SoilProfile:
         """Simulated ground."""
-        return Ground.uniform(
+        return SoilProfile.uniform(
             self.modulus, self.viscosity, self.density, self.poisson_ratio, self.depth
         )
 
@@ -128,7 +128,7 @@ class ModelDifference:
 class CoverageResult:
     """Result of the inversion of one case; SI units, relative errors as fractions."""
 
-    case: Case
+    case: CoverageCase
     modulus: float
     low: float
     high: float
@@ -156,13 +156,13 @@ class CoverageResult:
         return self.low <= self.case.modulus <= self.high
 
 
-def draw_case(number: int, seed: int = 0) -> Case:
+def draw_case(number: int, seed: int = 0) -> CoverageCase:
     """Return a case with random values; the groups alternate with the number."""
     rng = np.random.default_rng([seed, number])
     while True:
         radius = round(float(rng.uniform(0.1, 0.3)), 2)
         size = (radius**2 - 0.1**2) / (0.3**2 - 0.1**2)
-        case = Case(
+        case = CoverageCase(
             number=number,
             group=GROUPS[number % len(GROUPS)],
             modulus=math.exp(rng.uniform(math.log(5e6), math.log(1e9))),
@@ -185,7 +185,7 @@ def draw_case(number: int, seed: int = 0) -> Case:
             return case
 
 
-def simulate(case: Case) -> SimulatedDrop:
+def simulate(case: CoverageCase) -> SimulatedDrop:
     """Simulate the drop of a case by finite elements, without noise."""
     pulse = case.hammer.pulse_duration
     duration = max(0.03, round(2.5 * pulse, 3))
@@ -193,7 +193,7 @@ def simulate(case: Case) -> SimulatedDrop:
     return simulator.run(case.hammer)
 
 
-def recorded(case: Case, drop: SimulatedDrop) -> Record:
+def recorded(case: CoverageCase, drop: SimulatedDrop) -> Record:
     """Return the drop with noise, as read from a trace file that does not state the true values."""
     motion = drop.ground_velocity if case.quantity == "velocity" else drop.ground_displacement
     recording = Recording(
@@ -212,7 +212,9 @@ def recorded(case: Case, drop: SimulatedDrop) -> Record:
     return record_of(point.drops[0], point.setup)
 
 
-def model_error(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> ModelDifference:
+def model_error(
+    case: CoverageCase, drop: SimulatedDrop, library: SurrogateLibrary
+) -> ModelDifference:
     """Return the error of the forward model at the true parameters."""
     model = ForwardModel(
         library.get(case.problem, case.depth / case.radius),
@@ -235,7 +237,7 @@ def model_error(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> M
     return ModelDifference(float(rms[0]), float(largest[0]), *far)
 
 
-def analyse(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> CoverageResult:
+def analyse(case: CoverageCase, drop: SimulatedDrop, library: SurrogateLibrary) -> CoverageResult:
     """Write, read and invert a drop, and compare the result with the true values."""
     error = model_error(case, drop, library)
     try:
@@ -259,7 +261,7 @@ def analyse(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> Cover
     )
 
 
-def simulate_and_analyse(case: Case) -> CoverageResult:
+def simulate_and_analyse(case: CoverageCase) -> CoverageResult:
     """Simulate and invert one case, in a worker process."""
     with single_threaded_blas():
         return analyse(case, simulate(case), SurrogateLibrary())

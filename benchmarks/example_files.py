@@ -18,7 +18,7 @@ from pfwd.export.export import export_survey
 from pfwd.files.importing import import_files
 from pfwd_device.recording import SurveyWriter, read_survey
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop
-from simulators.mesh import Ground, Plate
+from simulators.mesh import Plate, SoilProfile
 from simulators.traces import Recording, write_traces
 from tests.campaigns.effects.channels import delayed
 
@@ -50,9 +50,9 @@ class Truth:
     """Depth of the rock, m."""
 
     @property
-    def ground(self) -> Ground:
+    def ground(self) -> SoilProfile:
         """Ground of the finite elements."""
-        return Ground.uniform(
+        return SoilProfile.uniform(
             self.modulus, self.viscosity, DENSITY, POISSON_RATIO, self.bedrock_depth
         )
 

@@ -41,7 +41,7 @@ from inversion.forward.layered import (
     displacement_per_force,
     displacement_slopes,
 )
-from inversion.forward.layered.quadrature import Layout, nodes
+from inversion.forward.layered.quadrature import NodeLayout, nodes
 from inversion.forward.model import transfer_function
 from inversion.measured.record import CALIBRATED_ERROR, Sensor
 from inversion.records import known
@@ -50,7 +50,7 @@ from inversion.threads import single_threaded_blas
 from pfwd.jobs import Jobs
 from pfwd_plugins.quantities import Measurand
 from simulators.drop import Hammer, simulate_drop
-from simulators.mesh import Ground, Layer, Plate
+from simulators.mesh import Plate, SoilLayer, SoilProfile
 
 Array = NDArray[Any]
 
@@ -134,7 +134,7 @@ def _speed_of(report: Reporter, plate: Any, media: int) -> None:
 
 def _nodes(setup: PlateSetup, ground: LayeredGrounds) -> int:
     media = ground.at(_TRANSFORM.s, setup.radius)
-    return int(nodes(Layout.of(FAST, media, ground.rock, setup.farthest))[0].size)
+    return int(nodes(NodeLayout.of(FAST, media, ground.rock, setup.farthest))[0].size)
 
 
 def _pavement(media: int) -> LayeredGround:
@@ -259,17 +259,17 @@ def _error(histories: Array, expected: Array) -> float:
 
 
 _DROPS = {
-    "crust on half-space": Ground(
-        (Layer(2.2e8, 1.9e5, 2050, 0.35, 0.23), Layer(5.9e7, 1e5, 2030, 0.35)), "none"
+    "crust on half-space": SoilProfile(
+        (SoilLayer(2.2e8, 1.9e5, 2050, 0.35, 0.23), SoilLayer(5.9e7, 1e5, 2030, 0.35)), "none"
     ),
-    "soft top on rock": Ground(
-        (Layer(2.5e7, 2e4, 1900, 0.30, 0.3), Layer(8e7, 8e4, 2050, 0.40, 1.2)), "rigid"
+    "soft top on rock": SoilProfile(
+        (SoilLayer(2.5e7, 2e4, 1900, 0.30, 0.3), SoilLayer(8e7, 8e4, 2050, 0.40, 1.2)), "rigid"
     ),
-    "pavement": Ground(
+    "pavement": SoilProfile(
         (
-            Layer(2e9, 1e6, 2350, 0.35, 0.12),
-            Layer(3e8, 2e5, 2100, 0.35, 0.3),
-            Layer(8e7, 6e4, 1900, 0.40),
+            SoilLayer(2e9, 1e6, 2350, 0.35, 0.12),
+            SoilLayer(3e8, 2e5, 2100, 0.35, 0.3),
+            SoilLayer(8e7, 6e4, 1900, 0.40),
         ),
         "none",
     ),
@@ -317,11 +317,11 @@ _BEFORE_S = 0.012
 
 
 @dataclass(frozen=True)
-class Case:
+class LayeredCase:
     """Layered ground, with the distances of the sensors, m."""
 
     number: int
-    layers: tuple[Layer, ...]
+    layers: tuple[SoilLayer, ...]
     rock: bool
     offsets: tuple[float, ...]
 
@@ -336,7 +336,7 @@ class Case:
         return sum(layer.thickness for layer in self.layers) if self.rock else math.inf
 
 
-def cases(count: int, seed: int) -> list[Case]:
+def cases(count: int, seed: int) -> list[LayeredCase]:
     """Return random grounds for four sensors: a stiff or soft top, or three layers.
 
     Half of the grounds are on rock, the depth of which is declared.
@@ -357,18 +357,18 @@ def cases(count: int, seed: int) -> list[Case]:
         above = [between(0.15, 0.45) for _ in range(media - 1)]
         last = between(0.7, 2.5) if rock else math.inf
         layers = tuple(
-            Layer(m, m * between(0.5e-3, 2e-3), rng.uniform(1750, 2200), 0.35, h)
+            SoilLayer(m, m * between(0.5e-3, 2e-3), rng.uniform(1750, 2200), 0.35, h)
             for m, h in zip(moduli, [*above, last], strict=True)
         )
         offsets = (0.0, 0.3, 0.6, float(round(between(0.85, 1.2), 2)))
-        cases_.append(Case(number, layers, rock, offsets))
+        cases_.append(LayeredCase(number, layers, rock, offsets))
     return cases_
 
 
-def record_of_case(case: Case, seed: int = 5) -> Record:
+def record_of_case(case: LayeredCase, seed: int = 5) -> Record:
     """Return the record with noise, as input of the inversion."""
     drop = simulate_drop(
-        Ground(case.layers, "rigid" if case.rock else "none"),
+        SoilProfile(case.layers, "rigid" if case.rock else "none"),
         Plate(_RADIUS, _MASS, "rough"),
         Hammer(10.0, 5.6e5, 3.0),
         case.offsets,
@@ -399,7 +399,7 @@ def record_of_case(case: Case, seed: int = 5) -> Record:
     )
 
 
-def _solved(case: Case) -> tuple[Case, InversionResult, InversionResult, float]:
+def _solved(case: LayeredCase) -> tuple[LayeredCase, InversionResult, InversionResult, float]:
     record = record_of_case(case)
     start = time.process_time()
     every = invert(record, Settings(layers=len(case.layers)))

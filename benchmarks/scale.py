@@ -23,7 +23,7 @@ from typing import Any
 
 from benchmarks.output import Reporter, parse_options
 from benchmarks.screen import PFWD, first_paint
-from pfwd_device.recording import DropRecord, Rebound, Storage, SurveyWriter, read_survey
+from pfwd_device.recording import DropRecord, ReboundRecord, Storage, SurveyWriter, read_survey
 from pfwd_device.recording.drop_file import drop_file_bytes
 from pfwd_device.recording.layout import Layout
 
@@ -50,7 +50,7 @@ TIMEOUT_S = 600.0
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class ScaleCase:
     """Command to be measured, with its limits."""
 
     name: str
@@ -64,15 +64,15 @@ class Case:
 
 
 CASES = (
-    Case("edit, list", lambda survey, _: ["edit", str(survey)], 1.0),
-    Case(
+    ScaleCase("edit, list", lambda survey, _: ["edit", str(survey)], 1.0),
+    ScaleCase(
         "edit --note",
         lambda survey, _: ["edit", str(survey), "--point", "P 1", "--note", "wet"],
         1.5,
     ),
-    Case("export table", lambda survey, out: _export(survey, out, "table"), 5.0),
-    Case("check", lambda survey, _: ["check", str(survey)], 8.0),
-    Case("export h5", lambda survey, out: _export(survey, out, "h5"), 60.0, 200.0, 1),
+    ScaleCase("export table", lambda survey, out: _export(survey, out, "table"), 5.0),
+    ScaleCase("check", lambda survey, _: ["check", str(survey)], 8.0),
+    ScaleCase("export h5", lambda survey, out: _export(survey, out, "h5"), 60.0, 200.0, 1),
 )
 
 MAX_PAINT_S = 2.0
@@ -227,7 +227,7 @@ class Template:
     """Recorded drop with its rebounds and results."""
 
     record: DropRecord
-    rebounds: tuple[Rebound, ...]
+    rebounds: tuple[ReboundRecord, ...]
     results: tuple[Mapping[str, Any], ...]
 
 

@@ -34,7 +34,7 @@ from pfwd.analysis.options import AnalysisOptions
 from pfwd.files.traces import read_traces
 from pfwd.jobs import Jobs
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop, simulate_drop
-from simulators.mesh import Ground, Plate
+from simulators.mesh import Plate, SoilProfile
 from simulators.traces import Recording, write_traces
 
 MODULI = (30e6, 40e6, 50e6, 60e6)
@@ -115,7 +115,7 @@ _PRINTED = {
 
 
 @dataclass(frozen=True)
-class Case:
+class StudyCase:
     """Ground of the study: modulus (Pa), viscosity (Pa s), depth of rock (m)."""
 
     modulus: float
@@ -140,32 +140,32 @@ class Finding:
 class CaseReport:
     """Results of all methods for one case."""
 
-    case: Case
+    case: StudyCase
     peak_deflection: float
     peak_contact_pressure: float
     methods: dict[str, Finding]
     ladder: dict[str, Finding]
 
 
-def simulate(case: Case) -> SimulatedDrop:
+def simulate(case: StudyCase) -> SimulatedDrop:
     """Return the finite-element drop of a case, with a bonded plate.
 
     The ground is a Kelvin-Voigt solid in shear and volume.
     """
-    ground = Ground.uniform(
+    ground = SoilProfile.uniform(
         case.modulus, case.viscosity, poisson_ratio=POISSON_RATIO, bedrock_depth=case.depth
     )
     simulator = DropSimulator(ground, PLATE, (0.0,), _DURATION, _TIME_STEP, HAMMER.pulse_duration)
     return simulator.run(HAMMER)
 
 
-def study(case: Case) -> CaseReport:
+def study(case: StudyCase) -> CaseReport:
     """Simulate one case and invert it by all methods."""
     with single_threaded_blas():
         return examine(case, simulate(case), SurrogateLibrary())
 
 
-def examine(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> CaseReport:
+def examine(case: StudyCase, drop: SimulatedDrop, library: SurrogateLibrary) -> CaseReport:
     """Invert one simulated drop by all methods."""
     on_ground = replace(drop, load=drop.contact_force)
     results = {}
@@ -191,13 +191,15 @@ def examine(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> CaseR
 
 
 def _published(
-    case: Case, drop: SimulatedDrop, library: SurrogateLibrary, name: str = PUBLISHED
+    case: StudyCase, drop: SimulatedDrop, library: SurrogateLibrary, name: str = PUBLISHED
 ) -> InversionResult:
     choices = {"bedrock_depth": case.depth, **_PUBLISHED_OPTIONS[name]}
     return _invert(drop, library, AnalysisOptions(published=True, **choices), None)
 
 
-def _steps(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> Iterable[InversionResult]:
+def _steps(
+    case: StudyCase, drop: SimulatedDrop, library: SurrogateLibrary
+) -> Iterable[InversionResult]:
     """Yield the results of steps two to five of the ladder."""
     options = AnalysisOptions(published=True, bedrock_depth=case.depth)
     record, settings = _through_file(drop, PLATE, options, None)
@@ -243,7 +245,7 @@ def correct(report: Reporter) -> None:
     report.title("drops of a light plate, depth declared: error of the modulus in %")
     library, records = SurrogateLibrary(), []
     for modulus, viscosity, density, depth in LIGHT_GROUNDS:
-        ground = Ground.uniform(modulus, viscosity, density, POISSON_RATIO, depth)
+        ground = SoilProfile.uniform(modulus, viscosity, density, POISSON_RATIO, depth)
         drop = simulate_drop(ground, LIGHT_PLATE, LIGHT_HAMMER, (0.0,), 0.05, 1e-4)
         records.append(_through_file(drop, LIGHT_PLATE, AnalysisOptions(), depth)[0])
     for title, load, plate, mass in CORRECTIONS:
@@ -258,7 +260,7 @@ def correct(report: Reporter) -> None:
         )
 
 
-def _finding(case: Case, result: InversionResult) -> Finding:
+def _finding(case: StudyCase, result: InversionResult) -> Finding:
     modulus = value_of(result.modulus_pa)
     low, high = value_of(result.modulus_interval_pa)
     return Finding(modulus / case.modulus - 1.0, low <= case.modulus <= high)
@@ -279,7 +281,7 @@ def run(arguments: list[str]) -> int:
     if options.corrections:
         correct(report)
         return 0
-    cases = [Case(e, n, h) for n, h, e in product(VISCOSITIES, DEPTHS, MODULI)]
+    cases = [StudyCase(e, n, h) for n, h, e in product(VISCOSITIES, DEPTHS, MODULI)]
     cases = cases[:: max(1, len(cases) // options.cases)][: options.cases]
     _build_surrogates()
     with Jobs(options.jobs) as pool:
@@ -422,7 +424,7 @@ def _by_depth(
     return depths, [100 * mean for mean in means]
 
 
-def _draw_fits(path: Path, case: Case = Case(40e6, 54e3, 1.0)) -> None:
+def _draw_fits(path: Path, case: StudyCase = StudyCase(40e6, 54e3, 1.0)) -> None:
     """Draw measured and fitted displacement of one case, with the residuals of each method."""
     from matplotlib.figure import Figure
 

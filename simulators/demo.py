@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop
-from simulators.mesh import Ground, Plate
+from simulators.mesh import Plate, SoilProfile
 from simulators.traces import Recording, write_traces
 
 DEMO_PLATE = Plate(radius=0.15, mass=10.6)
@@ -20,13 +20,13 @@ RECORD_STEP_S = 2e-4
 NOISE_OVER_PEAK = 0.003  # for load and sensors
 
 
-def demo_ground(seed: int) -> Ground:
+def demo_ground(seed: int) -> SoilProfile:
     """Return the ground of the demonstration: soil of about 45 MPa on rock at about 1.2 m.
 
     Equal seeds give equal grounds.
     """
     generator = np.random.default_rng([seed, 0])
-    return Ground.uniform(
+    return SoilProfile.uniform(
         modulus=45e6 * float(np.exp(0.12 * generator.standard_normal())),
         viscosity=54e3 * float(np.exp(0.1 * generator.standard_normal())),
         density=1900.0,

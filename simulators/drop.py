@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from simulators.finite_elements import PLATE_INDEX, FiniteElementModel, factorise
-from simulators.mesh import Array, ConstantQ, Ground, Plate, Resolution, design_grid, require
+from simulators.mesh import Array, ConstantQ, Plate, Resolution, SoilProfile, design_grid, require
 
 STANDARD_GRAVITY = 9.80665  # m/s2
 
@@ -142,7 +142,7 @@ class DropSimulator:
 
     def __init__(
         self,
-        ground: Ground,
+        ground: SoilProfile,
         plate: Plate,
         offsets: Sequence[float],
         duration: float,
@@ -283,7 +283,7 @@ class _HammerForce:
 
 
 def simulate_drop(
-    ground: Ground,
+    ground: SoilProfile,
     plate: Plate,
     source: Hammer | PrescribedLoad,
     offsets: Sequence[float] = (),

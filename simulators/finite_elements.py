@@ -24,7 +24,7 @@ import scipy.sparse as sparse
 import skfem
 from scipy.sparse.linalg import splu
 
-from simulators.mesh import Array, Grid, Ground, Plate, graded_line
+from simulators.mesh import Array, Grid, Plate, SoilProfile, graded_line
 
 # Integration orders that select 3 x 3 and 2 x 2 Gauss points.
 FULL_ORDER, REDUCED_ORDER = 5, 3
@@ -79,7 +79,7 @@ class FiniteElementModel:
 
     def __init__(
         self,
-        ground: Ground,
+        ground: SoilProfile,
         plate: Plate,
         grid: Grid,
         offsets: Sequence[float] = (),
@@ -151,7 +151,7 @@ def factorise(matrix: Any) -> Any:
     return splu(matrix.tocsc(), options={"SymmetricMode": True}, **ORDERING).solve
 
 
-def effective_modulus(ground: Ground, plate: Plate) -> float:
+def effective_modulus(ground: SoilProfile, plate: Plate) -> float:
     """Return the modulus of uniform ground with the same static stiffness, Pa.
 
     Poisson's ratio is that of the first layer. Both grounds are solved on one grid, so that the
@@ -168,7 +168,7 @@ def effective_modulus(ground: Ground, plate: Plate) -> float:
     depths = graded_line([0.0, *ground.interfaces, end], size)
     grid = Grid(radii, depths, math.inf, 1.0)
     modulus, poisson_ratio = ground.layers[0].modulus, ground.layers[0].poisson_ratio
-    uniform = Ground.uniform(modulus, 0.0, 2000.0, poisson_ratio, ground.bedrock_depth)
+    uniform = SoilProfile.uniform(modulus, 0.0, 2000.0, poisson_ratio, ground.bedrock_depth)
     stiffness, reference = (
         FiniteElementModel(soil, plate, grid).static_stiffness() for soil in (ground, uniform)
     )
@@ -176,7 +176,7 @@ def effective_modulus(ground: Ground, plate: Plate) -> float:
 
 
 def _material(
-    position: Any, ground: Ground, grid: Grid, absorption: float, viscous: bool
+    position: Any, ground: SoilProfile, grid: Grid, absorption: float, viscous: bool
 ) -> dict[str, Array]:
     """Return shear modulus, Lame's first constant and density at positions (2, ...).
 
@@ -204,7 +204,7 @@ def _material(
     }
 
 
-def _free_degrees(basis: Any, ground: Ground, plate: Plate) -> Any:
+def _free_degrees(basis: Any, ground: SoilProfile, plate: Plate) -> Any:
     """Return the sparse map (all, free) from free degrees of freedom to those of the basis.
 
     On the axis and under a rough plate u = 0, on the base and the far boundaries u = w = 0, and

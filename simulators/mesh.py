@@ -50,7 +50,7 @@ def require(condition: bool, name: str, expected: str, value: object) -> None:
 
 
 @dataclass(frozen=True)
-class Layer:
+class SoilLayer:
     """One horizontal Kelvin-Voigt layer: E* = E + eta d/dt at constant Poisson's ratio."""
 
     modulus: float
@@ -183,10 +183,10 @@ class ConstantQ:
 
 
 @dataclass(frozen=True)
-class Ground:
+class SoilProfile:
     """Horizontal layers from the surface down, on a rigid base or infinitely deep."""
 
-    layers: tuple[Layer, ...]
+    layers: tuple[SoilLayer, ...]
     """Layers from the surface down."""
     base: Literal["rigid", "none"] = "rigid"
     """`rigid`: u = w = 0 below the last layer. `none`: the last layer is infinitely deep."""
@@ -254,7 +254,7 @@ class Ground:
         density: float = 2000.0,
         poisson_ratio: float = 0.35,
         bedrock_depth: float = math.inf,
-    ) -> Ground:
+    ) -> SoilProfile:
         """Return ground of one layer.
 
         Parameters
@@ -267,7 +267,7 @@ class Ground:
         bedrock_depth : float, m
             Depth of the rigid base; infinite: the ground is infinitely deep.
         """
-        layer = Layer(modulus, viscosity, density, poisson_ratio, bedrock_depth)
+        layer = SoilLayer(modulus, viscosity, density, poisson_ratio, bedrock_depth)
         return cls((layer,), "rigid" if math.isfinite(bedrock_depth) else "none")
 
 
@@ -364,7 +364,7 @@ def graded_line(breaks: Sequence[float], size: Callable[[float], float]) -> Arra
 
 
 def design_grid(
-    ground: Ground,
+    ground: SoilProfile,
     plate: Plate,
     offsets: Sequence[float],
     pulse_duration: float,
@@ -429,7 +429,7 @@ def design_grid(
 
 
 def _wave_sizes(
-    ground: Ground, plate: Plate, pulse_duration: float, resolution: Resolution
+    ground: SoilProfile, plate: Plate, pulse_duration: float, resolution: Resolution
 ) -> list[float]:
     """Return the element size for each layer that resolves the shortest shear wavelength, m.
 
@@ -445,7 +445,7 @@ def _wave_sizes(
     ]
 
 
-def _returning_depths(ground: Ground, pulse: float, duration: float) -> tuple[float, float]:
+def _returning_depths(ground: SoilProfile, pulse: float, duration: float) -> tuple[float, float]:
     """Return the depths from which waves return to the surface within `duration` seconds, m.
 
     The first is that of waves that travel one way as shear and the other as pressure waves, the
@@ -456,7 +456,7 @@ def _returning_depths(ground: Ground, pulse: float, duration: float) -> tuple[fl
     return duration * shear * pressure / (shear + pressure), duration * pressure / 2
 
 
-def _fastest(ground: Ground, pulse: float) -> float:
+def _fastest(ground: SoilProfile, pulse: float) -> float:
     """Return the largest speed of pressure waves at the pulse's frequency, m/s.
 
     Constant-Q soil is evaluated at its reference; it is stiffer at higher frequencies, whose waves

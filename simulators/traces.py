@@ -55,7 +55,7 @@ class Recording:
 
 
 @dataclass(frozen=True)
-class RecordedDrop:
+class SensedDrop:
     """Recorded channels of one drop, with the errors of the instrument."""
 
     time: Array
@@ -106,7 +106,7 @@ def geophone_output(velocity: Array, time_step: float, geophone: Geophone) -> Ar
 
 def record_drop(
     drop: SimulatedDrop, recording: Recording, generator: np.random.Generator
-) -> RecordedDrop:
+) -> SensedDrop:
     """Return a simulated drop as an instrument records it.
 
     Samples at rest before the trigger, the response of the geophone, noise and quantisation are
@@ -133,7 +133,7 @@ def record_drop(
     noise = np.broadcast_to(np.asarray(recording.sensor_noise, dtype=float), len(sensors))
     load = load + recording.load_noise * generator.standard_normal(load.size)
     sensors = sensors + noise[:, None] * generator.standard_normal(sensors.shape)
-    return RecordedDrop(
+    return SensedDrop(
         np.arange(-wait, drop.time.size, dtype=float) * time_step,
         _quantised(load, recording.load_resolution),
         _quantised(sensors, recording.sensor_resolution),

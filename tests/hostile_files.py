@@ -344,7 +344,7 @@ def zeros_in_a_record(folder: Path) -> Path:
     """A journal whose drop unpacks to more than it is long by a thousand."""
     import shutil
 
-    from pfwd_device.recording.framing import Kind, encode_frame, scan_bytes
+    from pfwd_device.recording.framing import RecordKind, encode_frame, scan_bytes
 
     survey = folder / "survey"
     shutil.copytree(DATA / "recording", survey)
@@ -353,7 +353,7 @@ def zeros_in_a_record(folder: Path) -> Path:
     parts = []
     for frame in frames:
         payload = frame.payload
-        if frame.kind == Kind.DROP:
+        if frame.kind == RecordKind.DROP:
             (length,) = struct.unpack_from("<I", payload)
             head = json.loads(payload[4 : 4 + length])
             samples = 60_000_000

@@ -31,7 +31,7 @@ def test_coverage_reports_groups_and_the_models_error(
     assert float(str(largest["plate_rms"])) < 0.002
 
 
-CHEAP = coverage.Case(
+CHEAP = coverage.CoverageCase(
     number=0,
     group="depth declared",
     modulus=60e6,

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pfwd_device import Drop
-from pfwd_device.recording import DropRecord, Rebound, SurveyWriter, read_survey
+from pfwd_device.recording import DropRecord, ReboundRecord, SurveyWriter, read_survey
 
 SCRIPT = Path(__file__).resolve().parents[1] / "examples" / "read_journal.py"
 READER = runpy.run_path(str(SCRIPT))
@@ -27,7 +27,7 @@ def survey(tmp_path: Path, make_drop: Callable[..., Drop]) -> Path:
             drop = make_drop(number=number, peak=7000.0 + 100 * number, offsets=(0.0, 0.3))
             declared = {"plate_radius_m": 0.15}
             writer.save_drop(DropRecord("km 1", drop, counts, declared, {"key": f"d7/1/{number}"}))
-        writer.save_rebound(2, Rebound(0.2, 900.0, 4000, counts[:50]))
+        writer.save_rebound(2, ReboundRecord(0.2, 900.0, 4000, counts[:50]))
         writer.edit("discard", "wet", number=3)
     return folder
 

@@ -20,7 +20,7 @@ from tui.progress import ProgressBars
 
 if TYPE_CHECKING:
     from pfwd.archive.run import Summary
-    from pfwd.archive.work import ArchiveWorkers, Failure
+    from pfwd.archive.work import ArchiveWorkers, SourceFailure
 
 MAX_PRINTED_FAILURES = 20
 """Largest number of failures that are printed; all of them are in the tables."""
@@ -111,7 +111,7 @@ def _store_all(
             bars.update("counting files")
             n_sources = count_sources(args.files, args.archive)
 
-        def report(summary: "Summary", failures: "Sequence[Failure]") -> None:
+        def report(summary: "Summary", failures: "Sequence[SourceFailure]") -> None:
             nonlocal n_failures
             for failure in failures:
                 n_failures += 1

@@ -150,7 +150,7 @@ def shared_effects(gains: Sequence[Mapping[str, float]]) -> tuple[Structure, Str
     return frozenset(shared), frozenset(candidates - shared)
 
 
-class Instrument:
+class InstrumentPoints:
     """Points of one instrument, at each of which the next drop can be predicted.
 
     Parameters

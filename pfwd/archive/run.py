@@ -26,7 +26,7 @@ from pfwd.archive.sources import (
     pieces_of,
     refuse_missing,
 )
-from pfwd.archive.work import ArchiveWorkers, Batch, Failure, SourceOutcome
+from pfwd.archive.work import ArchiveWorkers, Batch, SourceFailure, SourceOutcome
 from pfwd.errors import OptionError, SurveyError, refusal
 from pfwd_device.recording.drop_file import software_version
 
@@ -83,7 +83,7 @@ class Summary:
         return asdict(self)
 
 
-ReportProgress = Callable[[Summary, Sequence[Failure]], None]
+ReportProgress = Callable[[Summary, Sequence[SourceFailure]], None]
 """Function that is called after every batch with the counts so far and the failures of the batch.
 """
 
@@ -352,7 +352,7 @@ class _Run:
                 source = replace(source, digest=content_digest(source))
             except OSError as err:
                 reason = refusal(source.path, "a readable file", err.strerror or str(err))
-                self._fail(source, [Failure("refused", reason)])
+                self._fail(source, [SourceFailure("refused", reason)])
                 continue
             is_stored = False
             for piece in pieces_of(source):
@@ -377,7 +377,7 @@ class _Run:
         return file is None
 
     def _add_outcomes(self, outcomes: Sequence[SourceOutcome]) -> None:
-        batch_failures: list[Failure] = []
+        batch_failures: list[SourceFailure] = []
         for outcome in outcomes:
             source, summary = outcome.source, self._summary
             duplicates = self._pending.pop(source.key, [])
@@ -413,7 +413,7 @@ class _Run:
         self._buffer.sources.append(rows)
         self._stored.add([rows.source])
 
-    def _fail(self, source: Source, failures: Sequence[Failure]) -> None:
+    def _fail(self, source: Source, failures: Sequence[SourceFailure]) -> None:
         """Record failures that have no cause in the content, so that the next run tries again."""
         self._summary.failed += len(failures)
         for failure in failures:
@@ -450,7 +450,7 @@ class _Run:
             self._dataset.remove_content(self._stored.stale)
             self._stored.stale.clear()
 
-    def _report_progress(self, failures: Sequence[Failure]) -> None:
+    def _report_progress(self, failures: Sequence[SourceFailure]) -> None:
         if self._report is not None:
             self._report(self._summary, failures)
 
@@ -478,7 +478,7 @@ class _Unfinished:
         os.replace(self._draft, self._path)
 
 
-def _failure_row(source: Source, failure: Failure) -> dict[str, Any]:
+def _failure_row(source: Source, failure: SourceFailure) -> dict[str, Any]:
     return {
         "file": source.path,
         "source_sha256": source.digest,

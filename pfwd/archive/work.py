@@ -45,7 +45,7 @@ have been killed for another reason."""
 
 
 @dataclass(frozen=True, slots=True)
-class Failure:
+class SourceFailure:
     """Reason why a source, or a point of it, has no result."""
 
     kind: FailureKind
@@ -67,7 +67,7 @@ class SourceOutcome:
     """One for each drop; what was declared for its point is in the field ``more``."""
     diagnoses: list[DiagnosisResult] = field(default_factory=list)
     """One for each point, if the options request diagnoses in place of inversions."""
-    failures: list[Failure] = field(default_factory=list)
+    failures: list[SourceFailure] = field(default_factory=list)
     processor_seconds: float = 0.0
     """Processor time of the work, s."""
 
@@ -102,7 +102,7 @@ class Batch:
             SourceOutcome(
                 source,
                 failures=[
-                    Failure(
+                    SourceFailure(
                         "worker",
                         f"{source.path}: expected an outcome, got the end of the worker process, "
                         f"{MAX_DEATHS_PER_SOURCE} times; it may need more memory than there is",
@@ -196,20 +196,20 @@ def _invert(source: Source, options: AnalysisOptions) -> SourceOutcome:
     start_s = time.process_time()
     results: list[DropResult] = []
     diagnoses: list[DiagnosisResult] = []
-    failures: list[Failure] = []
+    failures: list[SourceFailure] = []
     points: list[TracePoint] = []
     try:
         if not is_unchanged(source) and source.size >= 0:
             raise _Changed
         for point in _points(source, options):
-            if isinstance(point, Failure):
+            if isinstance(point, SourceFailure):
                 failures.append(point)
             elif options.diagnose:
                 points.append(point)
             else:
                 results += _results(source, point, options)
         for diagnosis in _diagnoses(source, points, options):
-            if isinstance(diagnosis, Failure):
+            if isinstance(diagnosis, SourceFailure):
                 failures.append(diagnosis)
             else:
                 diagnoses.append(diagnosis)
@@ -217,22 +217,22 @@ def _invert(source: Source, options: AnalysisOptions) -> SourceOutcome:
             raise _Changed
     except _Changed:
         reason = refusal(source.path, "a file that does not change", "one that was written to")
-        results, diagnoses, failures = [], [], [Failure("changed", reason)]
+        results, diagnoses, failures = [], [], [SourceFailure("changed", reason)]
     except (SurveyError, InversionError) as error:
         results, diagnoses = [], []
-        failures = [*failures, Failure("refused", str(error))]
+        failures = [*failures, SourceFailure("refused", str(error))]
     except Exception as error:
         # One bad source must not stop the archive; the reason is stored with the failures.
         reason = f"{source.path}: an unexpected error: {type(error).__name__}: {error}"
         results, diagnoses = [], []
-        failures = [*failures, Failure("unforeseen", reason)]
+        failures = [*failures, SourceFailure("unforeseen", reason)]
     seconds = time.process_time() - start_s
     return SourceOutcome(source, results, diagnoses, failures, seconds)
 
 
 def _diagnoses(
     source: Source, points: Sequence[TracePoint], options: AnalysisOptions
-) -> Iterator[DiagnosisResult | Failure]:
+) -> Iterator[DiagnosisResult | SourceFailure]:
     """Yield the diagnoses of a survey's points.
 
     Points with the same device are diagnosed together.
@@ -244,40 +244,42 @@ def _diagnoses(
         try:
             entries.append(entry_of(source.path, point, options))
         except InversionError as error:
-            yield Failure("refused", f"{source.path}: {error}", str(point.setup.point or ""))
+            yield SourceFailure("refused", f"{source.path}: {error}", str(point.setup.point or ""))
     for diagnosis in diagnose_entries(entries):
         if diagnosis.result is not None:
             yield diagnosis.result
         elif diagnosis.error is not None:
-            yield Failure("refused", diagnosis.error)
+            yield SourceFailure("refused", diagnosis.error)
 
 
 class _Changed(Exception):
     pass
 
 
-def _points(source: Source, options: AnalysisOptions) -> Iterator[TracePoint | Failure]:
+def _points(source: Source, options: AnalysisOptions) -> Iterator[TracePoint | SourceFailure]:
     if source.survey or is_survey_file(source.path):
         yield from _survey_points(source, options)
     else:
         yield from read_points(source.path, options.header, options.overrides())
 
 
-def _survey_points(source: Source, options: AnalysisOptions) -> Iterator[TracePoint | Failure]:
+def _survey_points(
+    source: Source, options: AnalysisOptions
+) -> Iterator[TracePoint | SourceFailure]:
     """Yield the points of a survey; damage to one point does not affect the others."""
     content = _content(source.path, source.size, source.mtime_ns)
     if source.piece == 0:
         for text in content.damage:
-            yield Failure("damage", f"{source.path}: damaged survey: {text}")
+            yield SourceFailure("damage", f"{source.path}: damaged survey: {text}")
         if not content.points:
-            yield Failure("refused", refusal(source.path, "a survey with drops", "none"))
+            yield SourceFailure("refused", refusal(source.path, "a survey with drops", "none"))
     declared = dict(read_header_file(options.header)) if options.header is not None else {}
     declared |= {key: Declaration(v, "command line") for key, v in options.overrides().items()}
     for point in content.points[source.first_point : source.end_point]:
         try:
             yield from points_of(source.path, point, declared)
         except (RecordingError, SurveyError) as error:
-            yield Failure("refused", str(error), point.title)
+            yield SourceFailure("refused", str(error), point.title)
 
 
 @lru_cache(maxsize=1)

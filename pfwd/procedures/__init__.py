@@ -42,10 +42,10 @@ from pfwd.procedures.point import (
     PointProgress,
     PointValue,
     ReasonCode,
-    StressDependence,
+    StressLaw,
     Verdict,
 )
-from pfwd.procedures.profile import Number, Procedure, Quantity, Target
+from pfwd.procedures.profile import Procedure, Quantity, SourcedNumber, Target
 from pfwd.procedures.reading import parse_procedure, read_procedure
 from pfwd.procedures.shipped import (
     NO_PROCEDURE,
@@ -64,7 +64,6 @@ __all__ = [
     "ExcludedDrop",
     "Exclusion",
     "Kind",
-    "Number",
     "PointDrop",
     "PointModulus",
     "PointProgress",
@@ -72,7 +71,8 @@ __all__ = [
     "Procedure",
     "Quantity",
     "ReasonCode",
-    "StressDependence",
+    "SourcedNumber",
+    "StressLaw",
     "Target",
     "Verdict",
     "find_procedure",

@@ -237,7 +237,7 @@ class DiagnosedModulus:
 
 
 @dataclass(frozen=True, slots=True)
-class StressDependence:
+class StressLaw:
     """Fit of E = E_0 (p / p_0)^n, with the pressure p, to drops from several heights."""
 
     exponent: float
@@ -323,7 +323,7 @@ class PointProgress:
     """Relative change of the deflection from the first to the last averaged drop; negative:
     stiffening.
     """
-    stress: StressDependence | None
+    stress: StressLaw | None
     target: float | None
     """Target, Pa, or m for a deflection; None: there is none."""
     target_source: Notice | None

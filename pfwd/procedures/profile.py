@@ -73,7 +73,7 @@ class Quantity(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Number:
+class SourcedNumber:
     """Number in a procedure's profile, with its source."""
 
     value: float
@@ -88,7 +88,7 @@ class Number:
 class Target:
     """Target for the judged value of a point, for all or some materials and moistures."""
 
-    value: Number
+    value: SourcedNumber
     """Target value, Pa, or m for a deflection."""
     material: str | None = None
     """Material that the target is limited to; None: any material."""
@@ -208,29 +208,29 @@ class Procedure:
     """Document that states the requirements."""
     about: str = ""
     """Remarks for the user, in particular on numbers that could not be verified."""
-    seating: Number | None = None
+    seating: SourcedNumber | None = None
     """Number of seating drops; None: the document does not state it."""
-    measured: Number | None = None
+    measured: SourcedNumber | None = None
     """Number of averaged drops; None: the document does not state it."""
     quantity: Quantity = Quantity.MODULUS
     """Quantity by which a point is judged."""
     average: str = "deflection"
     """"deflection": the modulus of the mean deflection; "modulus": the mean of the moduli."""
-    factor: Number | None = None
+    factor: SourcedNumber | None = None
     """Plate factor: 1.5 in E_vd; 2 (uniform), pi/2 (rigid), 8/3 (parabolic) in E_LWD."""
-    nominal_pressure: Number | None = None
+    nominal_pressure: SourcedNumber | None = None
     """Contact pressure that the procedure presumes, Pa; the formula of E_vd uses it in place of the
     measured one.
     """
-    nominal_load: Number | None = None
+    nominal_load: SourcedNumber | None = None
     """Peak load that the procedure presumes, N."""
-    poisson_ratio: Number | None = None
+    poisson_ratio: SourcedNumber | None = None
     """Poisson's ratio in the formula; None: the declared value of the point is used."""
-    plate_radius: Number | None = None
+    plate_radius: SourcedNumber | None = None
     """Plate radius that the procedure presumes, m."""
     centre_sensor: str | None = None
     """Place of the centre sensor that the procedure presumes, "plate" or "ground"; None: any."""
-    checks: Mapping[str, Number] = field(default_factory=dict)
+    checks: Mapping[str, SourcedNumber] = field(default_factory=dict)
     """Limits by their keys in `CHECKS`."""
     targets: tuple[Target, ...] = ()
     """Targets by material and moisture."""
@@ -254,7 +254,7 @@ class Procedure:
             return Tolerance(OUR_TOLERANCES[check], is_ours=True)
         return Tolerance(number.value, is_ours=not number.verified)
 
-    def enforced(self, number: Number | None) -> float | None:
+    def enforced(self, number: SourcedNumber | None) -> float | None:
         """Return the value of a number if it is enforced.
 
         The result is None if the profile lacks it, or it is not verified.
@@ -299,12 +299,12 @@ class Procedure:
             "enforce_unverified": self.enforce_unverified,
         }
 
-    def numbers(self) -> dict[str, Number]:
+    def numbers(self) -> dict[str, SourcedNumber]:
         """Return every number that the profile states, by its key.
 
         Targets have the keys ``target 1``, ``target 2`` and so on.
         """
-        numbers: dict[str, Number | None] = {
+        numbers: dict[str, SourcedNumber | None] = {
             "seating": self.seating,
             "measured": self.measured,
             "factor": self.factor,

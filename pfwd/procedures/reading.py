@@ -8,8 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from pfwd.errors import OptionError, quote, refusal
-from pfwd.procedures.profile import CHECKS, Procedure, Quantity, Target, number_words
-from pfwd.procedures.profile import Number as SourcedNumber
+from pfwd.procedures.profile import CHECKS, Procedure, Quantity, SourcedNumber, Target, number_words
 from pfwd.toml_reading import parse_user_toml, read_toml_text
 from pfwd_device.schema import Array, Choice, Flag, Key, Number, Table, TableReader, Text
 

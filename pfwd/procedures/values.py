@@ -9,7 +9,7 @@ from pfwd.procedures.point import (
     PointDrop,
     PointModulus,
     PointValue,
-    StressDependence,
+    StressLaw,
 )
 from pfwd.procedures.profile import Procedure, Quantity
 
@@ -342,7 +342,7 @@ def stress_of(
     usable: Sequence[PointDrop],
     plate_radius: float,
     declared_ratio: float | None,
-) -> StressDependence | None:
+) -> StressLaw | None:
     """Return the dependence of a point's modulus on the pressure under the plate.
 
     The result is None in the case that `stress_dependence` describes.
@@ -460,9 +460,7 @@ def half_width_95(values: Sequence[float]) -> float | None:
     return quantile * math.sqrt(variance / count)
 
 
-def stress_dependence(
-    pressures: Sequence[float], moduli: Sequence[float]
-) -> StressDependence | None:
+def stress_dependence(pressures: Sequence[float], moduli: Sequence[float]) -> StressLaw | None:
     """Return the exponent n of E = E_0 (p / p_0)^n, by least squares of the logarithms.
 
     Parameters
@@ -490,4 +488,4 @@ def stress_dependence(
             (b - mean_y - slope * (a - mean_x)) ** 2 for a, b in zip(x, y, strict=True)
         )
         deviation = math.sqrt(residual / (len(x) - 2) / squares)
-    return StressDependence(slope, deviation, (min(pressures), max(pressures)))
+    return StressLaw(slope, deviation, (min(pressures), max(pressures)))

@@ -12,7 +12,7 @@ from inversion.notices import ENGLISH, Language, term_text, text_of
 from pfwd.analysis.options import METHOD_WORDS, PLATE_WORDS
 from pfwd.errors import OptionError, quote, refusal
 from pfwd.procedures import Procedure
-from pfwd.procedures.profile import Number, term_of_number
+from pfwd.procedures.profile import SourcedNumber, term_of_number
 from pfwd_device.text import clean
 
 MAX_TEXTS_BYTES = 1_000_000
@@ -69,7 +69,7 @@ class Texts:
         """Return the remarks on a procedure in this language."""
         return self._of_procedure(procedure, "about", procedure.about)
 
-    def source(self, procedure: Procedure, key: str, number: Number) -> str:
+    def source(self, procedure: Procedure, key: str, number: SourcedNumber) -> str:
         """Return the source of a number of a procedure; a document keeps its name."""
         return self._of_procedure(procedure, key, number.source)
 

@@ -117,7 +117,7 @@ def _predictors(
     entries: Sequence[DiagnosisPoint], device_values: DeviceValues | None
 ) -> list[Callable[..., Any] | None]:
     """Return for each point the function that predicts its next drop; None: no measured drop."""
-    from inversion.inference.instrument import Instrument
+    from inversion.inference.instrument import InstrumentPoints
     from pfwd.analysis.diagnosis.entries import instrument_of
 
     groups: dict[object, list[DiagnosisPoint]] = {}
@@ -126,7 +126,7 @@ def _predictors(
     predictors: dict[DiagnosisPoint, Callable[..., Any]] = {}
     for group in groups.values():
         measured = {entry: entry.records for entry in group if entry.records is not None}
-        instrument = Instrument(list(measured.values()), device_values)
+        instrument = InstrumentPoints(list(measured.values()), device_values)
         for place, entry in enumerate(measured):
             predictors[entry] = partial(instrument.predict_next, place)
     return [predictors.get(entry) for entry in entries]

@@ -19,7 +19,7 @@ from pfwd_device.acquisition.detection import AtRest, DetectionSettings, PulseRe
 from pfwd_device.acquisition.items import BufferedDrop
 from pfwd_device.calibration import counts_per_unit, load_channel
 from pfwd_device.identity import Identity
-from pfwd_device.recording.record import DropRecord, Rebound
+from pfwd_device.recording.record import DropRecord, ReboundRecord
 from pfwd_device.wire.messages import DropOffer, Status, Trigger
 
 LOST_EVENT = "drops lost"
@@ -231,7 +231,7 @@ class StreamedItem:
     content: DropRecord | PulseReport
     received: float | None = None
     """Time at which the last sample of a drop arrived, s, monotonic clock."""
-    rebounds: list[Rebound] = field(default_factory=list)
+    rebounds: list[ReboundRecord] = field(default_factory=list)
 
     def is_in(self, offer: DropOffer) -> bool:
         """Return whether a record of the instrument contains the peaks of all its pulses."""
@@ -253,7 +253,7 @@ class StreamedDrops:
         if not any(item.is_in(offer) for offer in self._buffered):
             self._waiting.append(item)
 
-    def add_rebound(self, after: int, rebound: Rebound) -> None:
+    def add_rebound(self, after: int, rebound: ReboundRecord) -> None:
         """Add a rebound to the drop whose trigger has the index `after`."""
         for item in self._waiting:
             if item.trigger == after:

@@ -24,7 +24,7 @@ from pfwd_device.calibration import counts_per_unit, load_channel
 from pfwd_device.errors import SetupError
 from pfwd_device.identity import Identity, identity_as_dict, identity_from_dict
 from pfwd_device.recording.drop_file import software_version
-from pfwd_device.recording.record import DropRecord, Rebound
+from pfwd_device.recording.record import DropRecord, ReboundRecord
 from pfwd_device.wire.messages import Status
 
 
@@ -146,9 +146,9 @@ def pulse_event(pulse: PulseReport, identity: Identity, point: str) -> tuple[dic
     return details, text
 
 
-def rebound_of(raw: RawRebound, identity: Identity) -> Rebound:
+def rebound_of(raw: RawRebound, identity: Identity) -> ReboundRecord:
     """Convert a rebound from samples and counts to SI units."""
-    return Rebound(
+    return ReboundRecord(
         delay=(raw.trigger - raw.after) / identity.sampling_rate,
         peak_load=load_of(raw.peak, identity),
         first_sample=raw.first,

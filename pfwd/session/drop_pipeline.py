@@ -27,7 +27,7 @@ from pfwd.session.setup_file import setup_of
 from pfwd.session.survey_recorder import SurveyRecorder
 from pfwd_device.recording.drop_payload import facts_of
 from pfwd_device.recording.layout import Layout
-from pfwd_device.recording.record import DropRecord, Rebound
+from pfwd_device.recording.record import DropRecord, ReboundRecord
 from pfwd_device.recording.survey_writer import SurveyWriter
 
 LAST_REBOUNDS = 3.0
@@ -174,7 +174,7 @@ class DropPipeline:
         else:
             self._on_saved(record, None, None)
 
-    def take_rebound(self, rebound: Rebound, *, recorded: bool) -> None:
+    def take_rebound(self, rebound: ReboundRecord, *, recorded: bool) -> None:
         """Save a rebound with the last drop; `recorded`: the record of a replayed drop has it
         already.
         """
@@ -185,7 +185,7 @@ class DropPipeline:
             self.recorder.keep_rebound(*self._last, self._last_record, rebound)
         self._report(Rebounded(*self._last, rebound.delay, rebound.peak_load))
 
-    def take_late_rebound(self, point: str, number: int, rebound: Rebound) -> None:
+    def take_late_rebound(self, point: str, number: int, rebound: ReboundRecord) -> None:
         """Save a rebound with an earlier drop that was already complete."""
         if self.recorder is not None:
             record = self._records.get((point, number))

@@ -86,7 +86,7 @@ from pfwd_device.calibration import calibrate, calibration_warnings, load_channe
 from pfwd_device.drop import Drop
 from pfwd_device.errors import RecordingError, SetupError
 from pfwd_device.identity import Identity
-from pfwd_device.recording.record import DropRecord, Rebound, point_name
+from pfwd_device.recording.record import DropRecord, ReboundRecord, point_name
 from pfwd_device.recording.survey_writer import SurveyWriter
 from pfwd_device.wire.messages import Armed, Event, EventKind, Refusal, Status, Trigger
 
@@ -921,7 +921,7 @@ class Session:
         identity: Identity,
         metadata: dict[str, Any],
         number: int,
-        rebounds: tuple[Rebound, ...] = (),
+        rebounds: tuple[ReboundRecord, ...] = (),
     ) -> DropRecord:
         drop = calibrate(number, raw.counts, raw.missing, raw.trigger, identity)
         return DropRecord(self._point, drop, raw.counts, self._declared, metadata, rebounds)
@@ -946,7 +946,7 @@ class Session:
             soon = delay < BOUNCES_END and point == self._point
             if soon and peak < BOUNCE_OVER_DROP * before[1]:
                 self._interrupted = True  # another bounce may follow
-                self._record_late(now, Rebound(delay, peak, raw.first, raw.counts))
+                self._record_late(now, ReboundRecord(delay, peak, raw.first, raw.counts))
                 text = (
                     f"the impact after the connection was restored is a bounce of drop "
                     f"{point}/{number} and is recorded with it"
@@ -956,7 +956,7 @@ class Session:
         self._fell = now, peak, (self._point, drop.number)
         return False
 
-    def _record_late(self, now: datetime.datetime, bounce: Rebound) -> None:
+    def _record_late(self, now: datetime.datetime, bounce: ReboundRecord) -> None:
         """Record a bounce with the drop that was detected before the connection was lost."""
         assert self._fell is not None
         delay = max((now - self._fell[0]).total_seconds(), 0.0)

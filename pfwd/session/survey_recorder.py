@@ -20,7 +20,7 @@ from pfwd.session.events import (
 )
 from pfwd_device.errors import RecordingError, StorageFull
 from pfwd_device.recording import PublishingFailed, SurveyNotSafe
-from pfwd_device.recording.record import DropRecord, Rebound
+from pfwd_device.recording.record import DropRecord, ReboundRecord
 from pfwd_device.recording.survey_writer import SurveyWriter
 from pfwd_device.wire.fields import pack_int24
 
@@ -275,7 +275,9 @@ class SurveyRecorder:
             return
         self._reported_room = room
 
-    def keep_rebound(self, point: str, drop: int, number: int | None, rebound: Rebound) -> None:
+    def keep_rebound(
+        self, point: str, drop: int, number: int | None, rebound: ReboundRecord
+    ) -> None:
         """Save a rebound; if its drop waits to be saved, the rebound waits with it.
 
         Parameters

@@ -28,7 +28,7 @@ import logging
 from pfwd_device.recording.capture import CapturedBytes, CaptureReader, CaptureWriter
 from pfwd_device.recording.checking import CheckReport, check
 from pfwd_device.recording.drop_file import read_drop_file
-from pfwd_device.recording.record import DropRecord, Rebound
+from pfwd_device.recording.record import DropRecord, ReboundRecord
 from pfwd_device.recording.recovery import RecoveryReport, recover
 from pfwd_device.recording.spare import SpareFolder
 from pfwd_device.recording.storage import Storage
@@ -47,7 +47,7 @@ __all__ = [
     "CheckReport",
     "DropRecord",
     "PublishingFailed",
-    "Rebound",
+    "ReboundRecord",
     "RecoveryReport",
     "SpareFolder",
     "Storage",

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording.framing import Damage, Kind, encode_frame, scan
+from pfwd_device.recording.framing import Damage, RecordKind, encode_frame, scan
 from pfwd_device.recording.payload import encode_payload, payload_data
 from pfwd_device.recording.storage import Storage
 
@@ -81,7 +81,7 @@ class CaptureWriter:
         self._timer: threading.Timer | None = None
         self._lock = threading.Lock()
         header_data = {"format_version": CAPTURE_VERSION, **header}
-        self._frame(Kind.CAPTURE, encode_payload(header_data))
+        self._frame(RecordKind.CAPTURE, encode_payload(header_data))
         self._descriptor: int | None = None
         try:
             self._storage.make_folder(path.parent)
@@ -107,7 +107,7 @@ class CaptureWriter:
         with self._lock:
             if self._descriptor is None:
                 return
-            self._frame(Kind.BYTES, now + bytes(data))
+            self._frame(RecordKind.BYTES, now + bytes(data))
             if len(self._waiting) >= FLUSH_BYTES:
                 self._try_to_flush()
             elif self._timer is None:
@@ -233,16 +233,16 @@ def decode_capture(kind: int, payload: bytes) -> dict[str, Any] | CapturedBytes 
     Parameters
     ----------
     kind : int
-        Kind of the record, one of `Kind`.
+        Kind of the record, one of `RecordKind`.
     payload : bytes
         Content of the record.
     """
-    if kind == Kind.CAPTURE:
+    if kind == RecordKind.CAPTURE:
         try:
             return payload_data(payload)
         except RecordingError:
             return None
-    if kind != Kind.BYTES or len(payload) < _PREFIX.size:
+    if kind != RecordKind.BYTES or len(payload) < _PREFIX.size:
         return None
     monotonic, utc, direction = _PREFIX.unpack_from(payload)
     if direction >= len(_DIRECTIONS):

@@ -29,7 +29,7 @@ from pfwd_device.recording.hdf5_tree import (
     write_group,
 )
 from pfwd_device.recording.payload import Array, decode_json, encode_json
-from pfwd_device.recording.record import DropRecord, Rebound
+from pfwd_device.recording.record import DropRecord, ReboundRecord
 from pfwd_device.text import clean
 from pfwd_plugins.quantities import motion
 
@@ -280,7 +280,7 @@ def _record(tree: Group, where: str) -> tuple[DropRecord, int]:
         offset = float(sensor.attributes["offset"])
         channels.append(Channel(offset, quantity, _array(sensor, "values")))
     bounces = [
-        Rebound(
+        ReboundRecord(
             float(rebound.attributes["delay_s"]),
             float(rebound.attributes["peak_load_N"]),
             int(rebound.attributes["first_sample"]),

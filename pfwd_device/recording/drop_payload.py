@@ -13,7 +13,7 @@ import numpy as np
 from pfwd_device.drop import Channel, Drop, Peaks
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.payload import Array, decode_payload, encode_payload
-from pfwd_device.recording.record import DropRecord, Rebound
+from pfwd_device.recording.record import DropRecord, ReboundRecord
 from pfwd_device.signals import trace_peaks
 from pfwd_plugins.quantities import motion
 
@@ -221,7 +221,7 @@ def _only_peaks(recorded: Any, sensors: list[Any]) -> Peaks:
     return Peaks(_number(recorded["load"]), tuple(zip(offsets, displacements, strict=True)))
 
 
-def rebound_payload(number: int, rebound: Rebound) -> bytes:
+def rebound_payload(number: int, rebound: ReboundRecord) -> bytes:
     """Return the content of the record of a rebound.
 
     Parameters
@@ -233,7 +233,7 @@ def rebound_payload(number: int, rebound: Rebound) -> bytes:
     return encode_payload(_rebound_data(rebound) | {"number": number}, {"counts": rebound.counts})
 
 
-def rebound_from_payload(payload: bytes) -> Rebound:
+def rebound_from_payload(payload: bytes) -> ReboundRecord:
     """Return the rebound in the content of a record.
 
     Raises
@@ -248,14 +248,14 @@ def rebound_from_payload(payload: bytes) -> Rebound:
         raise RecordingError(f"expected the data of a rebound, got other data: {err}") from err
 
 
-def with_rebounds(record: DropRecord, later: tuple[Rebound, ...]) -> DropRecord:
+def with_rebounds(record: DropRecord, later: tuple[ReboundRecord, ...]) -> DropRecord:
     """Return the drop with further rebounds, which were recorded after it; skip those it has."""
     recorded_earlier = {(rebound.first_sample, rebound.delay) for rebound in record.rebounds}
     later = tuple(r for r in later if (r.first_sample, r.delay) not in recorded_earlier)
     return replace(record, rebounds=(*record.rebounds, *later)) if later else record
 
 
-def _rebound_data(rebound: Rebound) -> dict[str, Any]:
+def _rebound_data(rebound: ReboundRecord) -> dict[str, Any]:
     return {
         "delay": rebound.delay,
         "peak_load": rebound.peak_load,
@@ -263,8 +263,8 @@ def _rebound_data(rebound: Rebound) -> dict[str, Any]:
     }
 
 
-def _rebound_from(data: Mapping[str, Any], counts: Array) -> Rebound:
-    return Rebound(
+def _rebound_from(data: Mapping[str, Any], counts: Array) -> ReboundRecord:
+    return ReboundRecord(
         delay=_number(data["delay"]),
         peak_load=_number(data["peak_load"]),
         first_sample=_integer(data["first_sample"]),

@@ -11,7 +11,7 @@ from typing import Any
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.files import file_facts, now, publish_request, set_aside
-from pfwd_device.recording.framing import Kind
+from pfwd_device.recording.framing import RecordKind
 from pfwd_device.recording.index import FileEntry, Index
 from pfwd_device.recording.journal import read_record
 from pfwd_device.recording.layout import names_in
@@ -194,7 +194,7 @@ class FileRepair:
 
     def _list(self, facts: dict[str, Any]) -> None:
         data = facts | {"time_utc": now()}
-        self._index.add(self._log.append(Kind.FILE, data), data)
+        self._index.add(self._log.append(RecordKind.FILE, data), data)
         self.sound.add(facts["path"])
 
 

@@ -39,7 +39,7 @@ _SCAN_BYTES = 2**20
 _CHECK = struct.Struct("<I")
 
 
-class Kind(IntEnum):
+class RecordKind(IntEnum):
     """Kind of a record in a journal, or in a capture (the last two)."""
 
     SURVEY = 1
@@ -70,7 +70,7 @@ class Frame(NamedTuple):
     """Undamaged record of a journal or capture, with its position in the file."""
 
     kind: int
-    """One of `Kind`, or a number of a later version."""
+    """One of `RecordKind`, or a number of a later version."""
     identity: bytes
     """Identity of the survey or capture, 16 bytes."""
     sequence: int
@@ -103,7 +103,7 @@ def encode_frame(kind: int, identity: bytes, sequence: int, payload: bytes) -> b
     Parameters
     ----------
     kind : int
-        One of `Kind`.
+        One of `RecordKind`.
     identity : bytes
         Identity of the survey or capture, 16 bytes.
     sequence : int

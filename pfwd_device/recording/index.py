@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording.framing import Frame, Kind
+from pfwd_device.recording.framing import Frame, RecordKind
 from pfwd_device.recording.journal import Located, Stretch, read_record, scan_journal
 from pfwd_device.recording.layout import FORMAT_VERSION, Layout
 from pfwd_device.recording.ledger import (
@@ -40,13 +40,13 @@ larger. A larger number means damage."""
 _PUBLISHED_PATH = re.compile(r"(drops|results|captures)/\w[\w.-]*", re.ASCII)
 
 _INDEXED_KEYS = {
-    Kind.SURVEY: ("created_utc", "software", "format_version"),
-    Kind.POINT: ("name", "order", "declared"),
-    Kind.DROP: ("number", "point", "drop", "key", "restored_from", "peaks"),
-    Kind.REBOUND: ("number",),
-    Kind.EDIT: ("what", "value", "point", "number", "time_utc"),
-    Kind.EVENT: ("event", "damage", "settled"),
-    Kind.FILE: ("path", "size", "sha256", "number"),
+    RecordKind.SURVEY: ("created_utc", "software", "format_version"),
+    RecordKind.POINT: ("name", "order", "declared"),
+    RecordKind.DROP: ("number", "point", "drop", "key", "restored_from", "peaks"),
+    RecordKind.REBOUND: ("number",),
+    RecordKind.EDIT: ("what", "value", "point", "number", "time_utc"),
+    RecordKind.EVENT: ("event", "damage", "settled"),
+    RecordKind.FILE: ("path", "size", "sha256", "number"),
 }
 
 
@@ -184,7 +184,7 @@ class Index:
         """Lost drops: point and number within it, by survey-wide number."""
         lost = {}
         for entry in self.lost.values():
-            about = read_about(entry.about) if entry.kind == Kind.DROP else None
+            about = read_about(entry.about) if entry.kind == RecordKind.DROP else None
             if about is not None and about[0] not in self.drops:
                 lost[about[0]] = about[1:]
         return lost
@@ -222,7 +222,7 @@ class Index:
         except (KeyError, TypeError, ValueError, AttributeError) as err:
             raise RecordingError(f"record {entry.sequence}: unexpected data, {err!r}") from err
         self.entries[entry.sequence] = entry
-        self.closed = entry.kind == Kind.CLOSE
+        self.closed = entry.kind == RecordKind.CLOSE
 
     def with_peaks(self, peaks: Any) -> list[int]:
         """Return the entry of `drops_by_peaks` for recorded peaks; an empty list without any."""
@@ -269,29 +269,29 @@ class Index:
 
     def _add(self, entry: Entry, data: Mapping[str, Any]) -> None:
         match entry.kind:
-            case Kind.SURVEY:
+            case RecordKind.SURVEY:
                 self.info = dict(data)
-            case Kind.POINT:
+            case RecordKind.POINT:
                 _types(data, name=str, order=int, declared=dict)
                 _check_name(data["name"])
                 self.points[data["name"]] = dict(data)
-            case Kind.DROP:
+            case RecordKind.DROP:
                 self._add_drop(entry, data)
-            case Kind.REBOUND:
+            case RecordKind.REBOUND:
                 _types(data, number=int)
                 self.rebounds.setdefault(data["number"], []).append(entry)
-            case Kind.EDIT:
+            case RecordKind.EDIT:
                 _types(data, what=str)
                 self.edits.append(dict(data))
-            case Kind.EVENT:
+            case RecordKind.EVENT:
                 _types(data, event=str)
                 self.events.append(entry)
                 if data["event"] == "recovery":
                     self.settled.update(data.get("settled") or ())
                     self.handled_damage.update(tuple(key) for key in data.get("damage") or ())
-            case Kind.CHECK:
+            case RecordKind.CHECK:
                 self.checks.append(entry)
-            case Kind.FILE:
+            case RecordKind.FILE:
                 _types(data, path=str, size=int, sha256=str)
                 if _PUBLISHED_PATH.fullmatch(data["path"]) is None:
                     raise ValueError("path: expected a path inside the folder of the survey")
@@ -371,7 +371,7 @@ def build_index(layout: Layout, *, parse_drops: bool = True) -> Index:
             chosen[entry.sequence] = record
     for sequence in sorted(chosen):
         record = chosen[sequence]
-        if record.entry.kind == Kind.SURVEY:
+        if record.entry.kind == RecordKind.SURVEY:
             _check_version(layout, record.data)
         try:
             index.add(record.entry, record.data)
@@ -514,7 +514,7 @@ def _scan(layout: Layout, index: Index, lines: Mapping[int, Entry]) -> list[_Par
             index.damage.append(item)
             continue
         frame = item.frame
-        line = lines.get(frame.sequence) if frame.kind == Kind.DROP else None
+        line = lines.get(frame.sequence) if frame.kind == RecordKind.DROP else None
         about = None if line is None else read_about(line.about)
         if line is not None and about is not None and line == _entry(item, line.about):
             data: dict[str, Any] = dict(zip(("number", "point", "drop"), about, strict=True))
@@ -542,7 +542,7 @@ def about_of(kind: int, data: Mapping[str, Any]) -> str:
 
     That of a drop has its numbers and its point; any other record has "-".
     """
-    if kind == Kind.DROP:
+    if kind == RecordKind.DROP:
         number, point, drop = data.get("number"), data.get("point"), data.get("drop")
         if type(number) is int and isinstance(point, str) and type(drop) is int:
             return about_drop(number, point, drop)

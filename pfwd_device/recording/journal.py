@@ -27,7 +27,7 @@ they have 16 GB."""
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class JournalRecord:
     """Record that is to be written to the journal."""
 
     sequence: int
@@ -126,7 +126,7 @@ class JournalWriter:
             self._number, descriptor = continued
             self._current = self._segment(self._number, descriptor)
 
-    def append(self, record: Record) -> Entry:
+    def append(self, record: JournalRecord) -> Entry:
         """Append a record; return its entry for the list of saved records when it is on the disk.
 
         Raises
@@ -153,7 +153,7 @@ class JournalWriter:
         segment.end += len(record.data)
         return entry
 
-    def append_all(self, records: Iterable[Record]) -> dict[int, Entry]:
+    def append_all(self, records: Iterable[JournalRecord]) -> dict[int, Entry]:
         """Append records; return their entries by sequence number when all are on the disk.
 
         Raises
@@ -209,7 +209,7 @@ class JournalWriter:
                 return f"journal/{why}"
         return None
 
-    def read(self, entry: Entry) -> Record | None:
+    def read(self, entry: Entry) -> JournalRecord | None:
         """Read a record of the journal, also if its file was deleted; None if it is damaged."""
         segment = self._earlier.get(entry.segment)
         if segment is None and entry.segment == self._number:
@@ -223,7 +223,7 @@ class JournalWriter:
         frame = read_frame(io.BytesIO(data), 0)
         if frame is None or (frame.sequence, frame.check) != (entry.sequence, entry.check):
             return None
-        return Record(entry.sequence, entry.kind, data, entry.about)
+        return JournalRecord(entry.sequence, entry.kind, data, entry.about)
 
     def close(self) -> None:
         """Close all files of the journal."""

@@ -16,7 +16,7 @@ COPY_OF = "copy_of"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Rebound:
+class ReboundRecord:
     """Rebound of a drop: a later impact of the weight after it bounced off the plate."""
 
     delay: float
@@ -48,7 +48,7 @@ class DropRecord:
     metadata: Mapping[str, Any] = field(default_factory=dict)
     """All other facts as JSON values: identity, calibration, detection, missing samples, marks,
     checks, time_utc, software version, position, operator."""
-    rebounds: tuple[Rebound, ...] = ()
+    rebounds: tuple[ReboundRecord, ...] = ()
     """Later bounces of the weight, in order."""
 
     def __post_init__(self) -> None:

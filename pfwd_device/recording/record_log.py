@@ -18,9 +18,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 from pfwd_device.errors import RecordingError, StorageFull
-from pfwd_device.recording.framing import Kind, encode_frame
+from pfwd_device.recording.framing import RecordKind, encode_frame
 from pfwd_device.recording.index import FileStates, build_index, file_states
-from pfwd_device.recording.journal import JournalWriter, Record
+from pfwd_device.recording.journal import JournalRecord, JournalWriter
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import Entry, LedgerWriter, read_about
 from pfwd_device.recording.lock import SurveyLock
@@ -80,7 +80,7 @@ class RecordFiles:
         """Records that are listed as saved in this folder."""
         return self._ledger.entries
 
-    def append(self, record: Record) -> Entry:
+    def append(self, record: JournalRecord) -> Entry:
         """Write a record; return its entry in the list of saved records when both are on the disk.
 
         Raises
@@ -103,7 +103,7 @@ class RecordFiles:
             raise
         return entry
 
-    def append_all(self, records: Iterable[Record]) -> dict[int, Entry]:
+    def append_all(self, records: Iterable[JournalRecord]) -> dict[int, Entry]:
         """Write records; return their entries in the list of saved records by sequence number.
 
         When it returns, all of it is on the disk. Raise OSError if the disk fails.
@@ -131,7 +131,7 @@ class RecordFiles:
                 return f" ({_name_of(entry)})"
         return None
 
-    def read(self, entry: Entry) -> Record | None:
+    def read(self, entry: Entry) -> JournalRecord | None:
         """Read a record from the open files, also if they were deleted; None if unreadable."""
         return self._journal.read(entry)
 
@@ -192,7 +192,7 @@ class RecordLog:
         self._closed = False
         self._survey_lock = lock
         self._sequence = max((entry.sequence for entry in entries), default=0) + 1
-        self._recent: dict[int, Record] = {}
+        self._recent: dict[int, JournalRecord] = {}
         self._recent_bytes = 0
         self._failure: RecordingError | None = None
         self._home_states: FileStates | None = ()
@@ -225,7 +225,7 @@ class RecordLog:
         Parameters
         ----------
         kind : int
-            One of `Kind`.
+            One of `RecordKind`.
         data : mapping
             Values that JSON can express.
         arrays : mapping of str to ndarray, optional
@@ -248,7 +248,7 @@ class RecordLog:
         with self.lock:
             self._refuse_closed()
             data = encode_frame(kind, self.survey, self._sequence, payload)
-            record = Record(self._sequence, kind, data, about)
+            record = JournalRecord(self._sequence, kind, data, about)
             self._remember(record)  # before the write, during which the journal may be cut
             try:
                 entry = self._append(record)
@@ -258,7 +258,7 @@ class RecordLog:
             self._sequence += 1
             return entry
 
-    def append_records(self, records: Iterable[Record]) -> dict[int, Entry]:
+    def append_records(self, records: Iterable[JournalRecord]) -> dict[int, Entry]:
         """Write records of the spare folder with their sequence numbers to the survey's folder.
 
         Return their entries in the list of saved records. Raise RecordingError if that fails.
@@ -337,17 +337,17 @@ class RecordLog:
                 f"{self.layout.folder}: expected an open survey, got a closed one; open it again"
             )
 
-    def _remember(self, record: Record) -> None:
+    def _remember(self, record: JournalRecord) -> None:
         self._recent[record.sequence] = record
         self._recent_bytes += len(record.data)
         while self._recent_bytes > RECENT_BYTES and len(self._recent) > 1:
             self._forget(next(iter(self._recent.values())))
 
-    def _forget(self, record: Record) -> None:
+    def _forget(self, record: JournalRecord) -> None:
         if self._recent.pop(record.sequence, None) is not None:
             self._recent_bytes -= len(record.data)
 
-    def _append(self, record: Record) -> Entry:
+    def _append(self, record: JournalRecord) -> Entry:
         if self.part is None:
             try:
                 return self._append_home(record)
@@ -358,7 +358,7 @@ class RecordLog:
             self._use_spare()
         return self._append_spare(record)
 
-    def _append_home(self, record: Record) -> Entry:
+    def _append_home(self, record: JournalRecord) -> Entry:
         self._require_home()
         home = self._files[0]
         try:
@@ -385,7 +385,7 @@ class RecordLog:
         if self._survey_lock.problem() is not None:
             self._survey_lock.reacquire()
 
-    def _append_spare(self, record: Record) -> Entry:
+    def _append_spare(self, record: JournalRecord) -> Entry:
         assert self.part is not None
         files = self._files[-1]
         try:
@@ -438,7 +438,7 @@ class RecordLog:
         self._home_states = states
         if copied:
             self.moved(copied, self.part.layout)
-        drops = sum(entry.kind == Kind.DROP for entry in copied.values())
+        drops = sum(entry.kind == RecordKind.DROP for entry in copied.values())
         self._report(SurveyNotSafe(str(self._failure), self.part.layout.folder, drops, lost))
 
     def _open_part(self, spare: SpareFolder) -> tuple[dict[int, Entry], tuple[str, ...]]:
@@ -482,13 +482,13 @@ class RecordLog:
         present = {(e.sequence, e.check) for e in target.entries if e.sequence not in target.lost}
         unreadable: dict[tuple[int, int], Entry] = {}
 
-        def missing() -> Iterator[Record]:
+        def missing() -> Iterator[JournalRecord]:
             for files in sources:
                 for entry in files.entries:
                     key = entry.sequence, entry.check
                     if key in present or entry.sequence in files.lost:
                         continue
-                    if key in intact and entry.kind not in (Kind.SURVEY, Kind.POINT):
+                    if key in intact and entry.kind not in (RecordKind.SURVEY, RecordKind.POINT):
                         continue
                     record = files.read(entry) or self._recent.get(entry.sequence)
                     if record is not None and record.check == entry.check:
@@ -559,5 +559,5 @@ def _as_recording_error(err: Exception, layout: Layout) -> RecordingError:
 
 
 def _name_of(entry: Entry) -> str:
-    about = read_about(entry.about) if entry.kind == Kind.DROP else None
+    about = read_about(entry.about) if entry.kind == RecordKind.DROP else None
     return f"drop {about[1]}/{about[2]}" if about is not None else f"record {entry.sequence}"

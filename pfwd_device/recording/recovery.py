@@ -23,7 +23,7 @@ from pfwd_device.recording.drop_payload import (
 )
 from pfwd_device.recording.file_repair import FileRepair
 from pfwd_device.recording.files import keep_copy, now, sync_journal
-from pfwd_device.recording.framing import Kind
+from pfwd_device.recording.framing import RecordKind
 from pfwd_device.recording.index import (
     Index,
     build_index,
@@ -36,7 +36,7 @@ from pfwd_device.recording.ledger import Entry, ledger_bytes, read_about
 from pfwd_device.recording.lock import SurveyLock, file_locked
 from pfwd_device.recording.payload import decode_payload, payload_data
 from pfwd_device.recording.publishing import ChildPublisher, Publisher
-from pfwd_device.recording.record import Rebound
+from pfwd_device.recording.record import ReboundRecord
 from pfwd_device.recording.record_log import RecordLog, refused
 from pfwd_device.recording.spare import SpareFolder, home_of
 from pfwd_device.recording.spare_merge import (
@@ -129,7 +129,7 @@ def recover(
         actions += describe_deleted_surveys(spare, layout.folder, log.survey)
         report = repair(log, index, helper, thorough=True)
         if not index.closed:
-            log.append(Kind.CLOSE, {"by": "recovery", "time_utc": now()})
+            log.append(RecordKind.CLOSE, {"by": "recovery", "time_utc": now()})
         still_in_spare = describe_records_only_in_spare(spare, index)
         return replace(
             report, damaged=(*report.damaged, *still_in_spare), actions=(*actions, *report.actions)
@@ -236,7 +236,7 @@ def begin(
                 "created_utc": now(),
                 "software": _software(),
             }
-            index.add(log.append(Kind.SURVEY, data), data)
+            index.add(log.append(RecordKind.SURVEY, data), data)
             if identity is None:
                 actions += describe_deleted_surveys(spare, layout.folder, log.survey)
     except BaseException:
@@ -342,9 +342,9 @@ def lost_texts(index: Index) -> list[str]:
     first and last number.
     """
     lost = [entry for number, entry in sorted(index.lost.items()) if number not in index.settled]
-    unnamed = [entry.sequence for entry in lost if entry.kind != Kind.DROP]
+    unnamed = [entry.sequence for entry in lost if entry.kind != RecordKind.DROP]
     if len(unnamed) > MAX_NAMED_RECORDS:
-        lost = [entry for entry in lost if entry.kind == Kind.DROP]
+        lost = [entry for entry in lost if entry.kind == RecordKind.DROP]
     texts = [f"{describe(entry)} is lost" for entry in lost]
     if len(unnamed) > MAX_NAMED_RECORDS:
         texts.append(f"{len(unnamed)} records between {unnamed[0]} and {unnamed[-1]} are lost")
@@ -359,11 +359,11 @@ def lost_texts(index: Index) -> list[str]:
 
 def describe(entry: Entry) -> str:
     """Return the name of a record for messages, such as "drop P 1/3" or "record 7 (event)"."""
-    about = read_about(entry.about) if entry.kind == Kind.DROP else None
+    about = read_about(entry.about) if entry.kind == RecordKind.DROP else None
     if about is not None:
         return f"drop {about[1]}/{about[2]}"
     try:
-        kind = Kind(entry.kind).name.lower()
+        kind = RecordKind(entry.kind).name.lower()
     except ValueError:
         kind = f"type {entry.kind}"
     return f"record {entry.sequence} ({kind})"
@@ -413,7 +413,7 @@ def _restore(log: RecordLog, index: Index, helper: Publisher, number: int) -> bo
     lost = {
         about[0]: entry
         for entry in index.lost.values()
-        if entry.kind == Kind.DROP and (about := read_about(entry.about)) is not None
+        if entry.kind == RecordKind.DROP and (about := read_about(entry.about)) is not None
     }
     try:
         response = _file_record(log.layout, helper, number)
@@ -443,7 +443,7 @@ def _restore_rebounds(log: RecordLog, index: Index, helper: Publisher) -> dict[i
     lost = [
         number
         for number, entry in sorted(index.lost.items())
-        if entry.kind == Kind.REBOUND and number not in index.settled
+        if entry.kind == RecordKind.REBOUND and number not in index.settled
     ]
     restored: dict[int, int] = {}
     for number in sorted(index.drops) if lost else ():
@@ -451,14 +451,14 @@ def _restore_rebounds(log: RecordLog, index: Index, helper: Publisher) -> dict[i
             if not lost:
                 break
             payload = rebound_payload(number, rebound)
-            index.add(log.append_payload(Kind.REBOUND, payload), {"number": number})
+            index.add(log.append_payload(RecordKind.REBOUND, payload), {"number": number})
             restored[lost.pop(0)] = number
     return restored
 
 
 def _rebounds_of_file_alone(
     log: RecordLog, index: Index, helper: Publisher, number: int
-) -> list[Rebound]:
+) -> list[ReboundRecord]:
     """Return the rebounds in the HDF5 file of a drop that the journal does not contain."""
     layout, drop = log.layout, index.drops[number]
     if not layout.drop_file(number).exists():
@@ -512,7 +512,9 @@ def _restore_points(log: RecordLog, index: Index) -> None:
 
 def _settle(log: RecordLog, index: Index, *, files_listed: bool, restored: set[int]) -> None:
     """Append a record of the damage that was repaired, so that a check does not report it again."""
-    replaced = {Kind.CLOSE, Kind.SURVEY} | ({Kind.FILE} if files_listed else set())
+    replaced = {RecordKind.CLOSE, RecordKind.SURVEY} | (
+        {RecordKind.FILE} if files_listed else set()
+    )
     settled = sorted(
         number
         for number, entry in index.lost.items()
@@ -525,7 +527,7 @@ def _settle(log: RecordLog, index: Index, *, files_listed: bool, restored: set[i
     fresh = [list(key) for key in damage if key not in index.handled_damage]
     if settled or fresh:
         data = {"event": "recovery", "settled": settled, "damage": fresh, "time_utc": now()}
-        index.add(log.append(Kind.EVENT, data), data)
+        index.add(log.append(RecordKind.EVENT, data), data)
 
 
 def _software() -> str:

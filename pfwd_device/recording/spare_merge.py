@@ -9,9 +9,9 @@ from typing import Any
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.files import now
-from pfwd_device.recording.framing import Frame, Kind
+from pfwd_device.recording.framing import Frame, RecordKind
 from pfwd_device.recording.index import Index, about_of, build_index, complete_keys
-from pfwd_device.recording.journal import Record, read_record
+from pfwd_device.recording.journal import JournalRecord, read_record
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import Entry, read_about
 from pfwd_device.recording.payload import (
@@ -23,7 +23,7 @@ from pfwd_device.recording.payload import (
 from pfwd_device.recording.record_log import RecordLog
 from pfwd_device.recording.spare import SpareFolder, renumbered_records, store_renumbered_records
 
-_OF_THE_FILES = (Kind.SURVEY, Kind.FILE, Kind.CLOSE)
+_OF_THE_FILES = (RecordKind.SURVEY, RecordKind.FILE, RecordKind.CLOSE)
 """Kinds of records that describe files of the survey's folder. They have no meaning under another
 number, so they are not merged then."""
 
@@ -67,7 +67,7 @@ def describe_records_only_in_spare(spare: SpareFolder | None, index: Index) -> l
     for part, entries in records_only_in_spare(spare, index):
         remaining = 0
         for entry in entries:
-            about = read_about(entry.about) if entry.kind == Kind.DROP else None
+            about = read_about(entry.about) if entry.kind == RecordKind.DROP else None
             if about is None:
                 remaining += entry.kind not in _OF_THE_FILES
             else:
@@ -137,7 +137,7 @@ def merge_spare_records(log: RecordLog, index: Index, spare: SpareFolder | None)
             index.add(places[entry.sequence], data)
             index.lost.pop(entry.sequence, None)
         index.gaps = [number for number in index.gaps if number not in index.entries]
-        drops = sum(entry.kind == Kind.DROP for entry, _ in unchanged)
+        drops = sum(entry.kind == RecordKind.DROP for entry, _ in unchanged)
         numbers: dict[int, int] = {}
         renumbered = renumbered_records(part)
         for entry in entries[len(unchanged) :]:
@@ -160,15 +160,15 @@ def _is_free(entry: Entry, index: Index) -> bool:
     return entry.sequence not in index.entries and (lost is None or lost.check == entry.check)
 
 
-def _record_in(part: Layout, entry: Entry) -> Record:
+def _record_in(part: Layout, entry: Entry) -> JournalRecord:
     with part.segment(entry.segment).open("rb") as stream:
         stream.seek(entry.offset)
-        return Record(entry.sequence, entry.kind, stream.read(entry.length), entry.about)
+        return JournalRecord(entry.sequence, entry.kind, stream.read(entry.length), entry.about)
 
 
 def _is_present(entry: Entry, data: dict[str, Any], index: Index) -> bool:
     """Return True if a drop of the survey has the key or one of the numbers of the entry."""
-    if entry.kind != Kind.DROP:
+    if entry.kind != RecordKind.DROP:
         return False
     return (
         data.get("key") in index.keys
@@ -185,9 +185,9 @@ def _write_renumbered(log: RecordLog, index: Index, frame: Frame, numbers: dict[
     data, arrays = decode_payload(frame.payload)
     if frame.kind in _OF_THE_FILES:
         return 0
-    if frame.kind == Kind.POINT and data.get("name") in index.points:
+    if frame.kind == RecordKind.POINT and data.get("name") in index.points:
         return 0
-    if frame.kind == Kind.DROP:
+    if frame.kind == RecordKind.DROP:
         return _write_renumbered_drop(log, index, data, arrays, numbers)
     if isinstance(data.get("number"), int):
         data["number"] = numbers.get(data["number"], data["number"])
@@ -237,11 +237,11 @@ def append_point(log: RecordLog, index: Index, name: str, declared: object) -> N
         "declared": declared if isinstance(declared, dict) else {},
         "time_utc": now(),
     }
-    index.add(log.append(Kind.POINT, data), data)
+    index.add(log.append(RecordKind.POINT, data), data)
 
 
 def append_drop(
     log: RecordLog, index: Index, data: dict[str, Any], arrays: dict[str, Array]
 ) -> None:
     """Append the record of a drop to a survey, with its data and arrays."""
-    index.add(log.append(Kind.DROP, data, arrays, about_of(Kind.DROP, data)), data)
+    index.add(log.append(RecordKind.DROP, data, arrays, about_of(RecordKind.DROP, data)), data)

@@ -42,7 +42,7 @@ from pfwd_device.recording.payload import (
     decode_payload_unless,
     payload_data,
 )
-from pfwd_device.recording.record import DropRecord, Rebound
+from pfwd_device.recording.record import DropRecord, ReboundRecord
 from pfwd_device.recording.recovery import lost_texts
 from pfwd_device.text import clean
 
@@ -439,7 +439,7 @@ class Survey:
     def _frame(self, entry: DropEntry) -> Frame:
         return self._index.read(self._layout, entry.entry)
 
-    def _rebounds(self, entries: list[Entry]) -> tuple[Rebound, ...]:
+    def _rebounds(self, entries: list[Entry]) -> tuple[ReboundRecord, ...]:
         rebounds = []
         for entry in entries:
             try:

@@ -24,13 +24,13 @@ from pfwd_device.recording.drop_payload import (
     rebound_payload,
 )
 from pfwd_device.recording.files import file_facts, now, publish_request
-from pfwd_device.recording.framing import Kind
+from pfwd_device.recording.framing import RecordKind
 from pfwd_device.recording.index import EDITS, DropEntry, Index, about_of, complete_keys, read_index
 from pfwd_device.recording.layout import Layout, ResultKind
 from pfwd_device.recording.lock import SurveyLock
 from pfwd_device.recording.payload import decode_json, encode_json
 from pfwd_device.recording.publishing import ChildPublisher, Publisher, PublishingThread
-from pfwd_device.recording.record import COPY_OF, DropRecord, Rebound, point_name
+from pfwd_device.recording.record import COPY_OF, DropRecord, ReboundRecord, point_name
 from pfwd_device.recording.record_log import RESERVE_BYTES, RecordLog, refused
 from pfwd_device.recording.recovery import RecoveryReport, begin, prepare, repair
 from pfwd_device.recording.spare import SpareFolder
@@ -287,7 +287,7 @@ class SurveyWriter:
             if point is not None and encode_json(point["declared"]) == encode_json(plain):
                 return name
             order = int(point["order"]) if point else len(self._index.points) + 1
-            self._write(Kind.POINT, {"name": name, "order": order, "declared": plain})
+            self._write(RecordKind.POINT, {"name": name, "order": order, "declared": plain})
             return name
 
     def with_copy_mark(self, record: DropRecord) -> DropRecord:
@@ -337,13 +337,15 @@ class SurveyWriter:
             data |= {"number": number, "key": key, "restored_from": None}
             if (peaks := peaks_data(record.drop)) is not None:
                 data["peaks"] = peaks
-            entry = self._records.append(Kind.DROP, data, arrays, about_of(Kind.DROP, data))
+            entry = self._records.append(
+                RecordKind.DROP, data, arrays, about_of(RecordKind.DROP, data)
+            )
             self._index.add(entry, data)
             # The file is about as large as the record.
             self._drop_bytes = max(2 * entry.length, 4096)
             return number
 
-    def save_rebound(self, number: int, rebound: Rebound) -> None:
+    def save_rebound(self, number: int, rebound: ReboundRecord) -> None:
         """Save a rebound of a saved drop.
 
         Parameters
@@ -355,7 +357,7 @@ class SurveyWriter:
         with self._lock:
             self._drop(number)
             payload = rebound_payload(number, rebound)
-            entry = self._records.append_payload(Kind.REBOUND, payload)
+            entry = self._records.append_payload(RecordKind.REBOUND, payload)
             self._index.add(entry, {"number": number})
 
     def edit(
@@ -387,7 +389,7 @@ class SurveyWriter:
             elif point not in self._index.points:
                 raise RecordingError(f"edit: expected one of the survey's points, got {point!r}")
             self._write(
-                Kind.EDIT,
+                RecordKind.EDIT,
                 {"what": kind, "value": decode_json(text), "point": point, "number": number},
             )
 
@@ -403,11 +405,11 @@ class SurveyWriter:
         """
         if kind == "recovery":
             raise RecordingError("event: expected any name but 'recovery', which is reserved")
-        self._write(Kind.EVENT, {"event": kind, "details": dict(details or {})})
+        self._write(RecordKind.EVENT, {"event": kind, "details": dict(details or {})})
 
     def save_check(self, details: Mapping[str, Any]) -> None:
         """Record a check of the zero or the span of a channel, with its details as JSON values."""
-        self._write(Kind.CHECK, {"details": dict(details)})
+        self._write(RecordKind.CHECK, {"details": dict(details)})
 
     def save_result(
         self, number: int, result: Mapping[str, Any], kind: ResultKind = "drop"
@@ -445,7 +447,7 @@ class SurveyWriter:
                 "sha256": hashlib.sha256(data).hexdigest(),
                 "number": number,
             }
-            self._write(Kind.FILE, listed | {"content": text})
+            self._write(RecordKind.FILE, listed | {"content": text})
             return path
 
     def publish(self, number: int) -> None:
@@ -550,12 +552,12 @@ class SurveyWriter:
         if self._thread is not None:
             self._thread.close(timeout)
         for listed in self._unlisted:
-            self._write(Kind.FILE, listed)
+            self._write(RecordKind.FILE, listed)
         for capture in self._captures:
             capture.close()
             listed = file_facts(self._layout, capture.path)
-            self._write(Kind.FILE, listed | {"number": None})
-        self._write(Kind.CLOSE, {"by": "writer"})
+            self._write(RecordKind.FILE, listed | {"number": None})
+        self._write(RecordKind.CLOSE, {"by": "writer"})
 
     def _start(self, helper: Publisher, publish: bool) -> None:
         if publish:
@@ -573,7 +575,7 @@ class SurveyWriter:
         """Record that the file of a drop was made; called in the publishing thread."""
         listed = {key: answer[key] for key in ("path", "size", "sha256", "number")}
         try:
-            self._write(Kind.FILE, listed)
+            self._write(RecordKind.FILE, listed)
         except RecordingError:
             self._unlisted.append(listed)  # `close` tries again
             raise

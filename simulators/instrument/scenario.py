@@ -37,7 +37,7 @@ from pfwd_device.schema import (
 from pfwd_plugins.quantities import QUANTITY_BY_ROLE
 from simulators.drop import STANDARD_GRAVITY
 from simulators.instrument.language import LANGUAGES
-from simulators.mesh import Ground, GroundError, Layer, Plate, SimulationError
+from simulators.mesh import GroundError, Plate, SimulationError, SoilLayer, SoilProfile
 
 
 class ScenarioError(SimulationError, ValueError):
@@ -70,14 +70,14 @@ class Soil:
         0.0, _FRACTION, "standard deviation of the logarithm of modulus and viscosity between seeds"
     )
 
-    def ground(self, factor: float = 1.0) -> Ground:
+    def ground(self, factor: float = 1.0) -> SoilProfile:
         """Return the ground for the finite elements, with every modulus multiplied by a factor."""
-        base = Layer(
+        base = SoilLayer(
             factor * self.modulus, self.viscosity, self.density, self.poisson_ratio, math.inf
         )
         layers = [base]
         if self.crust_modulus is not None:
-            crust = Layer(
+            crust = SoilLayer(
                 factor * self.crust_modulus,
                 self.viscosity,
                 self.density,
@@ -86,12 +86,12 @@ class Soil:
             )
             layers = [crust, base]
         if math.isinf(self.bedrock_depth):
-            return Ground(tuple(layers), "none")
+            return SoilProfile(tuple(layers), "none")
         rest = self.bedrock_depth - sum(layer.thickness for layer in layers[:-1])
-        layers[-1] = Layer(
+        layers[-1] = SoilLayer(
             base.modulus, base.viscosity, base.density, base.poisson_ratio, thickness=rest
         )
-        return Ground(tuple(layers), "rigid")
+        return SoilProfile(tuple(layers), "rigid")
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from pathlib import Path
 
 import numpy as np
 
-from simulators.mesh import ConstantQ, Ground, Growth, require
+from simulators.mesh import ConstantQ, Growth, SoilProfile, require
 from tests.campaigns.effects.catalogue import CLEAN, EFFECTS, SimulatedEffect
 from tests.campaigns.effects.recording import Converter, write_signals
 from tests.campaigns.effects.scene import Laboratory, Scene, SimulatedPoint
@@ -65,9 +65,9 @@ class Site:
     """Exponent n of `Growth`."""
 
     @property
-    def ground(self) -> Ground:
+    def ground(self) -> SoilProfile:
         """Ground of the finite-element run, with a density of 1900 kg/m3."""
-        uniform = Ground.uniform(
+        uniform = SoilProfile.uniform(
             self.modulus, self.viscosity, 1900.0, self.poisson_ratio, self.depth
         )
         if self.growth > 0:

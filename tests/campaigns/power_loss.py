@@ -20,7 +20,14 @@ import numpy as np
 from benchmarks.output import Reporter
 from pfwd_device import Channel, Drop
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import DropRecord, Rebound, Storage, SurveyWriter, read_survey, recover
+from pfwd_device.recording import (
+    DropRecord,
+    ReboundRecord,
+    Storage,
+    SurveyWriter,
+    read_survey,
+    recover,
+)
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.publishing import InlinePublisher
 from tests.campaigns.noted_disk import Disk, Fault, NotingStorage, Operation, State, put
@@ -93,7 +100,7 @@ def record_run(
             assert saved == number
             storage.mark(number)
             if number % 5 == 0:
-                rebound = Rebound(0.4, 900.0, 100 * number, np.ones((4, 3), dtype=np.int32))
+                rebound = ReboundRecord(0.4, 900.0, 100 * number, np.ones((4, 3), dtype=np.int32))
                 _persist(lambda n=number, r=rebound: writer.save_rebound(n, r))  # type: ignore[misc]
             if publish:
                 writer.publish(number)

@@ -12,7 +12,7 @@ from pfwd_device.errors import DeviceError, RecordingError
 from pfwd_device.recording import CaptureReader, check, read_survey, recover
 from pfwd_device.recording.capture import decode_capture
 from pfwd_device.recording.drop_payload import drop_from_parts, rebound_from_payload
-from pfwd_device.recording.framing import Kind, encode_frame, scan_bytes
+from pfwd_device.recording.framing import RecordKind, encode_frame, scan_bytes
 from pfwd_device.recording.ledger import head_line, parse_ledger
 from pfwd_device.recording.payload import decode_payload, encode_payload, payload_data
 from pfwd_device.recording.publishing import InlinePublisher
@@ -55,7 +55,7 @@ def payload_bytes(data: bytes) -> None:
         rebound_from_payload(data)
     with contextlib.suppress(RecordingError):
         payload_data(data)
-    for kind in Kind:
+    for kind in RecordKind:
         decode_capture(kind, data)
 
 
@@ -70,7 +70,7 @@ def ledger_bytes(data: bytes) -> None:
 def survey_folder(data: bytes) -> None:
     """A folder with any journal and any ledger is read, checked and recovered, twice alike."""
     half = len(data) // 2
-    journal = encode_frame(Kind.SURVEY, SURVEY_ID, 1, encode_payload({"format_version": 2}))
+    journal = encode_frame(RecordKind.SURVEY, SURVEY_ID, 1, encode_payload({"format_version": 2}))
     with tempfile.TemporaryDirectory(dir=memory_folder()) as name:
         folder = Path(name) / "survey"
         (folder / "journal").mkdir(parents=True)
@@ -94,7 +94,7 @@ def capture_file(data: bytes) -> None:
     with tempfile.TemporaryDirectory(dir=memory_folder()) as name:
         path = Path(name) / "link.pfwdc"
         head = encode_frame(
-            Kind.CAPTURE, SURVEY_ID, 1, encode_payload({"format_version": 1, "url": "x"})
+            RecordKind.CAPTURE, SURVEY_ID, 1, encode_payload({"format_version": 1, "url": "x"})
         )
         path.write_bytes(head + data)
         reader = CaptureReader(path)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from inversion import Instrument, Record, Sensor
 from pfwd_plugins.quantities import MotionName
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
-from simulators.mesh import Ground, Layer, Plate
+from simulators.mesh import Plate, SoilLayer, SoilProfile
 
 Array = NDArray[Any]
 
@@ -25,25 +25,25 @@ STEP, DURATION = 2e-4, 0.04
 INSTRUMENT = Instrument(RADIUS, PLATE_MASS)
 
 # On rock, so that the mesh ends there: seconds less than without end.
-TWO = Ground(
+TWO = SoilProfile(
     (
-        Layer(1.8e8, 1.2e5, 2050.0, POISSON_RATIO, 0.2),
-        Layer(5.0e7, 5.0e4, 1950.0, POISSON_RATIO, 1.0),
+        SoilLayer(1.8e8, 1.2e5, 2050.0, POISSON_RATIO, 0.2),
+        SoilLayer(5.0e7, 5.0e4, 1950.0, POISSON_RATIO, 1.0),
     )
 )
-ALONE = Ground.uniform(6.0e7, 5.0e4, 1950.0, POISSON_RATIO, 1.2)
+ALONE = SoilProfile.uniform(6.0e7, 5.0e4, 1950.0, POISSON_RATIO, 1.2)
 DEPTH = 1.2
 
 
 @cache
-def simulated(ground: Ground = TWO) -> SimulatedDrop:
+def simulated(ground: SoilProfile = TWO) -> SimulatedDrop:
     """A hammer of 10 kg on the ground, some 12 kN for 14 ms."""
     plate, hammer = Plate(RADIUS, PLATE_MASS), Hammer(10.0, 5.6e5, 3.0)
     return simulate_drop(ground, plate, hammer, OFFSETS, DURATION, STEP)
 
 
 def recorded(
-    ground: Ground = TWO,
+    ground: SoilProfile = TWO,
     sensors: int = len(OFFSETS),
     *,
     noise: float = 0.0,

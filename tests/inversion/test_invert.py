@@ -29,7 +29,7 @@ from inversion import (
 from inversion.measured.record import CALIBRATED_ERROR
 from inversion.records import known
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop
-from simulators.mesh import Ground, Plate
+from simulators.mesh import Plate, SoilProfile
 
 Array = NDArray[Any]
 
@@ -46,7 +46,7 @@ GENETIC = replace(LEAST_SQUARES, method="mpga")
 
 @pytest.fixture(scope="module")
 def drop() -> SimulatedDrop:
-    ground = Ground.uniform(MODULUS, VISCOSITY, DENSITY, POISSON_RATIO, DEPTH)
+    ground = SoilProfile.uniform(MODULUS, VISCOSITY, DENSITY, POISSON_RATIO, DEPTH)
     simulator = DropSimulator(ground, PLATE, (0.0, 0.3), 0.04, STEP, HAMMER.pulse_duration)
     return simulator.run(HAMMER)
 
@@ -172,7 +172,7 @@ def test_all_sensors(bench: Bench) -> None:
 
 @pytest.mark.slow
 def test_rock_shallower_than_the_tables(library: SurrogateLibrary) -> None:
-    ground = Ground.uniform(MODULUS, VISCOSITY, DENSITY, POISSON_RATIO, 0.2)
+    ground = SoilProfile.uniform(MODULUS, VISCOSITY, DENSITY, POISSON_RATIO, 0.2)
     simulator = DropSimulator(ground, PLATE, (), 0.04, STEP, HAMMER.pulse_duration)
     bench = Bench(simulator.run(HAMMER), library)
     result = bench.invert(bench.record(bedrock_depth=0.2))

@@ -14,7 +14,7 @@ from pfwd.session.session import Session
 from pfwd_device.acquisition.items import Connected, Disconnected, Gap, Samples, StreamBegan
 from pfwd_device.errors import StorageFull
 from pfwd_device.identity import ChannelIdentity, Identity
-from pfwd_device.recording import DropRecord, Rebound, SurveyWriter, read_survey
+from pfwd_device.recording import DropRecord, ReboundRecord, SurveyWriter, read_survey
 from pfwd_device.wire.messages import DropOffer, Status
 from pfwd_plugins.quantities import Measurand
 
@@ -182,7 +182,7 @@ class SpyWriter:
         self._log.append(("saved", record.point, record.drop.number))  # type: ignore[arg-type]
         return number
 
-    def save_rebound(self, number: int, rebound: Rebound) -> None:
+    def save_rebound(self, number: int, rebound: ReboundRecord) -> None:
         self._writer.save_rebound(number, rebound)
 
     def publish(self, number: int) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pfwd.files.traces import read_traces
-from simulators.mesh import Ground, GroundError
+from simulators.mesh import GroundError, SoilProfile
 from tests.campaigns.blind import (
     DRAWN_LEVEL,
     SITES,
@@ -155,14 +155,14 @@ def test_every_effect_can_be_made_and_keeps_its_drops_finite(
 
 
 def test_two_layers_are_the_square_of_a_ratio_over_the_ratio() -> None:
-    sites: list[Ground] = []
+    sites: list[SoilProfile] = []
 
-    def response(site: Ground) -> SimpleNamespace:
+    def response(site: SoilProfile) -> SimpleNamespace:
         sites.append(site)
         return SimpleNamespace(ground=site)
 
     scene: Any = SimpleNamespace(
-        site=Ground.uniform(40e6, 5e4, 1900.0, 0.35),
+        site=SoilProfile.uniform(40e6, 5e4, 1900.0, 0.35),
         radius=0.15,
         heights=(1.0, 0.5),
         response=response,

@@ -169,7 +169,7 @@ def test_each_builder_records_what_it_did_and_grows_with_its_strength(
     key: str, signals: Signals, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The disturbance of the strongest is several times that of the weakest."""
-    from simulators.mesh import Ground
+    from simulators.mesh import SoilProfile
     from tests.campaigns.effects.scene import SimulatedPoint
 
     clean = SimulatedPoint([signals], 40e6, {})
@@ -179,7 +179,7 @@ def test_each_builder_records_what_it_did_and_grows_with_its_strength(
     sizes = []
     for strength in (effect.strengths[0], effect.strengths[-1]):
         scene: Any = SimpleNamespace(
-            ground=Ground.uniform(40e6, 5e4, 1900.0, 0.35),
+            ground=SoilProfile.uniform(40e6, 5e4, 1900.0, 0.35),
             modulus=40e6,
             radius=0.15,
             plate_mass=12.0,

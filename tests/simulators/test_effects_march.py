@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simulators.drop import STANDARD_GRAVITY, DropSimulator, Hammer
-from simulators.mesh import Array, Ground, GroundError, Plate
+from simulators.mesh import Array, GroundError, Plate, SoilProfile
 from tests.campaigns.effects.march import Indentation, strike
 from tests.campaigns.effects.response import (
     MIN_PULSE_S,
@@ -18,7 +18,7 @@ from tests.campaigns.effects.response import (
 )
 from tests.campaigns.effects.soil import Hysteresis, PowerLaw
 
-GROUND = Ground.uniform(40e6, 54e3, 1900.0, 0.35, 0.5)
+GROUND = SoilProfile.uniform(40e6, 54e3, 1900.0, 0.35, 0.5)
 RADIUS, OFFSETS, DURATION = 0.15, (0.0, 0.3), 0.045
 HAMMER = Hammer(10.0, 3e5, 2.0)
 MASS, SAMPLES = 10.0, 800
@@ -82,7 +82,7 @@ def test_other_units_are_another_ground(response: GroundResponse) -> None:
 
 
 def test_answers_are_kept_in_the_cache(tmp_path: Path) -> None:
-    ground = Ground.uniform(40e6, 54e3, 1900.0, 0.35, 0.3)
+    ground = SoilProfile.uniform(40e6, 54e3, 1900.0, 0.35, 0.3)
     first = ground_response(ground, 0.15, (0.0,), duration=0.002, cache=tmp_path)
     assert len(list(tmp_path.glob("*.npz"))) == 1
     again = ground_response(ground, 0.15, (0.0,), duration=0.002, cache=tmp_path)

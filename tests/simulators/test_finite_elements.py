@@ -17,12 +17,12 @@ from simulators.drop import DropSimulator, Hammer, PrescribedLoad, SimulatedDrop
 from simulators.finite_elements import FiniteElementModel
 from simulators.mesh import (
     ConstantQ,
-    Ground,
     GroundError,
     Growth,
-    Layer,
     Plate,
     Resolution,
+    SoilLayer,
+    SoilProfile,
     design_grid,
     graded_line,
 )
@@ -37,7 +37,7 @@ WIDE = Resolution(damped_wavelengths=60.0, free_growth=0.3)
 
 
 def build(
-    ground: Ground,
+    ground: SoilProfile,
     contact: str = "smooth",
     resolution: Resolution = Resolution(),  # noqa: B008
     pulse_duration: float = PULSE,
@@ -68,7 +68,7 @@ def largest(difference: NDArray[np.float64], drop: SimulatedDrop) -> float:
     [(0.35, 2, 1.6653), (0.35, 10 / 3, 1.3520), (0.35, 20 / 3, 1.1567), (1 / 3, 5, 1.2136)],
 )
 def test_a_layer_is_stiffer_than_a_half_space(nu: float, depth_ratio: float, factor: float) -> None:
-    model = build(Ground.uniform(30e6, poisson_ratio=nu, bedrock_depth=depth_ratio * RADIUS))
+    model = build(SoilProfile.uniform(30e6, poisson_ratio=nu, bedrock_depth=depth_ratio * RADIUS))
     assert model.static_stiffness() == pytest.approx(factor * smooth_disc(30e6, nu), rel=1e-3)
 
 
@@ -83,14 +83,14 @@ def test_a_layer_is_stiffer_than_a_half_space(nu: float, depth_ratio: float, fac
 def test_a_rough_plate_is_stiffer_than_a_smooth_one(
     nu: float, depth_ratio: float, ratio: float
 ) -> None:
-    ground = Ground.uniform(30e6, poisson_ratio=nu, bedrock_depth=depth_ratio * RADIUS)
+    ground = SoilProfile.uniform(30e6, poisson_ratio=nu, bedrock_depth=depth_ratio * RADIUS)
     smooth, rough = (build(ground, contact).static_stiffness() for contact in ("smooth", "rough"))
     assert rough / smooth == pytest.approx(ratio, abs=6e-4)
 
 
 @pytest.mark.parametrize("nu", [0.25, pytest.param(0.49, marks=pytest.mark.slow)])
 def test_the_half_space_has_the_closed_forms(nu: float) -> None:
-    ground = Ground.uniform(30e6, poisson_ratio=nu)
+    ground = SoilProfile.uniform(30e6, poisson_ratio=nu)
     smooth, rough = (
         build(ground, contact, WIDE).static_stiffness() for contact in ("smooth", "rough")
     )
@@ -101,7 +101,7 @@ def test_the_half_space_has_the_closed_forms(nu: float) -> None:
 
 
 def test_nearly_incompressible_soil_does_not_lock() -> None:
-    ground = Ground.uniform(30e6, poisson_ratio=0.495, bedrock_depth=2 * RADIUS)
+    ground = SoilProfile.uniform(30e6, poisson_ratio=0.495, bedrock_depth=2 * RADIUS)
     coarse = build(ground, "rough").static_stiffness()
     fine = build(ground, "rough", Resolution().refined()).static_stiffness()
     assert coarse == pytest.approx(fine, rel=5e-4)  # 2.6e-3 with full integration
@@ -123,7 +123,7 @@ def test_nearly_incompressible_soil_does_not_lock() -> None:
 def test_the_dynamic_compliance_is_the_converged_one(
     nu: float, depth_ratio: float, z: complex, smooth: complex, rough: complex
 ) -> None:
-    ground = Ground.uniform(30e6, poisson_ratio=nu, bedrock_depth=depth_ratio * RADIUS)
+    ground = SoilProfile.uniform(30e6, poisson_ratio=nu, bedrock_depth=depth_ratio * RADIUS)
     shear = 30e6 / (2 * (1 + nu))
     laplace = np.sqrt(z * shear / 2000) / RADIUS
     for contact, expected in (("smooth", smooth), ("rough", rough)):
@@ -141,7 +141,7 @@ def test_steady_vibration_radiates_as_published(nu: float, a0: float, k: float, 
     # Undamped steady vibration: the hardest case for the absorbing zone.
     shear = 30e6 / (2 * (1 + nu))
     omega = a0 * math.sqrt(shear / 2000) / RADIUS
-    model = build(Ground.uniform(30e6, poisson_ratio=nu), pulse_duration=math.pi / omega)
+    model = build(SoilProfile.uniform(30e6, poisson_ratio=nu), pulse_duration=math.pi / omega)
     found = 1 / model.compliance(1j * omega) / smooth_disc(30e6, nu)
     assert abs(found - (k + 1j * a0 * c)) < 4e-3 * abs(k + 1j * a0 * c)
 
@@ -150,10 +150,10 @@ def test_viscosity_acts_as_a_complex_modulus() -> None:
     # Correspondence: E + eta s at constant Poisson's ratio. Absorption is left out, because its
     # strength follows the modulus.
     laplace, resolution = 80.0, Resolution(absorption=0.0)
-    viscous = Ground.uniform(30e6, 54e3, bedrock_depth=1.0)
+    viscous = SoilProfile.uniform(30e6, 54e3, bedrock_depth=1.0)
     plate = Plate(RADIUS)
     grid = design_grid(viscous, plate, (), PULSE, 0.05, resolution)
-    elastic = Ground.uniform(30e6 + 54e3 * laplace, bedrock_depth=1.0)
+    elastic = SoilProfile.uniform(30e6 + 54e3 * laplace, bedrock_depth=1.0)
     pair = [FiniteElementModel(g, plate, grid).compliance(laplace) for g in (viscous, elastic)]
     assert pair[0] == pytest.approx(pair[1], rel=1e-12)
 
@@ -163,7 +163,7 @@ def test_viscosity_acts_as_a_complex_modulus() -> None:
 
 @pytest.fixture(scope="module")
 def soil_simulator() -> DropSimulator:
-    ground = Ground.uniform(30e6, 54e3, bedrock_depth=1.0)
+    ground = SoilProfile.uniform(30e6, 54e3, bedrock_depth=1.0)
     return DropSimulator(ground, PLATE, (0.0, *OFFSETS), 0.05, 2.5e-4, HAMMER.pulse_duration)
 
 
@@ -176,14 +176,14 @@ def soil_drop(soil_simulator: DropSimulator) -> SimulatedDrop:
 def test_the_published_drop_has_the_peak_found_by_other_elements(mass: float, peak: float) -> None:
     # 10 kg at 4.2 m/s on 5.6e5 N/m, E = 30 MPa, eta = 54 kPa s, rock at 1 m; the other program's
     # ten elements under the plate leave it 0.4 to 0.5 % too stiff.
-    ground = Ground.uniform(30e6, 54e3, bedrock_depth=1.0)
+    ground = SoilProfile.uniform(30e6, 54e3, bedrock_depth=1.0)
     hammer = replace(HAMMER, gravity=9.81)
     drop = simulate_drop(ground, Plate(RADIUS, mass), hammer, duration=0.02)
     assert np.max(drop.plate_displacement) == pytest.approx(peak * 1e-6, rel=0.01)
 
 
 def test_a_hammer_on_unyielding_ground_gives_a_half_sine() -> None:
-    ground = Ground.uniform(1e12, bedrock_depth=0.15)
+    ground = SoilProfile.uniform(1e12, bedrock_depth=0.15)
     load = simulate_drop(ground, PLATE, HAMMER, duration=0.02, time_step=1e-4).load
     assert np.max(load) == pytest.approx(4.2 * math.sqrt(5.6e5 * 10), rel=1e-3)
     assert np.count_nonzero(load) * 1e-4 == pytest.approx(HAMMER.pulse_duration, abs=2e-4)
@@ -221,8 +221,8 @@ def test_the_load_of_a_hammer_prescribed_again_gives_the_same_motion(
 def test_all_stiffness_density_viscosity_and_load_times_ten_change_nothing() -> None:
     load = PrescribedLoad(np.array([0, 0.007, 0.014]), np.array([0, 1e4, 0]))
     tenfold = PrescribedLoad(load.time, 10 * load.force)
-    ground = Ground.uniform(40e6, 20e3, 1900.0, 0.3, 0.6)
-    heavy = Ground.uniform(400e6, 200e3, 19000.0, 0.3, 0.6)
+    ground = SoilProfile.uniform(40e6, 20e3, 1900.0, 0.3, 0.6)
+    heavy = SoilProfile.uniform(400e6, 200e3, 19000.0, 0.3, 0.6)
     single = simulate_drop(ground, Plate(0.1, 5.0), load, OFFSETS, 0.01)
     ten = simulate_drop(heavy, Plate(0.1, 50.0), tenfold, OFFSETS, 0.01)
     assert largest(ten.plate_displacement - single.plate_displacement, single) < 1e-9
@@ -235,7 +235,7 @@ def test_the_ground_under_the_plate_moves_with_it(soil_drop: SimulatedDrop) -> N
 
 
 def test_nothing_moves_before_a_pressure_wave_can_arrive() -> None:
-    ground = Ground.uniform(30e6, bedrock_depth=2.0)
+    ground = SoilProfile.uniform(30e6, bedrock_depth=2.0)
     drop = simulate_drop(ground, PLATE, HAMMER, OFFSETS, 0.03)
     speed = ground.layers[0].pressure_speed()
     for offset, motion in zip(OFFSETS, drop.ground_displacement, strict=True):
@@ -246,7 +246,7 @@ def test_nothing_moves_before_a_pressure_wave_can_arrive() -> None:
 
 
 def test_the_base_is_not_felt_before_its_echo_returns() -> None:
-    grounds = [Ground.uniform(60e6, bedrock_depth=depth) for depth in (1.0, math.inf)]
+    grounds = [SoilProfile.uniform(60e6, bedrock_depth=depth) for depth in (1.0, math.inf)]
     layer, half_space = (simulate_drop(g, PLATE, HAMMER, duration=0.02) for g in grounds)
     before = layer.time < 2 * 1.0 / grounds[0].layers[0].pressure_speed()
     difference = layer.plate_displacement - half_space.plate_displacement
@@ -257,7 +257,7 @@ def test_the_base_is_not_felt_before_its_echo_returns() -> None:
 def test_energy_is_kept_without_viscosity_and_lost_with_it() -> None:
     resolution = Resolution(absorption=0.0)
     for viscosity in (0.0, 20e3):
-        ground = Ground.uniform(40e6, viscosity, bedrock_depth=0.5)
+        ground = SoilProfile.uniform(40e6, viscosity, bedrock_depth=0.5)
         simulator = DropSimulator(ground, PLATE, (), 0.03, 2.5e-4, PULSE, resolution)
         states = list(simulator.march(HAMMER))
         left = max(k for k, state in enumerate(states) if state.load > 0)
@@ -271,8 +271,8 @@ def test_energy_is_kept_without_viscosity_and_lost_with_it() -> None:
 
 
 def test_two_equal_layers_are_one() -> None:
-    whole = Ground.uniform(40e6, 20e3, bedrock_depth=0.8)
-    two = Ground(
+    whole = SoilProfile.uniform(40e6, 20e3, bedrock_depth=0.8)
+    two = SoilProfile(
         (replace(whole.layers[0], thickness=0.23), replace(whole.layers[0], thickness=0.57))
     )
     drops = [simulate_drop(ground, PLATE, HAMMER, OFFSETS, 0.02) for ground in (whole, two)]
@@ -281,9 +281,9 @@ def test_two_equal_layers_are_one() -> None:
 
 
 def test_a_stiff_crust_spreads_the_load() -> None:
-    soil, crust = Layer(40e6, 20e3, 1900, 0.35, 0.9), Layer(160e6, 20e3, 2000, 0.35, 0.1)
+    soil, crust = SoilLayer(40e6, 20e3, 1900, 0.35, 0.9), SoilLayer(160e6, 20e3, 2000, 0.35, 0.1)
     plain, crusted = (
-        simulate_drop(Ground(layers), PLATE, HAMMER, (0.3,), 0.015)
+        simulate_drop(SoilProfile(layers), PLATE, HAMMER, (0.3,), 0.015)
         for layers in ((replace(soil, thickness=1.0),), (crust, soil))
     )
     ratios = [
@@ -298,7 +298,7 @@ def test_a_stiff_crust_spreads_the_load() -> None:
 
 
 def compare_with_refined(
-    ground: Ground,
+    ground: SoilProfile,
     plate: Plate,
     hammer: Hammer,
     duration: float,
@@ -317,7 +317,7 @@ def compare_with_refined(
 
 
 def test_finer_elements_and_steps_change_little() -> None:
-    ground = Ground.uniform(30e6, 54e3, bedrock_depth=0.3)
+    ground = SoilProfile.uniform(30e6, 54e3, bedrock_depth=0.3)
     peak, sensors = compare_with_refined(ground, PLATE, HAMMER, 0.0085, (0.3,))
     assert peak < 5e-4
     assert sensors < 1e-3
@@ -327,20 +327,20 @@ def test_finer_elements_and_steps_change_little() -> None:
 @pytest.mark.parametrize(
     ("ground", "plate", "pulse"),
     [
-        (Ground.uniform(30e6, 54e3, bedrock_depth=1.0), PLATE, 0.0133),
-        (Ground.uniform(60e6, bedrock_depth=0.5), PLATE, 0.0133),
-        (Ground.uniform(5e6, 300e3, bedrock_depth=1.0), PLATE, 0.0133),
-        (Ground.uniform(1000e6, bedrock_depth=0.3), PLATE, 0.0133),
-        (Ground.uniform(45e6, 0, 2000, 0.49, 1.0), PLATE, 0.0133),
-        (Ground.uniform(60e6, 0, 1200, 0.1, 1.0), Plate(0.1, 5.0, "smooth"), 0.008),
-        (Ground.uniform(20e6, 0, 2600, 0.3, 1.0), Plate(0.3, 30.0), 0.03),
+        (SoilProfile.uniform(30e6, 54e3, bedrock_depth=1.0), PLATE, 0.0133),
+        (SoilProfile.uniform(60e6, bedrock_depth=0.5), PLATE, 0.0133),
+        (SoilProfile.uniform(5e6, 300e3, bedrock_depth=1.0), PLATE, 0.0133),
+        (SoilProfile.uniform(1000e6, bedrock_depth=0.3), PLATE, 0.0133),
+        (SoilProfile.uniform(45e6, 0, 2000, 0.49, 1.0), PLATE, 0.0133),
+        (SoilProfile.uniform(60e6, 0, 1200, 0.1, 1.0), Plate(0.1, 5.0, "smooth"), 0.008),
+        (SoilProfile.uniform(20e6, 0, 2600, 0.3, 1.0), Plate(0.3, 30.0), 0.03),
         (
-            replace(Ground.uniform(40e6, 0, 1900), damping_law=ConstantQ(5.0, 190.0)),
+            replace(SoilProfile.uniform(40e6, 0, 1900), damping_law=ConstantQ(5.0, 190.0)),
             PLATE,
             0.0133,
         ),
         (
-            replace(Ground.uniform(15e6, 15e3, 1900, 0.35, 1.0), growth=Growth(RADIUS)),
+            replace(SoilProfile.uniform(15e6, 15e3, 1900, 0.35, 1.0), growth=Growth(RADIUS)),
             PLATE,
             0.0133,
         ),
@@ -359,7 +359,7 @@ def test_finer_elements_and_steps_change_little() -> None:
 )
 @pytest.mark.timeout(300)
 def test_finer_elements_and_steps_change_little_anywhere(
-    ground: Ground, plate: Plate, pulse: float
+    ground: SoilProfile, plate: Plate, pulse: float
 ) -> None:
     hammer = Hammer(10.0, 10.0 * (math.pi / pulse) ** 2, 4.2)
     peak, sensors = compare_with_refined(ground, plate, hammer, 0.03)
@@ -370,7 +370,7 @@ def test_finer_elements_and_steps_change_little_anywhere(
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_the_absorbing_zone_lets_nothing_back() -> None:
-    ground = Ground.uniform(40e6)
+    ground = SoilProfile.uniform(40e6)
     wide = replace(Resolution(), undamped_wavelengths=2.5)
     drop, reference = (
         simulate_drop(ground, PLATE, HAMMER, OFFSETS, 0.04, 2.5e-4, resolution)
@@ -380,7 +380,7 @@ def test_the_absorbing_zone_lets_nothing_back() -> None:
 
 
 def test_time_steps_converge_with_the_second_order() -> None:
-    ground = Ground.uniform(30e6, 54e3, bedrock_depth=0.5)
+    ground = SoilProfile.uniform(30e6, 54e3, bedrock_depth=0.5)
     time = np.linspace(0, 0.016, 1601)
     load = PrescribedLoad(time, 8000 * np.sin(np.pi * time / 0.016) ** 2)  # without a kink
     motions = []
@@ -419,7 +419,7 @@ def test_records_of_another_program_are_met(name: str, shared: Path) -> None:
     offsets = [float(column.split("@")[1]) for column in lines[0].split(",")[2:]]
     table = np.array([line.split(",") for line in lines[1:]], dtype=float)
     time, load, observed = table[:, 0], table[:, 1], table[:, 2:].T
-    ground = Ground.uniform(modulus, viscosity, density, nu, bedrock)
+    ground = SoilProfile.uniform(modulus, viscosity, density, nu, bedrock)
     drop = simulate_drop(
         ground, Plate(RADIUS, 10.6029), PrescribedLoad(time, load), offsets, time[-1], time[1]
     )
@@ -440,15 +440,18 @@ def test_records_of_another_program_are_met(name: str, shared: Path) -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Layer(0, 0, 2000, 0.35), r"modulus: expected Pa, > 0, got 0"),
-        (lambda: Layer(1e7, 0, 2000, 0.5), r"poisson_ratio: expected 0 to < 0\.5, got 0\.5"),
-        (lambda: Ground((Layer(1e7, 0, 2000, 0.3),), "rigid"), r"thickness of the last layer"),
-        (lambda: Ground(()), r"layers: expected at least one layer"),
+        (lambda: SoilLayer(0, 0, 2000, 0.35), r"modulus: expected Pa, > 0, got 0"),
+        (lambda: SoilLayer(1e7, 0, 2000, 0.5), r"poisson_ratio: expected 0 to < 0\.5, got 0\.5"),
+        (
+            lambda: SoilProfile((SoilLayer(1e7, 0, 2000, 0.3),), "rigid"),
+            r"thickness of the last layer",
+        ),
+        (lambda: SoilProfile(()), r"layers: expected at least one layer"),
         (lambda: Plate(-0.1), r"radius: expected m, > 0, got -0\.1"),
         (lambda: Hammer(10, 5e5, 0), r"velocity: expected m/s, > 0, got 0"),
         (lambda: PrescribedLoad(np.zeros(3), np.ones(3)), r"time: expected increasing"),
         (
-            lambda: simulate_drop(Ground.uniform(1e7), PLATE, HAMMER, (-1.0,), 0.01),
+            lambda: simulate_drop(SoilProfile.uniform(1e7), PLATE, HAMMER, (-1.0,), 0.01),
             r"offset: expected m, >= 0, got -1\.0",
         ),
     ],

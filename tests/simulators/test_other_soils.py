@@ -12,11 +12,11 @@ from simulators.finite_elements import FiniteElementModel, effective_modulus
 from simulators.mesh import (
     ConstantQ,
     Grid,
-    Ground,
     GroundError,
     Growth,
     Plate,
     Resolution,
+    SoilProfile,
     design_grid,
     graded_line,
 )
@@ -27,13 +27,13 @@ LAW = ConstantQ(8.0, 2 * math.pi * 30)
 HAMMER = Hammer(10.0, 10.0 * (math.pi / PULSE) ** 2, 2.0)
 
 
-def model(ground: Ground, contact: str = "rough", pulse: float = PULSE) -> FiniteElementModel:
+def model(ground: SoilProfile, contact: str = "rough", pulse: float = PULSE) -> FiniteElementModel:
     plate = Plate(RADIUS, 10.0, "smooth" if contact == "smooth" else "rough")
     grid = design_grid(ground, plate, (), pulse, 0.05, Resolution())
     return FiniteElementModel(ground, plate, grid, absorption=2.0 * pulse / math.pi)
 
 
-def wide_model(ground: Ground, contact: str) -> FiniteElementModel:
+def wide_model(ground: SoilProfile, contact: str) -> FiniteElementModel:
     """Grid for ground at rest that ends at 200 radii."""
 
     def size(distance: float) -> float:
@@ -65,7 +65,7 @@ def test_maxwell_elements_are_the_power_law(quality: float) -> None:
 def test_without_damping_the_law_is_elastic() -> None:
     law = ConstantQ(1e6, 2 * math.pi * 30)
     assert law.factor(2j * math.pi * 300) == pytest.approx(1.0, abs=1e-5)
-    plain = Ground.uniform(40e6, 0.0, 1900.0, 0.35, 0.5)
+    plain = SoilProfile.uniform(40e6, 0.0, 1900.0, 0.35, 0.5)
     drops = [
         simulate_drop(ground, Plate(RADIUS, 10.0), HAMMER, (0.3,), 0.02)
         for ground in (plain, replace(plain, damping_law=law))
@@ -90,7 +90,7 @@ def test_the_compliance_depends_on_the_modulus_of_its_frequency_alone(
         (cmath.log(z * shear / (2000 * RADIUS**2)) - alpha * math.log(LAW.reference)) / (2 - alpha)
     )
     ground = replace(
-        Ground.uniform(30e6, poisson_ratio=0.35, bedrock_depth=depth_ratio * RADIUS),
+        SoilProfile.uniform(30e6, poisson_ratio=0.35, bedrock_depth=depth_ratio * RADIUS),
         damping_law=LAW,
     )
     modulus = shear * (laplace / LAW.reference) ** alpha
@@ -100,7 +100,7 @@ def test_the_compliance_depends_on_the_modulus_of_its_frequency_alone(
 
 def test_steps_in_time_are_the_transfer_function_of_the_trapezoidal_rule() -> None:
     r"""The generating function of the steps is H at :math:`s = (2/h)(1 - \zeta)/(1 + \zeta)`."""
-    ground = replace(Ground.uniform(40e6, 1e4, 1900.0, 0.35, 0.3), damping_law=LAW)
+    ground = replace(SoilProfile.uniform(40e6, 1e4, 1900.0, 0.35, 0.3), damping_law=LAW)
     step = 2.5e-4
     simulator = DropSimulator(
         ground, Plate(RADIUS), (), 0.05, step, 0.04, Resolution(steps_per_pulse=100)
@@ -115,7 +115,7 @@ def test_steps_in_time_are_the_transfer_function_of_the_trapezoidal_rule() -> No
 
 
 def test_constant_q_soil_is_causal() -> None:
-    ground = replace(Ground.uniform(30e6, bedrock_depth=2.0), damping_law=LAW)
+    ground = replace(SoilProfile.uniform(30e6, bedrock_depth=2.0), damping_law=LAW)
     drop = simulate_drop(ground, Plate(RADIUS, 10.0), HAMMER, (0.9,), 0.02)
     # No wave of a frequency that the grid carries is faster than this one.
     fastest = ground.layers[0].pressure_speed() * math.sqrt(LAW.stiffening(2 * math.pi * 2000))
@@ -137,7 +137,7 @@ def test_a_root_of_depth_has_the_published_stiffness() -> None:
     """
     n, start, multiplier = 0.5, 1e-6 * RADIUS, 40e6
     exact = 4 * multiplier * RADIUS ** (1 + n) * math.cos(math.pi * n / 2) * (n + 2) / (n + 3)
-    ground = Ground.uniform(multiplier * start**n, poisson_ratio=1 / (2 + n))
+    ground = SoilProfile.uniform(multiplier * start**n, poisson_ratio=1 / (2 + n))
     grown = replace(ground, growth=Growth(start, n, limit=200 * RADIUS))
     assert wide_model(grown, "smooth").static_stiffness() == pytest.approx(exact, rel=5e-3)
     smooth = Plate(RADIUS, contact="smooth")
@@ -148,14 +148,14 @@ def test_a_root_of_depth_has_the_published_stiffness() -> None:
 def test_incompressible_gibson_soil_is_a_bed_of_springs() -> None:
     """Gibson (1967): pressure over settlement is 2 m for G = m z, whatever the footing."""
     slope, nu, start = 20e6, 0.4995, 1e-4 * RADIUS  # Pa/m; G(0) is a ten thousandth of m a
-    ground = Ground.uniform(2 * (1 + nu) * slope * start, poisson_ratio=nu)
+    ground = SoilProfile.uniform(2 * (1 + nu) * slope * start, poisson_ratio=nu)
     grown = replace(ground, growth=Growth(start, 1.0, limit=200 * RADIUS))
     exact = 2 * slope * math.pi * RADIUS**2
     assert wide_model(grown, "smooth").static_stiffness() == pytest.approx(exact, rel=0.02)
 
 
 def test_slow_growth_is_the_half_space() -> None:
-    uniform = Ground.uniform(40e6, 2e4, 1900.0, 0.35, 0.5)
+    uniform = SoilProfile.uniform(40e6, 2e4, 1900.0, 0.35, 0.5)
     slow = replace(uniform, growth=Growth(1e6 * RADIUS))
     drops = [
         simulate_drop(ground, Plate(RADIUS, 10.0), HAMMER, (0.3,), 0.02)
@@ -168,7 +168,7 @@ def test_slow_growth_is_the_half_space() -> None:
 
 def test_soil_that_cannot_be_simulated_is_refused_by_name() -> None:
     with pytest.raises(GroundError, match="growth limit"):
-        replace(Ground.uniform(40e6), growth=Growth(1.0))
+        replace(SoilProfile.uniform(40e6), growth=Growth(1.0))
     with pytest.raises(GroundError, match="growth depth"):
         Growth(0.0)
     with pytest.raises(GroundError, match="quality"):

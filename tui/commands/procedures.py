@@ -5,7 +5,7 @@ import textwrap
 
 from pfwd.export.json_text import json_text
 from pfwd.procedures import Procedure, find_procedure, shipped_procedures
-from pfwd.procedures.profile import Number, number_words
+from pfwd.procedures.profile import SourcedNumber, number_words
 from tui.arguments import add_json
 from tui.output import clean
 
@@ -39,7 +39,7 @@ def _summary(procedure: Procedure) -> str:
     return f"{procedure.name:16} {drops} {procedure.quantity:11} {procedure.title}"
 
 
-def _count(number: Number | None) -> str:
+def _count(number: SourcedNumber | None) -> str:
     if number is None:
         return "-"
     return f"{number.value:g}" if number.verified else f"({number.value:g})"

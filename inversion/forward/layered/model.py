@@ -24,7 +24,7 @@ from inversion.forward.layered.plate import (
     displacement_per_force,
     displacement_slopes,
 )
-from inversion.forward.layered.quadrature import FAST, Layout, WavenumberRule, nodes
+from inversion.forward.layered.quadrature import FAST, NodeLayout, WavenumberRule, nodes
 from inversion.forward.model import Instrument
 
 # Largest ratio of the number of wavenumbers of grounds that are solved together.
@@ -193,7 +193,7 @@ def _groups_of_similar_cost(
 def _node_count(
     setup: PlateSetup, grounds: LayeredGrounds, s: ComplexArray, rule: WavenumberRule
 ) -> int:
-    layout = Layout.of(rule, grounds.at(s, setup.radius), grounds.rock, setup.farthest)
+    layout = NodeLayout.of(rule, grounds.at(s, setup.radius), grounds.rock, setup.farthest)
     return int(nodes(layout)[0].size)
 
 

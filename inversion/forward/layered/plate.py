@@ -40,7 +40,7 @@ from inversion.forward.layered.kernel import (
     compliance_slopes,
     solve_layers,
 )
-from inversion.forward.layered.quadrature import CONVERGED, Layout, WavenumberRule, nodes
+from inversion.forward.layered.quadrature import CONVERGED, NodeLayout, WavenumberRule, nodes
 
 LayeredPlateModel = PlateModel | Literal["uniform"]
 
@@ -134,7 +134,7 @@ def _keep_freed_memory() -> None:
 
 
 @lru_cache(maxsize=32)
-def _tables(setup: PlateSetup, layout: Layout) -> _Tables:
+def _tables(setup: PlateSetup, layout: NodeLayout) -> _Tables:
     from scipy.special import j0, j1
 
     _keep_freed_memory()
@@ -189,7 +189,7 @@ def displacement_per_force(
     (m, n_sensors, n) ndarray of complex, m/N
     """
     media = grounds.at(s, setup.radius)
-    tables = _tables(setup, Layout.of(rule, media, grounds.rock, setup.farthest))
+    tables = _tables(setup, NodeLayout.of(rule, media, grounds.rock, setup.farthest))
     count = media.z.shape[1]
     result = np.empty((count, len(setup.offsets)), dtype=np.complex128)
     for rows in _chunks(count):
@@ -215,7 +215,7 @@ def displacement_slopes(
         the unit of the parameter
     """
     media = grounds.at(s, setup.radius)
-    tables = _tables(setup, Layout.of(rule, media, grounds.rock, setup.farthest))
+    tables = _tables(setup, NodeLayout.of(rule, media, grounds.rock, setup.farthest))
     count, sensors = media.z.shape[1], len(setup.offsets)
     result = np.empty((count, sensors), dtype=np.complex128)
     ratio = any(parameter.field == "poisson_ratio" for parameter in parameters)

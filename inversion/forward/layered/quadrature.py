@@ -57,7 +57,7 @@ class WavenumberRule:
 
 
 @dataclass(frozen=True)
-class Layout:
+class NodeLayout:
     """Parameters that determine the wavenumber nodes; equal layouts share their nodes."""
 
     rule: WavenumberRule
@@ -69,7 +69,7 @@ class Layout:
     largest_offset: float
 
     @staticmethod
-    def of(rule: WavenumberRule, media: Media, rock: bool, largest_offset: float) -> Layout:
+    def of(rule: WavenumberRule, media: Media, rock: bool, largest_offset: float) -> NodeLayout:
         """Return the layout that is sufficient for all points of the media."""
         root = np.sqrt(media.z)
         size = np.abs(root)
@@ -95,7 +95,7 @@ class Layout:
         if math.isinf(rule.echo):
             resolved = end
         travelling = rule.travelling * float(np.max(size))
-        return Layout(
+        return NodeLayout(
             rule,
             _rounded(rule.width_over_distance * distance, -1),
             _rounded(rule.width_over_distance * slope, -1),
@@ -115,7 +115,7 @@ _PLATE_RADIANS_PER_PANEL = 8.0
 
 
 @lru_cache(maxsize=64)
-def nodes(layout: Layout) -> tuple[FloatArray, FloatArray]:
+def nodes(layout: NodeLayout) -> tuple[FloatArray, FloatArray]:
     """Return the wavenumber nodes of a layout, ascending, and their weights, each (n,)."""
     rule = layout.rule
     max_resolved_width = rule.turn / (2.0 + layout.largest_offset)

@@ -27,7 +27,7 @@ from pfwd.files.foreign.common import (
 )
 from pfwd.files.foreign.peaks_text import (
     OFFSETS_KEY,
-    Station,
+    StationDrops,
     declared_offsets,
     force_of,
     lines_of,
@@ -112,8 +112,8 @@ def _head(line: str, where: str) -> tuple[float, list[float]]:
     return numbers[0] / 1e3, [number / 1e3 for number in numbers[1:]]
 
 
-def _stations(file: str, lines: Sequence[tuple[int, str]], radius: float) -> list[Station]:
-    stations: list[Station] = []
+def _stations(file: str, lines: Sequence[tuple[int, str]], radius: float) -> list[StationDrops]:
+    stations: list[StationDrops] = []
     position: dict[str, float] = {}
     for number, line in lines[4:]:
         if match := _R80_POSITION.fullmatch(line):
@@ -124,7 +124,7 @@ def _stations(file: str, lines: Sequence[tuple[int, str]], radius: float) -> lis
                 "air_temperature_c": temperature_of(match[2]),
                 "surface_temperature_c": temperature_of(match[3]),
             }
-            stations.append(Station(f"chainage {float(match[1]):g}", position, noted))
+            stations.append(StationDrops(f"chainage {float(match[1]):g}", position, noted))
             position = {}
         elif stations and _R80_VALUES.fullmatch(line):
             pressure, *deflections = [
@@ -140,7 +140,7 @@ def _stations(file: str, lines: Sequence[tuple[int, str]], radius: float) -> lis
 
 
 def _placed(
-    stations: Sequence[Station], offsets: list[float], count: int, where: str
+    stations: Sequence[StationDrops], offsets: list[float], count: int, where: str
 ) -> list[float]:
     """Return the offsets of all columns, m, for a file with fewer positions than columns.
 

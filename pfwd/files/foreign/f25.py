@@ -41,7 +41,7 @@ from pfwd.files.foreign.common import (
     temperature_of,
 )
 from pfwd.files.foreign.peaks_text import (
-    Station,
+    StationDrops,
     force_of,
     lines_of,
     local_moment,
@@ -93,7 +93,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
 class _DropLine:
     """Values of one line that is a drop."""
 
-    station: Station
+    station: StationDrops
     line: int
     load: float
     """Peak load, N."""
@@ -118,7 +118,7 @@ class _Reader:
         """For each column of a drop the index of its position; None: it has no position."""
         self._radius: float | None = None
         self._radii: list[float] = []
-        self._stations: list[Station] = []
+        self._stations: list[StationDrops] = []
         self._position: dict[str, float] = {}
         self._unreadable_lines: list[int] = []
         """Numbers of the lines that do not begin with a number."""
@@ -191,7 +191,7 @@ class _Reader:
         # Stored as text: the unit is kilometres in one program and metres in another.
         noted: dict[str, object] = {"station": station, "time_local": moment}
         noted["lane"] = _text(cells, 7)
-        new_station = Station(f"station {station}", dict(self._position), noted)
+        new_station = StationDrops(f"station {station}", dict(self._position), noted)
         self._position = {}
         self._stations.append(new_station)
 

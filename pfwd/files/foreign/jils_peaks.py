@@ -32,7 +32,7 @@ from pfwd.files.foreign.common import (
 )
 from pfwd.files.foreign.peaks_text import (
     OFFSETS_KEY,
-    Station,
+    StationDrops,
     declared_offsets,
     lines_of,
     number_of,
@@ -98,7 +98,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
     offsets, remarks = sensor_offsets(file, declared and declared.value, count, headings)
     common, head_noted = head_facts(headings, "JILS peaks (.DAT)")
     converted = [
-        Station(
+        StationDrops(
             station_name(station.key),
             dict(station.position),
             head_noted | station.noted | {"milepost": station.key[2]},

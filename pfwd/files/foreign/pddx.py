@@ -21,7 +21,7 @@ from pfwd.files.foreign.common import (
 )
 from pfwd.files.foreign.peaks_text import (
     PLATE_RADII_M,
-    Station,
+    StationDrops,
     force_of,
     lines_of,
     local_moment,
@@ -185,9 +185,11 @@ class _Reader:
 
     def _station(
         self, name: str, section: Section, count: int, per_load: float, deflection_factor: float
-    ) -> Station:
+    ) -> StationDrops:
         title = short_text(_plain(section, "TestComment"))
-        station = Station(title or _LOCATION.sub(r"location \1", name.partition(" in line")[0]))
+        station = StationDrops(
+            title or _LOCATION.sub(r"location \1", name.partition(" in line")[0])
+        )
         position = self._split(_plain(section, "GPSLocation"))
         station.declared.update(position_of(*position[:2]) if len(position) >= 2 else {})
         chainage = finite(next(iter(self._split(_plain(section, "TestLocation"))), None))

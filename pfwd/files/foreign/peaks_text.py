@@ -37,7 +37,7 @@ OFFSETS_KEY = "sensor_offsets_m"
 
 
 @dataclass(frozen=True, slots=True)
-class Station:
+class StationDrops:
     """Test point of a file with peaks, before its checks."""
 
     name: str
@@ -167,7 +167,7 @@ def local_moment(*parts: float | None) -> str | None:
 
 def points_of_stations(
     file: str,
-    stations: Sequence[Station],
+    stations: Sequence[StationDrops],
     offsets: Sequence[float],
     common: Mapping[str, Any],
     request: Request,

@@ -39,7 +39,7 @@ from pfwd.files.foreign.rincent_facts import (
 from pfwd.files.foreign.rincent_json import read_json
 from pfwd.files.foreign.rincent_stored import Stored, parse_stored
 from pfwd.files.foreign.rincent_xml import (
-    RawDrop,
+    RincentDrop,
     facts_of,
     raw_drops,
     read_tables,
@@ -131,7 +131,7 @@ class _Project:
         self.json = next((n for n in names if n.rpartition("/")[2] == JSON_NAME), None)
         self.xml = next((n for n in names if n.rpartition("/")[2] == XML_NAME), None)
         self.stored = [n for n in names if TRACE_FOLDER in f"/{n}" and not n.endswith("/")]
-        self.drops: list[RawDrop] = []
+        self.drops: list[RincentDrop] = []
         self.xml_facts: Facts | None = None
         if self.json is None and self.xml is None:
             expected = f"{JSON_NAME} or {XML_NAME} in the archive"
@@ -181,7 +181,7 @@ def _raw_points(project: _Project, request: Request) -> list[TracePoint]:
         raise TraceError(refusal(project.file, expected, "accelerations", hint))
     assert project.xml_facts is not None
     facts = project.xml_facts
-    by_point: dict[str, list[RawDrop]] = defaultdict(list)
+    by_point: dict[str, list[RincentDrop]] = defaultdict(list)
     for drop in project.drops:
         by_point[drop.point].append(drop)
     points_by_identity = {point.identity: point for point in facts.points}

@@ -63,7 +63,7 @@ _LAYOUTS = (
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class StoredDrop:
+class RincentStoredDrop:
     """Stored traces of one drop."""
 
     load: Values
@@ -80,7 +80,7 @@ class Stored:
     """Identity of the point, a signed 64-bit number."""
     rate: float | None
     """Sampling rate, Hz; None: an older file, which does not state it."""
-    drops: tuple[StoredDrop, ...]
+    drops: tuple[RincentStoredDrop, ...]
 
 
 def parse_stored(data: bytes, where: str) -> Stored:
@@ -140,7 +140,7 @@ def parse_stored(data: bytes, where: str) -> Stored:
 
 def _drop(
     data: bytes, layout: _Layout, start: int, samples: int, channels: int, where: str
-) -> tuple[StoredDrop, int]:
+) -> tuple[RincentStoredDrop, int]:
     (count,) = layout.count.unpack_from(data, start)
     if count != samples:
         raise TraceError(refusal(where, f"{samples} samples of the load", str(count)))
@@ -156,7 +156,7 @@ def _drop(
     table = values.astype(np.float64).reshape(shape)
     # Some versions write one row for each channel, others one row for each sample.
     by_channel = table if shape == (channels, samples) else table.T
-    return StoredDrop(load, by_channel), start + 4 * channels * samples
+    return RincentStoredDrop(load, by_channel), start + 4 * channels * samples
 
 
 def _cut_off(where: str, expected: int, actual: int) -> str:

@@ -63,7 +63,7 @@ Tables = Mapping[str, list[dict[str, str]]]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class RawDrop:
+class RincentDrop:
     """Raw channels of one drop."""
 
     point: str
@@ -241,7 +241,7 @@ def facts_of(tables: Tables, where: str) -> Facts:
     )
 
 
-def raw_drops(tables: Tables, where: str) -> list[RawDrop]:
+def raw_drops(tables: Tables, where: str) -> list[RincentDrop]:
     """Return the raw channels of every drop, in the order of the file.
 
     Raises
@@ -266,7 +266,9 @@ def raw_drops(tables: Tables, where: str) -> list[RawDrop]:
         load = _numbers(row, "Force", place)
         sensor = _numbers(row, "Capteur", place)
         raw.append(
-            RawDrop(point, int(number) + 1, load, QUANTITY_BY_SENSOR_TYPE[int(kind or 0)], sensor)
+            RincentDrop(
+                point, int(number) + 1, load, QUANTITY_BY_SENSOR_TYPE[int(kind or 0)], sensor
+            )
         )
     return raw
 

@@ -23,7 +23,7 @@ from pfwd.files.foreign.common import (
     temperature_of,
 )
 from pfwd.files.foreign.peaks_text import (
-    Station,
+    StationDrops,
     lines_of,
     local_moment,
     number_of,
@@ -60,7 +60,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
         If the file has another format, or a line of a drop is damaged.
     """
     common: dict[str, Any] = {"source": "Sweco .fwd"}
-    stations: list[Station] = []
+    stations: list[StationDrops] = []
     offsets: list[float] = []
     date: Sequence[int] = ()
     names: list[str] = []
@@ -70,7 +70,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
         text = line.strip()
         cells = [cell.strip() for cell in line.split("\t")]
         if text == "$2":
-            stations.append(Station("?"))
+            stations.append(StationDrops("?"))
             names = []
         elif text.startswith("Position of Drop") and stations:
             stations[-1].declared.update(_position(text))
@@ -112,7 +112,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
 
 
 def _drop(
-    station: Station, cells: list[str], names: list[str], sensors: int, line: int, where: str
+    station: StationDrops, cells: list[str], names: list[str], sensors: int, line: int, where: str
 ) -> None:
     deflection_columns = [index for index, name in enumerate(names) if _COLUMN.fullmatch(name)]
     if len(deflection_columns) != sensors or "kN" not in names or len(cells) < len(names):

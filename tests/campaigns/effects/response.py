@@ -28,7 +28,7 @@ from scipy.signal import fftconvolve
 
 from simulators.drop import DropSimulator, PrescribedLoad
 from simulators.finite_elements import effective_modulus
-from simulators.mesh import Array, Ground, Layer, Plate, Resolution, require
+from simulators.mesh import Array, Plate, Resolution, SoilLayer, SoilProfile, require
 
 RESPONSE_STEP_S = 5e-5  # s; 160 samples in the shortest pulse
 RESPONSE_DURATION_S = 0.075  # s
@@ -44,7 +44,7 @@ _CACHE_VERSION = 3
 class GroundResponse:
     """Response of the ground to a triangular pulse of 1 N on the plate, at each sensor."""
 
-    ground: Ground
+    ground: SoilProfile
     plate: Plate
     """Radius and contact; its mass is 0."""
     time_step: float
@@ -116,7 +116,7 @@ class GroundResponse:
 
 
 def ground_response(
-    ground: Ground,
+    ground: SoilProfile,
     radius: float,
     offsets: tuple[float, ...],
     *,
@@ -162,7 +162,7 @@ def ground_response(
 
 
 def _run(
-    ground: Ground, plate: Plate, offsets: tuple[float, ...], duration: float
+    ground: SoilProfile, plate: Plate, offsets: tuple[float, ...], duration: float
 ) -> tuple[Array, Array, float]:
     simulator = DropSimulator(
         ground, plate, offsets, duration, RESPONSE_STEP_S, MIN_PULSE_S, RESOLUTION
@@ -181,7 +181,7 @@ def layered_ground(
     viscosity: float,
     density: float,
     poisson_ratio: float,
-) -> Ground:
+) -> SoilProfile:
     """Return infinitely deep ground with a top layer.
 
     Parameters
@@ -206,7 +206,7 @@ def stacked_ground(
     viscosity: float,
     density: float,
     poisson_ratio: float,
-) -> Ground:
+) -> SoilProfile:
     """Return infinitely deep ground with layers above it.
 
     Parameters
@@ -221,8 +221,8 @@ def stacked_ground(
     poisson_ratio : float
     """
     layers = [
-        Layer(modulus * ratio, viscosity * ratio, density, poisson_ratio, thickness)
+        SoilLayer(modulus * ratio, viscosity * ratio, density, poisson_ratio, thickness)
         for ratio, thickness in above
     ]
-    below = Layer(modulus, viscosity, density, poisson_ratio, math.inf)
-    return Ground((*layers, below), "none")
+    below = SoilLayer(modulus, viscosity, density, poisson_ratio, math.inf)
+    return SoilProfile((*layers, below), "none")

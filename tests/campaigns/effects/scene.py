@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from simulators.drop import Hammer, PrescribedLoad, SimulatedDrop
-from simulators.mesh import Ground
+from simulators.mesh import SoilProfile
 from tests.campaigns.effects.march import Indentation, Pull, SoilLaw, strike
 from tests.campaigns.effects.response import RESPONSE_DURATION_S, GroundResponse, ground_response
 from tests.campaigns.effects.signals import Signals, signals_of
@@ -30,7 +30,7 @@ class Laboratory:
         self._responses: dict[tuple[object, ...], GroundResponse] = {}
 
     def response(
-        self, ground: Ground, radius: float, offsets: tuple[float, ...], contact: str = "rough"
+        self, ground: SoilProfile, radius: float, offsets: tuple[float, ...], contact: str = "rough"
     ) -> GroundResponse:
         """Return the response of a ground to a triangular pulse; see `ground_response`."""
         key = (ground, radius, offsets, contact)
@@ -46,7 +46,7 @@ class Scene:
     """Simulated test point: ground, plate, hammer, sensors and heights of the drops."""
 
     laboratory: Laboratory
-    site: Ground
+    site: SoilProfile
     """Ground in the units of the finite-element run; see `time_scale`."""
     radius: float
     """Radius of the plate, m."""
@@ -76,7 +76,7 @@ class Scene:
     """Factor on the density of the finite-element run; see `GroundResponse.rescaled`."""
 
     def response(
-        self, site: Ground | None = None, contact: str = "rough", radius: float | None = None
+        self, site: SoilProfile | None = None, contact: str = "rough", radius: float | None = None
     ) -> GroundResponse:
         """Return the response of the ground to a triangular pulse of force, in SI units.
 
@@ -95,7 +95,7 @@ class Scene:
         return raw.rescaled(self.time_scale, self.density_scale)
 
     @property
-    def ground(self) -> Ground:
+    def ground(self) -> SoilProfile:
         """Simulated ground, after it was rescaled from the units of the finite-element run."""
         return self.response().ground
 

@@ -24,7 +24,7 @@ from inversion.inference.diagnose import diagnose_point
 from inversion.inference.population import InstrumentKnowledge
 from inversion.notices import Value
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
-from simulators.mesh import Ground, Plate
+from simulators.mesh import Plate, SoilProfile
 
 MODULUS, DEPTH = 45e6, 1.2
 OFFSETS = (0.0, 0.3, 0.6)
@@ -34,7 +34,7 @@ Change = Callable[[Record], Record]
 
 @pytest.fixture(scope="module")
 def drop() -> SimulatedDrop:
-    ground = Ground.uniform(MODULUS, 5e4, 1900.0, 0.35, DEPTH)
+    ground = SoilProfile.uniform(MODULUS, 5e4, 1900.0, 0.35, DEPTH)
     hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
     return simulate_drop(ground, Plate(0.15, 12.0), hammer, OFFSETS, duration=0.04, time_step=1e-4)
 

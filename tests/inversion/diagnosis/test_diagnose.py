@@ -18,7 +18,7 @@ from inversion.inference.state import with_discrepancy_error
 from inversion.measured.record import UNCALIBRATED_ERROR
 from inversion.records import known
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
-from simulators.mesh import Ground, Plate
+from simulators.mesh import Plate, SoilProfile
 from tests.inversion.diagnosis.found import effect_of, parameter_of, state_of
 
 MODULUS = 45e6
@@ -27,7 +27,7 @@ RADIUS, MASS = 0.15, 12.0
 
 @pytest.fixture(scope="module")
 def drop() -> SimulatedDrop:
-    ground = Ground.uniform(MODULUS, 5e4, 1900.0, 0.35, 1.2)
+    ground = SoilProfile.uniform(MODULUS, 5e4, 1900.0, 0.35, 1.2)
     hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
     return simulate_drop(ground, Plate(RADIUS, MASS), hammer, duration=0.05, time_step=1e-4)
 

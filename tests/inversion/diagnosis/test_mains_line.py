@@ -11,7 +11,7 @@ from inversion.diagnosis.rest import estimate_pre_trigger_noise
 from inversion.forward.model import Instrument
 from inversion.inference.diagnose import diagnose_point
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
-from simulators.mesh import Ground, Plate
+from simulators.mesh import Plate, SoilProfile
 
 STEP = 2e-4
 
@@ -113,7 +113,7 @@ def test_too_few_samples_tell_nothing_of_hum(samples: int) -> None:
 
 @pytest.fixture(scope="module")
 def drop() -> SimulatedDrop:
-    ground = Ground.uniform(45e6, 5e4, 1900.0, 0.35, 1.2)
+    ground = SoilProfile.uniform(45e6, 5e4, 1900.0, 0.35, 1.2)
     hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
     return simulate_drop(ground, Plate(0.15, 12.0), hammer, duration=0.05, time_step=1e-4)
 

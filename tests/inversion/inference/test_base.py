@@ -17,7 +17,7 @@ from inversion.inference.base import BaseFit, fit_base
 from inversion.inference.diagnose import diagnose_point
 from inversion.measured.record import Sensor, prepare
 from simulators.drop import DropSimulator, Hammer
-from simulators.mesh import Ground, Plate
+from simulators.mesh import Plate, SoilProfile
 from tests.inversion.synthetic import DENSITY, DEPTH, MODULUS, TRUTH, VISCOSITY, Scene, record
 
 MODULUS_PA = 30e6
@@ -32,7 +32,7 @@ def without_rock() -> Record:
     radius, mass, pulse = 0.05, 2.0, 0.008
     weight = 300e3 * math.pi * radius**2 * pulse / (math.pi * 3.0)
     hammer = Hammer(weight, weight * (math.pi / pulse) ** 2, 3.0)
-    ground = Ground.uniform(MODULUS_PA, 40e3, 1850.0, 0.35, math.inf)
+    ground = SoilProfile.uniform(MODULUS_PA, 40e3, 1850.0, 0.35, math.inf)
     simulator = DropSimulator(
         ground, Plate(radius, mass), (0.0,), 0.036, 1e-4, hammer.pulse_duration
     )

@@ -16,7 +16,7 @@ from inversion.forward.model import Instrument
 from inversion.inference.point_model import PointModel
 from inversion.inference.posterior import PointFit, Posterior
 from simulators.drop import Hammer, simulate_drop
-from simulators.mesh import Ground, Plate
+from simulators.mesh import Plate, SoilProfile
 
 RADIUS, MASS, STEP, BEFORE = 0.15, 12.0, 1e-4, 200
 OFFSETS = (0.3,)
@@ -29,7 +29,7 @@ MODULI = (50e6, 55e6)
 @cache
 def clean(modulus: float) -> tuple[FloatArray, FloatArray]:
     """Return the load, and the displacements at the plate and beside it, without noise."""
-    ground = Ground.uniform(modulus, 1e-3 * modulus, 1900.0, 0.35)
+    ground = SoilProfile.uniform(modulus, 1e-3 * modulus, 1900.0, 0.35)
     hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
     drop = simulate_drop(
         ground, Plate(RADIUS, MASS), hammer, OFFSETS, duration=0.05, time_step=STEP

@@ -23,11 +23,11 @@ from inversion.inference.held_out import (
     with_side_difference,
     without_held_out,
 )
-from inversion.inference.instrument import Instrument, summarise_point
+from inversion.inference.instrument import InstrumentPoints, summarise_point
 from inversion.inference.next_drop import DropPredictor
 from inversion.measured.record import prepare
 from simulators.drop import Hammer, simulate_drop
-from simulators.mesh import Ground, Plate
+from simulators.mesh import Plate, SoilProfile
 
 RADIUS, MASS, DEPTH = 0.15, 12.0, 1.2
 STEP, BEFORE = 1e-4, 200
@@ -42,7 +42,7 @@ MODULI, SPEEDS = (36e6, 60e6, 60e6, 78e6), (4.0, 4.0, 3.2, 4.0)
 
 def simulated(modulus: float, speed: float, seed: int, offsets: Sequence[float] = ()) -> Record:
     """Return a drop whose displacements are recorded late, with noise."""
-    ground = Ground.uniform(modulus, 5e4 * modulus / 60e6, 1900.0, 0.35, DEPTH)
+    ground = SoilProfile.uniform(modulus, 5e4 * modulus / 60e6, 1900.0, 0.35, DEPTH)
     hammer = Hammer(mass=10.0, stiffness=4e5, velocity=speed)
     drop = simulate_drop(
         ground, Plate(RADIUS, MASS), hammer, offsets, duration=0.05, time_step=STEP
@@ -156,7 +156,7 @@ def test_one_number_may_be_fitted_to_the_held_out_drop(
 
 
 def test_the_next_drop_is_like_the_last_one(point: PointRecords, library: SurrogateLibrary) -> None:
-    instrument = Instrument([drops(point, 1, 2)])
+    instrument = InstrumentPoints([drops(point, 1, 2)])
     last = point.records[2]
     predicted = instrument.predict_next(0, last.time, last.load)
     assert predicted.shape == (1, last.time.size)

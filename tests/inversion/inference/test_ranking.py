@@ -30,7 +30,7 @@ from inversion.inference.structures import (
 from pfwd.analysis.diagnosis.entries import entries_of
 from pfwd.analysis.options import AnalysisOptions
 from simulators.drop import Hammer
-from simulators.mesh import Ground
+from simulators.mesh import SoilProfile
 from tests.campaigns.effects.march import SoilLaw, strike
 from tests.campaigns.effects.response import ground_response
 from tests.campaigns.effects.soil import PowerLaw
@@ -47,7 +47,7 @@ def simulated(depth: float = np.inf, exponent: float = 0.0) -> PointRecords:
 
     The depth is not declared.
     """
-    ground = Ground.uniform(60e6, 5e4, 1900.0, 0.35, depth)
+    ground = SoilProfile.uniform(60e6, 5e4, 1900.0, 0.35, depth)
     response = ground_response(ground, RADIUS, (0.0,), duration=0.04)
     samples = round(0.035 / response.time_step)
     largest = 250e-6

@@ -14,7 +14,7 @@ from inversion.forward.model import Instrument
 from inversion.inference.diagnose import diagnose_point
 from inversion.records import known
 from simulators.drop import Hammer, simulate_drop
-from simulators.mesh import Ground, Plate
+from simulators.mesh import Plate, SoilProfile
 
 RADIUS, MASS, STEP, BEFORE, NU = 0.15, 12.0, 1e-4, 200, 0.35
 OFFSETS = (0.3, 0.6)
@@ -25,7 +25,7 @@ SETTLING = (0.6, 0.9, 0.65, 1.0)
 
 @cache
 def simulated(share: float) -> Record:
-    ground = Ground.uniform(share * MODULUS, 1e-3 * share * MODULUS, 1900.0, NU, DEPTH)
+    ground = SoilProfile.uniform(share * MODULUS, 1e-3 * share * MODULUS, 1900.0, NU, DEPTH)
     hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
     drop = simulate_drop(ground, Plate(RADIUS, MASS), hammer, OFFSETS, 0.05, STEP)
     rng = np.random.default_rng(round(1000 * share))

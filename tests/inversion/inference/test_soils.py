@@ -18,28 +18,30 @@ from inversion.inference.structures import candidate_structures
 from inversion.records import known
 from simulators.drop import Hammer, PrescribedLoad, simulate_drop
 from simulators.finite_elements import effective_modulus
-from simulators.mesh import ConstantQ, Ground, Growth, Plate
+from simulators.mesh import ConstantQ, Growth, Plate, SoilProfile
 
 RADIUS, MASS, STEP, BEFORE = 0.15, 12.0, 1e-4, 200
 NOISE = 1e-3
 """Of the peak."""
 NU = 0.35
 BESIDE = (0.3, 0.6)
-GIBSON = replace(Ground.uniform(25e6, 25e3, 1900.0, NU, math.inf), growth=Growth(0.4, 1.0, 5.0))
+GIBSON = replace(
+    SoilProfile.uniform(25e6, 25e3, 1900.0, NU, math.inf), growth=Growth(0.4, 1.0, 5.0)
+)
 
 
-def rock(depth: float) -> Ground:
-    return Ground.uniform(50e6, 5e4, 1900.0, NU, depth)
+def rock(depth: float) -> SoilProfile:
+    return SoilProfile.uniform(50e6, 5e4, 1900.0, NU, depth)
 
 
-def constant_q(quality: float, depth: float = math.inf) -> Ground:
+def constant_q(quality: float, depth: float = math.inf) -> SoilProfile:
     """Return ground of 50 MPa at 30 Hz."""
-    elastic = Ground.uniform(50e6, 0.0, 1900.0, NU, depth)
+    elastic = SoilProfile.uniform(50e6, 0.0, 1900.0, NU, depth)
     return replace(elastic, damping_law=ConstantQ(quality, 2.0 * math.pi * 30.0))
 
 
 @cache
-def simulated(ground: Ground, offsets: tuple[float, ...] = ()) -> tuple[PointRecords, float]:
+def simulated(ground: SoilProfile, offsets: tuple[float, ...] = ()) -> tuple[PointRecords, float]:
     """Return a drop, and the duration of the half-sine of its peak and impulse, s.
 
     Parameters
@@ -92,7 +94,9 @@ def test_growth_under_one_sensor_is_no_rock(library: SurrogateLibrary) -> None:
 @pytest.mark.slow
 def test_growth_under_a_plate_with_undeclared_mass_is_no_rock(library: SurrogateLibrary) -> None:
     radius, declared, undeclared = 0.1, 7.8, 3.9
-    ground = replace(Ground.uniform(13e6, 11e3, 2100.0, NU, math.inf), growth=Growth(0.1, 1.0, 5.0))
+    ground = replace(
+        SoilProfile.uniform(13e6, 11e3, 2100.0, NU, math.inf), growth=Growth(0.1, 1.0, 5.0)
+    )
     hammer = Hammer(mass=10.0, stiffness=8e5, velocity=3.0)
     drop = simulate_drop(ground, Plate(radius, declared + undeclared), hammer, (), 0.1, STEP)
     before = np.zeros(BEFORE)

@@ -26,7 +26,7 @@ from inversion.inference.structures import (
     fit_briefly,
 )
 from simulators.drop import Hammer, PrescribedLoad, simulate_drop
-from simulators.mesh import Ground, Plate
+from simulators.mesh import Plate, SoilProfile
 
 RADIUS, MASS, STEP, BEFORE = 0.15, 12.0, 1e-4, 200
 MODULUS, DEPTH = 50e6, 0.9
@@ -36,7 +36,7 @@ ALWAYS = frozenset({"sensor_lag", "plate_inertia"})
 
 
 def point(depth: float, modulus: float = MODULUS) -> PointRecords:
-    ground = Ground.uniform(modulus, 5e4, 1900.0, 0.35, depth)
+    ground = SoilProfile.uniform(modulus, 5e4, 1900.0, 0.35, depth)
     hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
     drop = simulate_drop(ground, Plate(RADIUS, MASS), hammer, duration=0.05, time_step=STEP)
     moved = np.concatenate([np.zeros(BEFORE), drop.plate_displacement])
@@ -83,7 +83,7 @@ def test_the_equivalent_half_space_deflects_as_much_in_finite_elements(depth: fl
     load = PrescribedLoad(records.records[0].time[BEFORE:], records.records[0].load[BEFORE:])
 
     def peak(modulus: float, viscosity: float, density: float, depth: float) -> float:
-        simulated = Ground.uniform(modulus, viscosity, density, 0.35, depth)
+        simulated = SoilProfile.uniform(modulus, viscosity, density, 0.35, depth)
         drop = simulate_drop(simulated, Plate(RADIUS), load, duration=0.03, time_step=2e-4)
         return float(drop.plate_displacement.max())
 

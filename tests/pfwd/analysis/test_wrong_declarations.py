@@ -24,7 +24,7 @@ from pfwd.files.header import PointSetup, setup_warnings
 from pfwd.files.traces import TracePoint
 from pfwd_device import Channel, Drop
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop
-from simulators.mesh import Ground, Plate
+from simulators.mesh import Plate, SoilProfile
 from simulators.traces import Geophone, Recording, record_drop
 
 GEOPHONE_NOT_DECLARED = Notice("geophone-not-declared")
@@ -47,7 +47,7 @@ TAIL = "record after the contact not explained"
 
 
 def _simulated(rock_depth: float | None) -> SimulatedDrop:
-    ground = Ground.uniform(MODULUS, VISCOSITY, DENSITY, POISSON_RATIO, rock_depth or math.inf)
+    ground = SoilProfile.uniform(MODULUS, VISCOSITY, DENSITY, POISSON_RATIO, rock_depth or math.inf)
     simulator = DropSimulator(ground, PLATE, (0.0,), 0.06, 2e-4, HAMMER.pulse_duration)
     return simulator.run(HAMMER)
 

@@ -19,7 +19,7 @@ from pfwd.archive import run as running
 from pfwd.archive.dataset import RESULT_COLUMNS, result_row
 from pfwd.archive.run import invert_archive, invert_stream
 from pfwd.archive.sources import find_sources, pieces_of
-from pfwd.archive.work import Batch, Failure, SourceOutcome
+from pfwd.archive.work import Batch, SourceFailure, SourceOutcome
 from pfwd.errors import OptionError, SurveyError
 from pfwd.files.importing import import_files
 from pfwd.files.reading import read_points
@@ -169,7 +169,7 @@ def test_damaged_and_foreign_files_are_collected_with_their_reasons(
     (drops / "broken.dynz").write_bytes(b"PK\x03\x04")
     (drops / "photo.jpg").write_bytes(b"no source")
     out = tmp_path / "out"
-    met: list[Failure] = []
+    met: list[SourceFailure] = []
     summary = invert_archive(
         [str(drops)], out, options, HereWorkers(options), lambda _, new: met.extend(new)
     )
@@ -283,7 +283,7 @@ def test_a_crash_between_the_tables_of_a_part_leaves_no_row_twice(
         def work(self, batch: Batch) -> list[SourceOutcome]:
             broken = [s for s in batch.sources if s.path.endswith("damaged.csv")]
             sound = Batch(tuple(s for s in batch.sources if s not in broken))
-            failed = [SourceOutcome(s, failures=[Failure("refused", "bad")]) for s in broken]
+            failed = [SourceOutcome(s, failures=[SourceFailure("refused", "bad")]) for s in broken]
             return super().work(sound) + failed
 
     with monkeypatch.context() as patch:

@@ -16,7 +16,13 @@ from pfwd.analysis.options import AnalysisOptions
 from pfwd.archive import run as running
 from pfwd.archive.run import Summary, invert_archive, invert_stream
 from pfwd.archive.sources import Source
-from pfwd.archive.work import MAX_DEATHS_PER_SOURCE, ArchiveWorkers, Batch, Failure, SourceOutcome
+from pfwd.archive.work import (
+    MAX_DEATHS_PER_SOURCE,
+    ArchiveWorkers,
+    Batch,
+    SourceFailure,
+    SourceOutcome,
+)
 from pfwd.errors import SurveyError
 
 pytest.importorskip("pyarrow")
@@ -31,7 +37,7 @@ def test_a_killed_worker_costs_nothing_but_time(
 
     with contextlib.closing(ArchiveWorkers(options, 2)) as workers:
 
-        def tell(summary: Summary, failures: Sequence[Failure]) -> None:
+        def tell(summary: Summary, failures: Sequence[SourceFailure]) -> None:
             if not killed:
                 # All of them: whoever has work is among them.
                 for process in workers._jobs.processes:
@@ -136,7 +142,7 @@ def test_memory_does_not_grow_with_the_archive(
     process = psutil.Process()
     resident: list[int] = []
 
-    def tell(summary: Summary, failures: Sequence[Failure]) -> None:
+    def tell(summary: Summary, failures: Sequence[SourceFailure]) -> None:
         if summary.drops % 4_000 == 0:
             resident.append(process.memory_info().rss)
 

@@ -15,7 +15,7 @@ from pfwd.archive import cluster
 from pfwd.archive import run as running
 from pfwd.archive.cluster import ClusterWorkers, check_address
 from pfwd.archive.run import Summary, invert_archive, invert_stream
-from pfwd.archive.work import ArchiveWorkers, Failure
+from pfwd.archive.work import ArchiveWorkers, SourceFailure
 from pfwd.errors import OptionError, SurveyError
 
 OPTIONS = AnalysisOptions(method="posterior", sensors="centre", bedrock_depth=1.2)
@@ -55,7 +55,7 @@ def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(
     monkeypatch.setattr(running, "BATCH_SOURCES", 1)
     killed = []
 
-    def tell(summary: Summary, failures: Sequence[Failure]) -> None:
+    def tell(summary: Summary, failures: Sequence[SourceFailure]) -> None:
         if not killed:
             killed.append(next(iter(dask_cluster.workers.values())).process.process.pid)
             psutil.Process(killed[0]).kill()

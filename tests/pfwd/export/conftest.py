@@ -15,7 +15,7 @@ from pfwd.analysis.screening.drops import Screening
 from pfwd.files.header import PointSetup
 from pfwd.judging import drop_from_traces
 from pfwd_device import Channel, Drop
-from pfwd_device.recording import DropRecord, Rebound, SurveyWriter
+from pfwd_device.recording import DropRecord, ReboundRecord, SurveyWriter
 from pfwd_device.recording.publishing import InlinePublisher
 from pfwd_device.recording.storage import Storage
 
@@ -81,7 +81,7 @@ def survey(tmp_path: Path, make_drop: Callable[..., Drop]) -> Path:
                 "not a number": float("nan"),
                 FACTS_KEY: kept.to_json(),
             }
-            bounce = Rebound(0.2, 900.0, 4000, counts[:50])
+            bounce = ReboundRecord(0.2, 900.0, 4000, counts[:50])
             record = DropRecord("A/1", drop, counts, declared, metadata, (bounce,))
             saved = writer.save_drop(record)
             writer.publish(saved)

@@ -19,8 +19,8 @@ from pfwd.files.importing import import_files
 from pfwd.files.opening import survey_content
 from pfwd.files.reading import read_points
 from pfwd.files.upkeep import check_survey
-from pfwd_device.recording import Rebound, SurveyWriter, read_survey, survey_reader
-from pfwd_device.recording.framing import Frame, Kind
+from pfwd_device.recording import ReboundRecord, SurveyWriter, read_survey, survey_reader
+from pfwd_device.recording.framing import Frame, RecordKind
 from pfwd_device.recording.layout import Layout
 from tests.pfwd.export.conftest import BELONGS, FORMULA, rows_of
 
@@ -69,7 +69,7 @@ def test_h5_is_read_by_other_programs_only(
 ) -> None:
     with SurveyWriter.open(survey, publish=False) as writer:  # after its file was written
         counts = np.arange(8, dtype=np.int32).reshape(4, 2)
-        writer.save_rebound(2, Rebound(0.9, 500.0, 9000, counts))
+        writer.save_rebound(2, ReboundRecord(0.9, 500.0, 9000, counts))
     path = tmp_path / "s.h5"
     export_survey(survey, "h5", path)
     drop = read_survey(survey).drops[0].read()
@@ -320,7 +320,7 @@ def test_a_row_of_the_table_reads_a_drop_without_its_later_rebounds(
     survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with SurveyWriter.open(survey, publish=False) as writer:
-        writer.save_rebound(2, Rebound(0.9, 500.0, 9000, np.zeros((4, 2), np.int32)))
+        writer.save_rebound(2, ReboundRecord(0.9, 500.0, 9000, np.zeros((4, 2), np.int32)))
     assert len(read_survey(survey).drops[1].read().rebounds) == 2
     drop = read_survey(survey).drops[1]
     whole, traces = drop.read(), drop.read_traces()
@@ -340,5 +340,5 @@ def test_a_row_of_the_table_reads_a_drop_without_its_later_rebounds(
 
     monkeypatch.setattr(survey_reader, "read_record", noted)
     export_survey(survey, "table", tmp_path / "t.csv")
-    assert read.count(Kind.DROP) == 4, "once for the verdict of its point and for its row"
-    assert Kind.REBOUND not in read
+    assert read.count(RecordKind.DROP) == 4, "once for the verdict of its point and for its row"
+    assert RecordKind.REBOUND not in read

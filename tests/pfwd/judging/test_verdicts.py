@@ -18,8 +18,8 @@ from pfwd.judging.drops import classify_drops
 from pfwd.judging.verdicts import fit_before_diagnosis, modulus_in_force
 from pfwd.procedures import (
     Kind,
-    Number,
     ReasonCode,
+    SourcedNumber,
     Verdict,
     find_procedure,
     plain_procedure,
@@ -348,7 +348,9 @@ def test_a_modest_residual_is_supported() -> None:
     progress = judge_point(Job(procedure=plain_procedure()), PointView("1", some, target=20e6))
     assert progress.verdict is Verdict.PASS
     strict = plain_procedure()
-    strict = dataclasses.replace(strict, checks={"most_residual": Number(0.05, "here", False)})
+    strict = dataclasses.replace(
+        strict, checks={"most_residual": SourcedNumber(0.05, "here", False)}
+    )
     progress = judge_point(Job(procedure=strict), PointView("1", some, target=20e6))
     assert "at most 5 % is allowed" in progress.verdict_reason
 

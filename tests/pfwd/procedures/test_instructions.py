@@ -8,11 +8,11 @@ import pytest
 from pfwd.procedures import (
     Exclusion,
     Kind,
-    Number,
     PointDrop,
     PointProgress,
     Procedure,
     Quantity,
+    SourcedNumber,
     find_procedure,
     judge,
     kind_of,
@@ -90,9 +90,11 @@ def test_without_numbers_of_drops(kinds: list[Kind], sentence: str) -> None:
 
 
 def test_the_first_of_several_faults_is_what_is_said() -> None:
-    checks = {key: Number(0.1, "here", True) for key in ("most_load_spread", "most_modulus_spread")}
+    checks = {
+        key: SourcedNumber(0.1, "here", True) for key in ("most_load_spread", "most_modulus_spread")
+    }
     procedure = dataclasses.replace(
-        GERMAN, seating=Number(0, "here", True), checks=checks, nominal_load=None
+        GERMAN, seating=SourcedNumber(0, "here", True), checks=checks, nominal_load=None
     )
     procedure = dataclasses.replace(procedure, nominal_pressure=None, quantity=Quantity.MODULUS)
     drops = [
@@ -135,14 +137,14 @@ def test_a_limit_is_shown_in_the_unit_that_it_is_told_with() -> None:
 def test_a_fault_of_a_drop_says_what_was_found_and_the_limit(
     check: str, limit: float, field: str, value: float, words: str
 ) -> None:
-    strict = dataclasses.replace(PAPER, checks={check: Number(limit, "here", True)})
+    strict = dataclasses.replace(PAPER, checks={check: SourcedNumber(limit, "here", True)})
     found = judged(strict, MEASURED, **{field: value})
     assert [(drop.why, drop.reason) for drop in found.excluded] == [(Exclusion.FAULT, words)]
     assert found.instruction == f"Drop 1 does not count ({words}): a measured drop."
     at_limit = judged(strict, MEASURED, **{field: limit})
     assert at_limit.used == (1,), "the limit itself is allowed"
     # Not verified: a note for all such drops together, without the value.
-    loose = dataclasses.replace(PAPER, checks={check: Number(limit, "here", False)})
+    loose = dataclasses.replace(PAPER, checks={check: SourcedNumber(limit, "here", False)})
     noted = judged(loose, MEASURED, MEASURED, **{field: value})
     name, side = words.split(" ")[0:2], words.split(", ")[1]
     assert noted.used == (1, 2)
@@ -153,8 +155,8 @@ def test_a_fault_of_a_drop_says_what_was_found_and_the_limit(
 
 def test_the_first_fault_of_a_drop_is_its_reason() -> None:
     checks = {
-        "least_peak_load_n": Number(7e3, "here", True),
-        "least_deflection_m": Number(1e-3, "here", True),
+        "least_peak_load_n": SourcedNumber(7e3, "here", True),
+        "least_deflection_m": SourcedNumber(1e-3, "here", True),
     }
     found = judged(dataclasses.replace(PAPER, checks=checks), MEASURED, peak_load=1e3)
     assert found.excluded[0].reason == "peak load 1 kN, less than 7 kN"

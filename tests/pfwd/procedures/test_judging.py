@@ -14,11 +14,11 @@ from pfwd.procedures import (
     ExcludedDrop,
     Exclusion,
     Kind,
-    Number,
     PointDrop,
     PointProgress,
     Procedure,
     Quantity,
+    SourcedNumber,
     Target,
     Verdict,
     find_procedure,
@@ -50,7 +50,7 @@ def own(**changes: Any) -> Procedure:
 
 
 def limits(**values: float) -> Procedure:
-    return own(checks={key: Number(value, "here", True) for key, value in values.items()})
+    return own(checks={key: SourcedNumber(value, "here", True) for key, value in values.items()})
 
 
 def test_three_are_seating_three_are_averaged() -> None:
@@ -197,7 +197,7 @@ def test_a_modulus_is_no_target_for_a_deflection() -> None:
 
 
 def test_one_drop_decides_nothing() -> None:
-    single = own(measured=Number(1, "here", True))
+    single = own(measured=SourcedNumber(1, "here", True))
     found = judged(SIX[:4], single, target=20e6)
     assert found.complete
     assert found.verdict is Verdict.UNDECIDED
@@ -304,13 +304,16 @@ def test_what_is_averaged_is_what_the_document_says(name: str, average: str) -> 
 
 
 def test_what_is_not_verified_is_named_before_any_drop() -> None:
-    numbers = {"factor": Number(1.5, "here", False), "seating": Number(3, "here", False)}
+    numbers = {
+        "factor": SourcedNumber(1.5, "here", False),
+        "seating": SourcedNumber(3, "here", False),
+    }
     profile = own(**numbers, checks={}, nominal_load=None)
     profile = dataclasses.replace(
         profile,
-        measured=Number(3, "here", True),
-        nominal_pressure=Number(1e5, "here", True),
-        plate_radius=Number(0.15, "here", True),
+        measured=SourcedNumber(3, "here", True),
+        nominal_pressure=SourcedNumber(1e5, "here", True),
+        plate_radius=SourcedNumber(0.15, "here", True),
     )
     assert judged([], profile).notes == (
         "used in the formula without being verified: plate factor",
@@ -321,14 +324,14 @@ def test_what_is_not_verified_is_named_before_any_drop() -> None:
 
 
 def test_one_drop_has_no_spread_and_no_change() -> None:
-    found = judged([drop(1, 0.5, peak_velocity=0.1)], own(seating=Number(0, "here", True)))
+    found = judged([drop(1, 0.5, peak_velocity=0.1)], own(seating=SourcedNumber(0, "here", True)))
     assert found.s_over_v == pytest.approx(0.005)
     spreads = (found.deflection_spread, found.load_spread, found.modulus_spread)
     assert (*spreads, found.compaction_change) == (None, None, None, None)
 
 
 def test_s_over_v_needs_both_of_every_drop() -> None:
-    none = own(seating=Number(0, "here", True))
+    none = own(seating=SourcedNumber(0, "here", True))
     partly = [drop(1, 0.5, peak_velocity=0.1), drop(2, 0.5), drop(3, 0.5, peak_velocity=0.1)]
     assert judged(partly, none).s_over_v is None
     assert judged([drop(1, 0.5), drop(2, 0.5)], none).s_over_v is None
@@ -380,14 +383,16 @@ def test_a_spread_is_compared_with_its_own_limit(check: str, field: str, words: 
     (fault,) = judged(drops, limits(**limited)).faults
     assert fault == f"{words}, largest less smallest over mean is 20.0%, at most 15.0% is allowed"
     assert judged(drops, limits(**limited | {check: 0.25})).faults == ()
-    loose = own(checks={key: Number(limit, "here", key != check) for key, limit in limited.items()})
+    loose = own(
+        checks={key: SourcedNumber(limit, "here", key != check) for key, limit in limited.items()}
+    )
     found = judged(drops, loose)
     assert found.faults == ()
     assert f"{fault} (not verified, not enforced)" in found.notes
 
 
 def test_the_target_of_the_point_wins_over_the_procedure_s() -> None:
-    goal = Target(Number(45e6, "contract 7", True), material="gravel")
+    goal = Target(SourcedNumber(45e6, "contract 7", True), material="gravel")
     profile = own(targets=(goal,))
     found = judged(SIX, profile, material="gravel")
     assert (found.target, found.target_source) == (45e6, "contract 7")

@@ -9,12 +9,12 @@ from scipy.stats import t as student
 
 from pfwd.procedures import (
     Kind,
-    Number,
     PointDrop,
     PointProgress,
     PointValue,
     Procedure,
     ReasonCode,
+    SourcedNumber,
     Verdict,
     find_procedure,
     judge,
@@ -30,10 +30,12 @@ from pfwd.procedures.values import (
     unsupported_records,
 )
 
-GERMAN = dataclasses.replace(find_procedure("tp-bf-stb-b8.3"), seating=Number(0, "here", True))
-BRITISH = dataclasses.replace(find_procedure("mchw-885"), seating=Number(0, "here", True))
+GERMAN = dataclasses.replace(
+    find_procedure("tp-bf-stb-b8.3"), seating=SourcedNumber(0, "here", True)
+)
+BRITISH = dataclasses.replace(find_procedure("mchw-885"), seating=SourcedNumber(0, "here", True))
 PAPER = find_procedure("paper")
-AMERICAN = dataclasses.replace(find_procedure("mndot"), seating=Number(0, "here", True))
+AMERICAN = dataclasses.replace(find_procedure("mndot"), seating=SourcedNumber(0, "here", True))
 RADIUS = 0.15
 AREA = math.pi * RADIUS**2
 
@@ -214,9 +216,9 @@ def test_fewer_than_three_drops_have_a_range_and_no_interval(procedure: Procedur
 
 def test_poisson_s_ratio_of_the_procedure_then_of_the_setup_then_assumed() -> None:
     found = drops(0.5, 0.5, 0.5)
-    own = dataclasses.replace(BRITISH, poisson_ratio=Number(0.2, "here", True))
+    own = dataclasses.replace(BRITISH, poisson_ratio=SourcedNumber(0.2, "here", True))
     assert value_of(own, found, poisson_ratio=0.4).poisson_ratio == 0.2
-    doubtful = dataclasses.replace(BRITISH, poisson_ratio=Number(0.2, "here", False))
+    doubtful = dataclasses.replace(BRITISH, poisson_ratio=SourcedNumber(0.2, "here", False))
     assert value_of(doubtful, found, poisson_ratio=0.4).poisson_ratio == 0.4
     assert value_of(doubtful, found).poisson_ratio == 0.35
     assert judged(BRITISH, found).notes.count("Poisson's ratio 0.35 is assumed") == 1

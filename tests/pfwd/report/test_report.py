@@ -32,7 +32,7 @@ from pfwd.analysis.screening.drops import screen
 from pfwd.errors import OptionError, SurveyError
 from pfwd.files.editing import Edit, edit_survey
 from pfwd.judging import DropView
-from pfwd.procedures import StressDependence, Verdict
+from pfwd.procedures import StressLaw, Verdict
 from pfwd.report import fonts
 from pfwd.report.content import Report
 from pfwd.report.drawing import draw_point
@@ -695,7 +695,7 @@ def test_garbage_is_looked_for_as_before_once_the_pictures_are_drawn() -> None:
 def test_a_dependence_on_stress_is_told_where_the_drops_tell_it(
     deviation: float | None, said: str
 ) -> None:
-    stress = StressDependence(-0.09, deviation, (90e3, 120e3))
+    stress = StressLaw(-0.09, deviation, (90e3, 120e3))
     point = SimpleNamespace(progress=SimpleNamespace(stress=stress))
     assert said in _stress(point, load_texts("en"))  # type: ignore[arg-type]
 

@@ -23,7 +23,7 @@ from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
 from pfwd_device.acquisition.detection import DetectionSettings, PulseReport
 from pfwd_device.acquisition.items import BufferedDrop, Samples, StreamBegan
-from pfwd_device.recording import Rebound
+from pfwd_device.recording import ReboundRecord
 from pfwd_device.wire.fields import unpack_int24
 from pfwd_device.wire.messages import Armed, SampleBlock
 from simulators.instrument.memory import DropBuffer, Ring
@@ -161,14 +161,14 @@ def run_session(
         stream_of_drop = detection["stream"]
         cover(stream_of_drop, detection["first_sample"], len(record.counts))
 
-    def on_rebound(rebound: Rebound) -> None:
+    def on_rebound(rebound: ReboundRecord) -> None:
         if session._pipeline._last is not None:
             cover(stream_of_drop, rebound.first_sample, len(rebound.counts))
 
-    def on_late_rebound(_point: str, _number: int, rebound: Rebound) -> None:
+    def on_late_rebound(_point: str, _number: int, rebound: ReboundRecord) -> None:
         cover(session._stream, rebound.first_sample, len(rebound.counts))
 
-    def on_streamed_rebound(after: int, rebound: Rebound) -> None:
+    def on_streamed_rebound(after: int, rebound: ReboundRecord) -> None:
         rebounds.append((session._stream, after, rebound.first_sample, len(rebound.counts)))
 
     def on_report(report: PulseReport) -> None:

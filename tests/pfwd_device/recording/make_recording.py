@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfwd_device import Channel, Drop
-from pfwd_device.recording import DropRecord, Rebound, SurveyWriter
+from pfwd_device.recording import DropRecord, ReboundRecord, SurveyWriter
 
 
 def values(number: int) -> DropRecord:
@@ -26,7 +26,7 @@ def values(number: int) -> DropRecord:
         counts=counts,
         declared={"plate_radius_m": 0.15, "plate_mass_kg": 10.6, "bedrock_depth_m": float("inf")},
         metadata={"key": f"PFWD-7/3/{number}", "operator": "T. Ünal", "missing": [[5, 1]]},
-        rebounds=(Rebound(0.4375, 812.5, 4242, counts[:3]),) if number == 2 else (),
+        rebounds=(ReboundRecord(0.4375, 812.5, 4242, counts[:3]),) if number == 2 else (),
     )
 
 

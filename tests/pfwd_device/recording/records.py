@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pfwd_device.recording import Rebound, Storage, SurveyWriter, read_survey
+from pfwd_device.recording import ReboundRecord, Storage, SurveyWriter, read_survey
 from pfwd_device.recording.drop_file import drop_digest
 from tests.campaigns.power_loss import make_record
 
 
-def a_rebound(sample: int = 7000) -> Rebound:
-    return Rebound(0.41, 912.5, sample, np.arange(12, dtype=np.int32).reshape(4, 3))
+def a_rebound(sample: int = 7000) -> ReboundRecord:
+    return ReboundRecord(0.41, 912.5, sample, np.arange(12, dtype=np.int32).reshape(4, 3))
 
 
 def save(writer: SurveyWriter, number: int) -> str:

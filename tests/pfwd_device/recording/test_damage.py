@@ -20,7 +20,7 @@ from pfwd_device.recording import (
     recover,
 )
 from pfwd_device.recording.drop_file import drop_digest
-from pfwd_device.recording.framing import Kind, scan_bytes
+from pfwd_device.recording.framing import RecordKind, scan_bytes
 from pfwd_device.recording.publishing import InlinePublisher
 from tests.campaigns.power_loss import make_record
 from tests.pfwd_device.recording.records import a_rebound
@@ -252,7 +252,7 @@ def test_paths_in_a_journal_do_not_lead_out_of_the_survey(
     continued = (1, open_segment(layout, 1, storage))
     log = RecordLog(layout, index.survey, storage, entries=entries, continued=continued, lock=lock)
     for path in ("../outside.json", "results/../../outside.json", "/etc/x", "results\\x.json"):
-        log.append(Kind.FILE, {"path": path, "size": 2, "sha256": "0" * 64, "content": "{}"})
+        log.append(RecordKind.FILE, {"path": path, "size": 2, "sha256": "0" * 64, "content": "{}"})
     log.close()
     lock.release()
     mend(tmp_path / "survey")
@@ -308,7 +308,7 @@ def flip_drop(survey: Path, number: int) -> None:
     path = survey / "journal" / "0001.pfwdj"
     data = bytearray(path.read_bytes())
     frames, _ = scan_bytes(bytes(data))
-    drop = [frame for frame in frames if frame.kind == Kind.DROP][number - 1]
+    drop = [frame for frame in frames if frame.kind == RecordKind.DROP][number - 1]
     data[drop.offset + drop.length // 2] ^= 4
     path.write_bytes(data)
 
@@ -341,7 +341,7 @@ def test_rebounds_that_only_a_drop_file_holds_come_back(
     before = {drop.number: drop.read().rebounds for drop in read_survey(survey).drops}
     journal = survey / "journal" / "0001.pfwdj"
     data = bytearray(journal.read_bytes())
-    rebounds = [frame for frame in scan_bytes(bytes(data))[0] if frame.kind == Kind.REBOUND]
+    rebounds = [frame for frame in scan_bytes(bytes(data))[0] if frame.kind == RecordKind.REBOUND]
     for index in damaged:
         data[rebounds[index].offset + 60] ^= 1
     journal.write_bytes(data)
@@ -366,7 +366,7 @@ def test_a_rebound_that_nothing_holds_stays_lost(
         writer.save_rebound(1, a_rebound())
     journal = survey / "journal" / "0001.pfwdj"
     data = bytearray(journal.read_bytes())
-    (rebound,) = [frame for frame in scan_bytes(bytes(data))[0] if frame.kind == Kind.REBOUND]
+    (rebound,) = [frame for frame in scan_bytes(bytes(data))[0] if frame.kind == RecordKind.REBOUND]
     data[rebound.offset + 60] ^= 1
     journal.write_bytes(data)
     report = mend(survey)

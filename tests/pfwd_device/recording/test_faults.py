@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from pfwd_device.errors import RecordingError, StorageFull
 from pfwd_device.recording import DropRecord, SurveyWriter, check, read_survey, recover
 from pfwd_device.recording.drop_file import drop_digest
-from pfwd_device.recording.framing import Kind, scan_bytes
+from pfwd_device.recording.framing import RecordKind, scan_bytes
 from pfwd_device.recording.publishing import InlinePublisher
 from tests.campaigns import noted_disk, power_loss
 from tests.campaigns.noted_disk import Disk, NoDirectorySync, NoSync, NotingStorage, NoTruncate
@@ -184,7 +184,7 @@ def test_recovery_cut_off_anywhere_is_done_again(
     digests = new_survey(survey, drops=6)
     journal = survey / "journal" / "0001.pfwdj"
     data = bytearray(journal.read_bytes())
-    drops = [frame for frame in scan_bytes(bytes(data))[0] if frame.kind == Kind.DROP]
+    drops = [frame for frame in scan_bytes(bytes(data))[0] if frame.kind == RecordKind.DROP]
     data[drops[2].offset + 200] ^= 1
     journal.write_bytes(data + b"torn" * 300)
     ledger = (survey / "acknowledged.txt").read_bytes()

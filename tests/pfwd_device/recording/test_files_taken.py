@@ -15,7 +15,7 @@ import pytest
 
 from pfwd_device.errors import RecordingError, SurveyLocked
 from pfwd_device.recording import (
-    Rebound,
+    ReboundRecord,
     SpareFolder,
     Storage,
     SurveyNotSafe,
@@ -612,10 +612,10 @@ def test_everything_said_of_a_drop_is_read_in_the_spare_folder(
     with open_writer(survey, spare) as writer:
         save(writer, 1)
         writer.note_event("gap", {"samples": 7})
-        writer.save_rebound(1, Rebound(0.4, 900.0, 4242, np.ones((4, 3), np.int32)))
+        writer.save_rebound(1, ReboundRecord(0.4, 900.0, 4242, np.ones((4, 3), np.int32)))
         (survey / "journal" / "0001.pfwdj").unlink()
         save(writer, 2)
-        writer.save_rebound(2, Rebound(0.4, 900.0, 4242, np.ones((4, 3), np.int32)))
+        writer.save_rebound(2, ReboundRecord(0.4, 900.0, 4242, np.ones((4, 3), np.int32)))
         contents = writer.contents()
         assert [event["details"] for event in contents.events] == [{"samples": 7}]
         assert [len(drop.read().rebounds) for drop in contents.drops] == [1, 1]

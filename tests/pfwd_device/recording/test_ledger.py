@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pfwd_device.errors import StorageFull
 from pfwd_device.recording import Storage, SurveyWriter, check, ledger, read_survey, recover
-from pfwd_device.recording.framing import Kind
+from pfwd_device.recording.framing import RecordKind
 from pfwd_device.recording.ledger import (
     MAX_LEDGER_BYTES,
     Entry,
@@ -196,8 +196,8 @@ def test_very_many_lost_records_are_told_in_a_line(tmp_path: Path) -> None:
     with SurveyWriter.open(survey, publish=False, reserve_bytes=0) as writer:
         identity = bytes.fromhex(writer.survey_id)
     path = survey / "acknowledged.txt"
-    more = [Entry(n, Kind.EDIT, 1, 10**6 + n, 50, 7) for n in range(10, 1100)]
-    drop = Entry(1100, Kind.DROP, 1, 10**8, 50, 7, "1:P%201/4")
+    more = [Entry(n, RecordKind.EDIT, 1, 10**6 + n, 50, 7) for n in range(10, 1100)]
+    drop = Entry(1100, RecordKind.DROP, 1, 10**8, 50, 7, "1:P%201/4")
     lines = (*parse_ledger(path.read_bytes()).entries, *more, drop)
     path.write_bytes(ledger_bytes(identity, lines))
     damage = read_survey(survey).damage

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pfwd_device.recording import DropRecord, SurveyWriter
-from pfwd_device.recording.framing import Kind
+from pfwd_device.recording.framing import RecordKind
 from pfwd_device.recording.index import DropEntry, Index
 from pfwd_device.recording.ledger import Entry, about_drop
 
@@ -20,7 +20,7 @@ DROPS = st.lists(st.tuples(st.integers(1, 6), st.sampled_from(POINTS), st.intege
 
 
 def entry_of(sequence: int, number: int, point: str, drop: int) -> Entry:
-    return Entry(sequence, Kind.DROP, 1, 0, 48, 0, about_drop(number, point, drop))
+    return Entry(sequence, RecordKind.DROP, 1, 0, 48, 0, about_drop(number, point, drop))
 
 
 def index_of(drops: list[tuple[int, str, int]], lost: list[tuple[int, str, int]]) -> Index:

@@ -15,7 +15,7 @@ from hypothesis.extra import numpy as hnp
 
 from pfwd_device import Channel, Drop
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import DropRecord, Rebound
+from pfwd_device.recording import DropRecord, ReboundRecord
 from pfwd_device.recording.drop_file import drop_file_bytes, drop_from_file_bytes
 from pfwd_device.recording.drop_payload import (
     drop_from_parts,
@@ -68,7 +68,7 @@ def records(draw: st.DrawFn) -> DropRecord:
         for values in draw(st.lists(FLOATS, max_size=3))
     )
     rebounds = tuple(
-        Rebound(draw(st.floats()), draw(st.floats()), number, draw(COUNTS))
+        ReboundRecord(draw(st.floats()), draw(st.floats()), number, draw(COUNTS))
         for number in range(draw(st.integers(0, 2)))
     )
     return DropRecord(
@@ -108,7 +108,7 @@ def test_a_drop_comes_back_from_its_file(record: DropRecord) -> None:
 
 
 def test_a_rebound_comes_back_and_is_joined_once() -> None:
-    rebound = Rebound(0.4, 900.0, 77, np.ones((5, 2), np.int32))
+    rebound = ReboundRecord(0.4, 900.0, 77, np.ones((5, 2), np.int32))
     found = rebound_from_payload(rebound_payload(3, rebound))
     assert (found.delay, found.peak_load, found.first_sample) == (0.4, 900.0, 77)
     base = DropRecord("P", Drop(1, np.arange(4.0), np.zeros(4), ()))

@@ -23,7 +23,7 @@ from pfwd_device.recording import (
     read_survey,
 )
 from pfwd_device.recording import index as index_module
-from pfwd_device.recording.framing import Kind
+from pfwd_device.recording.framing import RecordKind
 from pfwd_device.recording.index import Index, build_index, read_index
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import ledger_bytes
@@ -230,14 +230,14 @@ def test_where_ledger_and_journal_agree_drops_are_not_taken_apart(
 
     def noted(payload: bytes) -> dict[str, object]:
         data = taken_apart(payload)
-        kinds.append(Kind.DROP if "sensors" in data else 0)
+        kinds.append(RecordKind.DROP if "sensors" in data else 0)
         return data
 
     monkeypatch.setattr(index_module, "payload_data", noted)
     quick = read_index(layout)
-    assert Kind.DROP not in kinds
+    assert RecordKind.DROP not in kinds
     full = build_index(layout)
-    assert kinds.count(Kind.DROP) == len(full.drops) == 6
+    assert kinds.count(RecordKind.DROP) == len(full.drops) == 6
     assert shown(quick) == shown(full)
     keys = [drop.key for drop in Survey(layout, quick).drops]
     assert keys == [full.drops[number].key for number in sorted(full.drops)]

@@ -15,7 +15,7 @@ from inversion.forward.layered import LayeredForwardModel, LayeredGround, Layere
 from pfwd.analysis.analyse import record_of
 from pfwd.files.traces import read_traces
 from simulators.drop import Hammer, simulate_drop
-from simulators.mesh import Ground, Layer, Plate
+from simulators.mesh import Plate, SoilLayer, SoilProfile
 
 RADIUS = 0.15
 OFFSETS = (0.0, 0.3, 0.6, 0.9)
@@ -26,14 +26,14 @@ OFFSETS = (0.0, 0.3, 0.6, 0.9)
 @pytest.mark.parametrize(
     ("layers", "base"),
     [
-        ((Layer(2.5e7, 2e4, 1900, 0.30, 0.3), Layer(8e7, 8e4, 2050, 0.40, 1.2)), "rigid"),
-        ((Layer(2.2e8, 1.9e5, 2050, 0.35, 0.23), Layer(5.9e7, 1e5, 2030, 0.35)), "none"),
+        ((SoilLayer(2.5e7, 2e4, 1900, 0.30, 0.3), SoilLayer(8e7, 8e4, 2050, 0.40, 1.2)), "rigid"),
+        ((SoilLayer(2.2e8, 1.9e5, 2050, 0.35, 0.23), SoilLayer(5.9e7, 1e5, 2030, 0.35)), "none"),
     ],
 )
 def test_finite_elements_of_the_simulators(layers: Any, base: Any, contact: Any) -> None:
     """Measured: 0.04 % under the plate, 0.12 % of each sensor's own peak beside it."""
     drop = simulate_drop(
-        Ground(layers, base),
+        SoilProfile(layers, base),
         Plate(RADIUS, 12.0, contact),
         Hammer(10.0, 5.6e5, 3.0),
         OFFSETS,

@@ -15,7 +15,7 @@ from pfwd.files.header import PointSetup
 from pfwd.files.traces import TracePoint, write_traces
 from pfwd_device import Channel, Drop
 from simulators.drop import Hammer, simulate_drop
-from simulators.mesh import Ground, Plate
+from simulators.mesh import Plate, SoilProfile
 
 RADIUS = 0.15
 DELAY = 6e-4
@@ -27,7 +27,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     folder = tmp_path_factory.mktemp("points")
     paths = []
     for number, (modulus, depth) in enumerate([(40e6, 1.0), (70e6, 1.5)]):
-        ground = Ground.uniform(modulus, 5e4, 1900.0, 0.35, depth)
+        ground = SoilProfile.uniform(modulus, 5e4, 1900.0, 0.35, depth)
         hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
         found = simulate_drop(ground, Plate(RADIUS, 10.0), hammer, duration=0.05, time_step=1e-4)
         late = round(DELAY / 1e-4)

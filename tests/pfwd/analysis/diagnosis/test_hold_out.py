@@ -23,7 +23,7 @@ from pfwd.analysis.diagnosis.entries import DiagnosisPoint, instrument_of
 from pfwd.analysis.diagnosis.points import DiagnosisByPoint, Workers
 from pfwd.analysis.results import HeldOut
 from simulators.drop import Hammer, simulate_drop
-from simulators.mesh import Ground, Plate
+from simulators.mesh import Plate, SoilProfile
 
 RADIUS, MASS, STEP, BEFORE, NOISE = 0.15, 12.0, 1e-4, 200, 1e-3
 
@@ -38,7 +38,7 @@ def one_structure(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="module")
 def point() -> DiagnosisPoint:
     """Return two drops of one device on the same ground."""
-    ground = Ground.uniform(60e6, 5e4, 1900.0, 0.35, np.inf)
+    ground = SoilProfile.uniform(60e6, 5e4, 1900.0, 0.35, np.inf)
     hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
     drop = simulate_drop(ground, Plate(RADIUS, MASS), hammer, duration=0.05, time_step=STEP)
     records = []
