@@ -189,7 +189,7 @@ def _cell(value: Any, kind: Kind) -> Any:
     return value
 
 
-class Dataset:
+class ArchiveFolder:
     """Folder of an archive's results, for reading and writing the tables of one run.
 
     Parameters

@@ -18,7 +18,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.archive.dataset import Dataset, Row, diagnosis_row, result_row
+from pfwd.archive.dataset import ArchiveFolder, Row, diagnosis_row, result_row
 from pfwd.archive.sources import (
     Source,
     content_digest,
@@ -160,7 +160,7 @@ def invert_archive(
     """
     refuse_missing(paths)
     identity = run_identity(options)
-    dataset = Dataset(archive, run_key(identity), identity)
+    dataset = ArchiveFolder(archive, run_key(identity), identity)
     lock = FileLock(dataset.folder / "archive.lock")
     try:
         lock.acquire(timeout=0)
@@ -303,7 +303,7 @@ class StoredSources:
 class _Run:
     def __init__(
         self,
-        dataset: Dataset,
+        dataset: ArchiveFolder,
         report: ReportProgress | None,
         part_rows: int,
         part_seconds: float,

@@ -80,7 +80,7 @@ _FORMAT_LINE = re.compile(rf"#\s*{TRACES_FORMAT_KEY}\s*=")
 
 
 @dataclass(frozen=True, slots=True)
-class Sensor:
+class TraceColumn:
     """Column with the trace of a sensor."""
 
     index: int
@@ -103,7 +103,7 @@ class Columns:
     """Column with the time."""
     load: int
     """Column with the load."""
-    sensors: tuple[Sensor, ...]
+    sensors: tuple[TraceColumn, ...]
     """Columns with the traces of sensors, in the order of the file."""
 
 
@@ -543,7 +543,7 @@ def sensor_name(quantity: Measurand, offset: float) -> str:
     return f"{quantity.column}@{offset!r}"
 
 
-def _parse_sensor(index: int, name: str, where: str) -> Sensor:
+def _parse_sensor(index: int, name: str, where: str) -> TraceColumn:
     match = _SENSOR_NAME.fullmatch(name)
     offset = math.nan
     if match is not None:
@@ -554,10 +554,10 @@ def _parse_sensor(index: int, name: str, where: str) -> Sensor:
         if name in _SENSOR_COLUMNS:
             hint = f"the centre sensor is {name}@0.0000"
         raise TraceError(refusal(where, f"a column {_COLUMN_NAMES}", quote(name), hint))
-    return Sensor(index, _SENSOR_COLUMNS[match[1]], offset)
+    return TraceColumn(index, _SENSOR_COLUMNS[match[1]], offset)
 
 
-def _refuse_twins(names: list[str], sensors: list[Sensor], where: str) -> None:
+def _refuse_twins(names: list[str], sensors: list[TraceColumn], where: str) -> None:
     # @0.3 and @0.30 are one sensor; a velocity and a displacement may share an offset.
     keys = {sensor.index: (sensor.quantity, sensor.offset) for sensor in sensors}
     keys_before: set[object] = set()

@@ -19,7 +19,7 @@ CLOCK_PERIOD_US = 1 << 32
 """Period of the clock of the ASCII dialect, microseconds."""
 
 
-class Language(Protocol):
+class WireLanguage(Protocol):
     """Interface of the encoder and decoder of a simulated instrument."""
 
     starts_by_itself: bool
@@ -91,7 +91,7 @@ class AsciiLanguage:
         return lines.encode()
 
 
-LANGUAGES: Mapping[str, Callable[[float], Language]] = {
+LANGUAGES: Mapping[str, Callable[[float], WireLanguage]] = {
     "pfwd": lambda sampling_rate: BinaryLanguage(),
     "ascii": AsciiLanguage,
 }

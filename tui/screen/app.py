@@ -44,7 +44,7 @@ from tui.screen.pages.dialogs import Question, TextDialog
 from tui.screen.pages.help import HelpPage
 from tui.screen.pages.measure import MeasurePage
 from tui.screen.pages.page import Page
-from tui.screen.session.diagnosis import Diagnoses, diagnosis_text
+from tui.screen.session.diagnosis import RequestedDiagnoses, diagnosis_text
 from tui.screen.session.drop_fits import DropFits
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.event_log import log_event
@@ -150,7 +150,7 @@ class PfwdApp(App[int]):
         self.edits = SurveyEdits(source, self.runner, self.show_message, self._in_thread)
         self.fits = DropFits(source, self.runner, self.state, self.show_message, self._in_thread)
         self.slips = SlipWriter(source, self.runner, self.state, self.show_message, self._in_thread)
-        self.diagnoses = Diagnoses(source, self.runner, self.state, self.show_message)
+        self.diagnoses = RequestedDiagnoses(source, self.runner, self.state, self.show_message)
         self.glyphs = glyphs or glyphs_of_terminal()
         self.drawn = 0
         """Number of times that a page was drawn."""

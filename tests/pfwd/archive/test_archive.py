@@ -243,16 +243,16 @@ def test_an_interrupt_right_after_a_part_leaves_no_row_twice(
     drops: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
-    write = dataset.Dataset.write
+    write = dataset.ArchiveFolder.write
     interrupted = []
 
-    def late(self: dataset.Dataset, number: int, *tables: Any) -> None:
+    def late(self: dataset.ArchiveFolder, number: int, *tables: Any) -> None:
         write(self, number, *tables)
         if not interrupted:
             interrupted.append(number)
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(dataset.Dataset, "write", late)
+    monkeypatch.setattr(dataset.ArchiveFolder, "write", late)
     with pytest.raises(KeyboardInterrupt):
         invert_archive([str(drops)], out, options, QuickWorkers(options), part_rows=1)
     assert interrupted
@@ -268,13 +268,13 @@ def test_a_crash_between_the_tables_of_a_part_leaves_no_row_twice(
     options: AnalysisOptions,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from pfwd.archive.dataset import Dataset
+    from pfwd.archive.dataset import ArchiveFolder
 
     (drops / "damaged.csv").write_text("# pfwd-traces = 1\n")
     out = tmp_path / "out"
-    write = Dataset._write_table
+    write = ArchiveFolder._write_table
 
-    def crash(self: Dataset, name: str, number: int, content: Any) -> None:
+    def crash(self: ArchiveFolder, name: str, number: int, content: Any) -> None:
         if name == table:
             raise KeyboardInterrupt
         write(self, name, number, content)
@@ -287,7 +287,7 @@ def test_a_crash_between_the_tables_of_a_part_leaves_no_row_twice(
             return super().work(sound) + failed
 
     with monkeypatch.context() as patch:
-        patch.setattr(Dataset, "_write_table", crash)
+        patch.setattr(ArchiveFolder, "_write_table", crash)
         with pytest.raises(KeyboardInterrupt):
             invert_archive([str(drops)], out, options, Quick(options))
     assert rows(out, "sources") == []

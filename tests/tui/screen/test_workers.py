@@ -16,7 +16,7 @@ from pfwd.jobs import Task, TaskProgress
 from pfwd.units import SI
 from tests.tui.screen.scripted import saved_drop
 from tui.screen.command_process import run_command
-from tui.screen.session.diagnosis import Diagnoses, diagnosis_text
+from tui.screen.session.diagnosis import RequestedDiagnoses, diagnosis_text
 from tui.screen.session.drop_fits import DropFits
 from tui.screen.session.screen_events import DiagnosisFinished
 
@@ -41,10 +41,10 @@ def screen() -> Screen:
 
 
 @pytest.fixture
-def diagnoses(screen: Screen, tmp_path: Path) -> Iterator[Diagnoses]:
+def diagnoses(screen: Screen, tmp_path: Path) -> Iterator[RequestedDiagnoses]:
     source: Any = SimpleNamespace(survey=tmp_path / "other")
     state: Any = SimpleNamespace(points={})
-    diagnoses = Diagnoses(source, screen, state, screen.messages.append)  # type: ignore[arg-type]
+    diagnoses = RequestedDiagnoses(source, screen, state, screen.messages.append)  # type: ignore[arg-type]
     yield diagnoses
     diagnoses.close()
 
@@ -68,7 +68,7 @@ def test_a_trial_fit_runs_in_a_separate_process(screen: Screen) -> None:
 
 
 def test_an_impossible_diagnosis_is_a_sentence(
-    diagnoses: Diagnoses, screen: Screen, tmp_path: Path
+    diagnoses: RequestedDiagnoses, screen: Screen, tmp_path: Path
 ) -> None:
     diagnoses.start(str(tmp_path / "none"))
     finished = screen.event()
@@ -95,7 +95,7 @@ def test_a_running_diagnosis_reports_point_work_and_times() -> None:
 
 
 def test_a_second_diagnosis_waits_and_the_first_can_be_stopped(
-    diagnoses: Diagnoses, screen: Screen, tmp_path: Path
+    diagnoses: RequestedDiagnoses, screen: Screen, tmp_path: Path
 ) -> None:
     diagnoses.start(str(tmp_path / "one"))
     diagnoses.start(str(tmp_path / "two"))

@@ -12,7 +12,7 @@ from pfwd.units import Units
 from tui.screen.drawing.glyphs import Glyphs
 from tui.screen.drawing.lines import Line
 from tui.screen.lines_view import LinesView
-from tui.screen.session.diagnosis import Diagnoses
+from tui.screen.session.diagnosis import RequestedDiagnoses
 from tui.screen.session.drop_fits import DropFits
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
@@ -35,7 +35,7 @@ class Host(Protocol):
     source: SessionSource
     settings: ScreenSettings
     glyphs: Glyphs
-    diagnoses: Diagnoses
+    diagnoses: RequestedDiagnoses
     edits: SurveyEdits
     fits: DropFits
     runner: SessionRunner

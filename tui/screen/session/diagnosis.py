@@ -21,7 +21,7 @@ from tui.screen.session.sources import SessionSource
 from tui.screen.session.state import SessionState
 
 
-class Diagnoses:
+class RequestedDiagnoses:
     """Diagnoses that the operator starts, and the sentence on each diagnosed point.
 
     Parameters
