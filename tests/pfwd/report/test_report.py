@@ -360,7 +360,7 @@ def test_a_pdf_has_at_most_a_page_a_point(survey: Path, language: str) -> None:
 
 
 def test_the_report_says_how_it_is_made_again(survey: Path) -> None:
-    _, page, report = page_of(survey, seed=5)
+    _, page, report = page_of(survey, analysis=AnalysisOptions(seed=5))
     said = " ".join(page.texts)
     assert f"pfwd report {survey.name} -o report.html --seed 5" in said
     assert report.survey_id in said
