@@ -242,7 +242,7 @@ class AnyOf(_Unchanged):
 
 
 @dataclass(frozen=True, slots=True)
-class Table(_Unchanged):
+class TomlTable(_Unchanged):
     """TOML table within a table; :class:`TableReader` checks the values inside it."""
 
     keys: Mapping[str, "Key"]
@@ -259,14 +259,14 @@ class Table(_Unchanged):
 
 @dataclass(frozen=True, slots=True)
 class Array:
-    """TOML array whose items are of one kind; items of the kind `Table` make an array of tables."""
+    """TOML array whose items are of one kind; `TomlTable` items make an array of tables."""
 
     item: Value
     min_items: int = 0
 
     @property
     def expected(self) -> str:
-        items = "an array of tables" if isinstance(self.item, Table) else "an array"
+        items = "an array of tables" if isinstance(self.item, TomlTable) else "an array"
         return f"{items} with {self.min_items} or more" if self.min_items else items
 
     def accepts(self, value: Any) -> bool:
@@ -364,9 +364,9 @@ def keys_of(class_: type[Any]) -> dict[str, Key]:
     return keys
 
 
-def table_of(class_: type[Any]) -> Table:
+def table_of(class_: type[Any]) -> TomlTable:
     """Return the kind of a TOML table that is read into an object of a dataclass."""
-    return Table(keys_of(class_), build=class_)
+    return TomlTable(keys_of(class_), build=class_)
 
 
 @dataclass(frozen=True, slots=True)
@@ -414,7 +414,7 @@ class TableReader:
     def _value(self, key: Key, value: Any, where: str) -> Any:
         key.check(value, self._place(where), self.error)
         kind = key.value
-        if isinstance(kind, Table):
+        if isinstance(kind, TomlTable):
             values = self.read(value, kind.keys, where)
             return values if kind.build is None else kind.build(**values)
         if isinstance(kind, Array):
@@ -488,7 +488,7 @@ def table_schema(keys: Mapping[str, Key], *, more_keys: bool = False) -> dict[st
         described = key.value.json_schema()
         meaning = f"{key.meaning[:1].upper()}{key.meaning[1:]}".rstrip(".")
         sentences = [meaning] if meaning else []
-        if not isinstance(key.value, Table | Array):
+        if not isinstance(key.value, TomlTable | Array):
             sentences.append(f"Expected {key.value.expected}")
         if sentences:
             described["description"] = f"{'. '.join(sentences)}."

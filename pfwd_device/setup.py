@@ -26,9 +26,9 @@ from pfwd_device.schema import (
     Integer,
     Key,
     Number,
-    Table,
     TableReader,
     Text,
+    TomlTable,
 )
 from pfwd_device.wire.dialect import Dialect
 from pfwd_device.wire.registry import (
@@ -121,10 +121,10 @@ DETECTION_KEYS = {
     ),
 }
 TABLES = {
-    "link": Key(Table(LINK_KEYS), meaning="Link to the instrument."),
-    "instrument": Key(Table(INSTRUMENT_KEYS), meaning="Instrument."),
-    "channels": Key(Array(Table(CHANNEL_KEYS)), meaning="Channels, one table each."),
-    "detection": Key(Table(DETECTION_KEYS), meaning="Detection of drops."),
+    "link": Key(TomlTable(LINK_KEYS), meaning="Link to the instrument."),
+    "instrument": Key(TomlTable(INSTRUMENT_KEYS), meaning="Instrument."),
+    "channels": Key(Array(TomlTable(CHANNEL_KEYS)), meaning="Channels, one table each."),
+    "detection": Key(TomlTable(DETECTION_KEYS), meaning="Detection of drops."),
 }
 """Tables of a setup file that describe the instrument, and their keys."""
 

@@ -26,8 +26,8 @@ from pfwd_device.schema import (
     Choice,
     Key,
     Number,
-    Table,
     Text,
+    TomlTable,
     declared,
     describe,
     keys_of,
@@ -78,7 +78,7 @@ JOB_KEYS = {
     "operator": Key(_SHORT_TEXT, meaning="Name of the operator."),
     "device": Key(_SHORT_TEXT, meaning="Serial number of the instrument."),
     "calibration": Key(
-        Array(Table({})), meaning="Channel, date of its calibration and date of expiry."
+        Array(TomlTable({})), meaning="Channel, date of its calibration and date of expiry."
     ),
     "units": Key(Choice(SCREEN_UNITS), meaning="Units of the screen."),
     "time_zone": Key(_SHORT_TEXT, meaning="Offset of local time at the site, such as +02:00."),

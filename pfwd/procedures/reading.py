@@ -10,7 +10,7 @@ from typing import Any
 from pfwd.errors import OptionError, quote, refusal
 from pfwd.procedures.profile import CHECKS, Procedure, Quantity, SourcedNumber, Target, number_words
 from pfwd.toml_reading import parse_user_toml, read_toml_text
-from pfwd_device.schema import Array, Choice, Flag, Key, Number, Table, TableReader, Text
+from pfwd_device.schema import Array, Choice, Flag, Key, Number, TableReader, Text, TomlTable
 
 PROFILE_FORMAT_KEY = "pfwd-procedure"
 FORMAT_VERSION = 1
@@ -41,7 +41,7 @@ def _sourced(value: Number, meaning: str) -> Key:
             required=True,
         ),
     }
-    return Key(Table(keys, "a number with its source"), meaning=meaning, hint=_NUMBER_EXAMPLE)
+    return Key(TomlTable(keys, "a number with its source"), meaning=meaning, hint=_NUMBER_EXAMPLE)
 
 
 def _drop_count(minimum: int, meaning: str) -> Key:
@@ -76,7 +76,7 @@ PROFILE_KEYS = {
         Choice(("plate", "ground")), meaning="Place of the centre sensor that is presumed."
     ),
     "drops": Key(
-        Table(
+        TomlTable(
             {
                 "seating": _drop_count(0, "Number of seating drops."),
                 "measured": _drop_count(1, "Number of measured drops."),
@@ -84,7 +84,7 @@ PROFILE_KEYS = {
         )
     ),
     "formula": Key(
-        Table(
+        TomlTable(
             {
                 "factor": _sourced(_POSITIVE, "Shape factor of the stress under the plate."),
                 "nominal_pressure_pa": _sourced(Number("Pa", above=0), "Nominal pressure."),
@@ -95,14 +95,14 @@ PROFILE_KEYS = {
         )
     ),
     "checks": Key(
-        Table(
+        TomlTable(
             {
                 name: _sourced(Number(minimum=0), f"{words[:1].upper()}{words[1:]}.")
                 for name, words in zip(CHECKS, map(number_words, CHECKS), strict=True)
             }
         )
     ),
-    "targets": Key(Array(Table(_TARGET_KEYS)), meaning="Targets, one table each."),
+    "targets": Key(Array(TomlTable(_TARGET_KEYS)), meaning="Targets, one table each."),
 }
 """Keys of a profile, apart from the version of its format."""
 

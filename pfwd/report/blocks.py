@@ -69,7 +69,7 @@ class Mark(_Harmless):
 
 
 @dataclass(frozen=True, slots=True)
-class TableBlock(_Harmless):
+class Table(_Harmless):
     """A table."""
 
     columns: tuple[str, ...]
@@ -113,7 +113,7 @@ class Together:
     blocks: tuple["Block", ...]
 
 
-Block = Heading | Paragraph | Pairs | TableBlock | Listing | Code | Picture | Together
+Block = Heading | Paragraph | Pairs | Table | Listing | Code | Picture | Together
 
 SIGNS = {"pass": "✓", "fail": "✗", "undecided": "?", "none": "–"}
 """Signs of a `Mark`; all of them are in DejaVu Sans, which comes with matplotlib."""

@@ -25,7 +25,7 @@ from pfwd.report.blocks import (
     Pairs,
     Paragraph,
     Picture,
-    TableBlock,
+    Table,
     Together,
 )
 from pfwd.report.content import Report
@@ -309,7 +309,7 @@ def points_blocks(report: Report, texts: Texts) -> list[Block]:
     return [points_table(report, texts), *notes, *target_notes(report, texts)]
 
 
-def points_table(report: Report, texts: Texts) -> TableBlock:
+def points_table(report: Report, texts: Texts) -> Table:
     """Return the table of the points: settlements, s/v or load, judged value, target, verdict.
 
     A report of peaks alone has their indices in place of the modulus, one of a rig the stiffness.
@@ -365,7 +365,7 @@ def points_table(report: Report, texts: Texts) -> TableBlock:
             Mark(kind, texts["discarded"] if point.discarded else texts[kind]),
         ]
         rows.append(tuple(cells))
-    table = TableBlock(tuple(columns), tuple(rows), right)
+    table = Table(tuple(columns), tuple(rows), right)
     return formatting.without_empty_columns(table, always=(title, texts["target"]))
 
 

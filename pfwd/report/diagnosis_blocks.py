@@ -9,7 +9,7 @@ from pfwd.analysis.results import DiagnosisResult, EffectResult
 from pfwd.judging import PointView
 from pfwd.message_groups import group_messages
 from pfwd.report import formatting
-from pfwd.report.blocks import Block, Heading, Listing, Paragraph, Picture, TableBlock
+from pfwd.report.blocks import Block, Heading, Listing, Paragraph, Picture, Table
 from pfwd.report.drawing import COLOURS, finish, margins, number_log_axis
 from pfwd.report.formatting import percent
 from pfwd.report.point_facts import all_warnings, diagnosis_counts, diagnosis_of
@@ -84,7 +84,7 @@ def _states(diagnosis: DiagnosisResult, texts: Texts, *, counts: bool) -> list[B
         texts["contact_phase"],
         texts["residual"],
     )
-    blocks: list[Block] = [TableBlock(columns, tuple(rows), (1, 2, 4, 5))]
+    blocks: list[Block] = [Table(columns, tuple(rows), (1, 2, 4, 5))]
     if not counts:  # else the facts of the point have it
         plate = texts.word(diagnosis.plate or "rigid-rough")
         radius, ratio = diagnosis.plate_radius_m or 0.0, diagnosis.poisson_ratio or 0.0

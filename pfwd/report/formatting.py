@@ -8,7 +8,7 @@ from pfwd.analysis.results import DropResult
 from pfwd.digits import significant, with_ends
 from pfwd.procedures import PointValue, Quantity
 from pfwd.procedures.point import UNSUPPORTED_MARK
-from pfwd.report.blocks import TableBlock
+from pfwd.report.blocks import Table
 from pfwd.report.texts import Texts
 from pfwd.units import SI, Fact
 from pfwd_plugins.quantities import Unit
@@ -191,14 +191,14 @@ def scaled(value: Any, scale: float, unit: str, count: int = 3) -> str:
     return f"{significant(value * scale, count)} {unit}".rstrip() if is_number(value) else NO_VALUE
 
 
-def without_empty_columns(table: TableBlock, always: Collection[str] = ()) -> TableBlock:
+def without_empty_columns(table: Table, always: Collection[str] = ()) -> Table:
     """Return a table without the columns that have no value in any row, but for some titles."""
     columns = [
         place
         for place, title in enumerate(table.columns)
         if title in always or any(row[place] not in (NO_VALUE, "") for row in table.rows)
     ]
-    return TableBlock(
+    return Table(
         tuple(table.columns[place] for place in columns),
         tuple(tuple(row[place] for place in columns) for row in table.rows),
         tuple(new for new, place in enumerate(columns) if place in table.right),

@@ -12,7 +12,7 @@ from pfwd.analysis.sensor_fits import SensorFit, over_drops, sensor_fits
 from pfwd.digits import significant
 from pfwd.judging import DropView
 from pfwd.report import formatting
-from pfwd.report.blocks import Block, Heading, Paragraph, Picture, TableBlock
+from pfwd.report.blocks import Block, Heading, Paragraph, Picture, Table
 from pfwd.report.drawing import COLOURS, finish, margins, number_log_axis
 from pfwd.report.point_facts import drops_text
 from pfwd.report.texts import Texts
@@ -94,7 +94,7 @@ def _layers(drops: Sequence[DropView], texts: Texts) -> list[Block]:
     columns = tuple(f"{texts[name]}{', ' if unit else ''}{unit}" for name, unit in _LAYER_RESULTS)
     blocks: list[Block] = [
         Heading(texts["layers"], 3),
-        TableBlock(columns, tuple(rows), (0, *range(2, len(columns)))),
+        Table(columns, tuple(rows), (0, *range(2, len(columns)))),
     ]
     for drop in drops:
         effective = effective_of(drop.result or DropResult(), texts)
@@ -150,7 +150,7 @@ def _sensors(drops: Sequence[DropView], texts: Texts) -> list[Block]:
     names = drops_text(numbers, numbers, texts)
     return [
         Heading(texts["sensor_residuals"], 3),
-        TableBlock(columns, tuple(rows), (1, 2, 3, 4)),
+        Table(columns, tuple(rows), (1, 2, 3, 4)),
         Paragraph(f"{names}. {texts['sensor_residuals_note']}", "note"),
     ]
 

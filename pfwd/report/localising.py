@@ -12,7 +12,7 @@ from pfwd.report.blocks import (
     Pairs,
     Paragraph,
     Picture,
-    TableBlock,
+    Table,
     Together,
 )
 from pfwd.report.content import Report
@@ -73,9 +73,9 @@ def _block(block: Block, localise: Callable[[str], str], keep: Collection[str]) 
             return block if text in keep else replace(block, text=localise(text))
         case Pairs(rows):
             return Pairs(tuple((k, v if k in keep else localise(v)) for k, v in rows))
-        case TableBlock(columns, rows, right):
+        case Table(columns, rows, right):
             titles = tuple(map(localise, columns))
-            return TableBlock(titles, tuple(tuple(map(cell, row)) for row in rows), right)
+            return Table(titles, tuple(tuple(map(cell, row)) for row in rows), right)
         case Listing(items):
             return replace(block, items=tuple(map(localise, items)))
         case Picture(caption=caption):

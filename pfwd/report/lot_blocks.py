@@ -8,7 +8,7 @@ from pfwd.digits import significant
 from pfwd.judging import PointView
 from pfwd.procedures import Quantity
 from pfwd.report import formatting
-from pfwd.report.blocks import Block, Heading, Pairs, Paragraph, Picture, TableBlock, Together
+from pfwd.report.blocks import Block, Heading, Pairs, Paragraph, Picture, Table, Together
 from pfwd.report.content import Report
 from pfwd.report.drawing import draw_correlation, draw_lot
 from pfwd.report.lot import Lot, line_through, lot_of
@@ -129,7 +129,7 @@ def _zones(
         f"min – max, {unit}",
         texts["passed"],
     )
-    return [Heading(texts["zones"], 3), TableBlock(columns, tuple(rows), (1, 2, 3, 4))]
+    return [Heading(texts["zones"], 3), Table(columns, tuple(rows), (1, 2, 3, 4))]
 
 
 def _correlation(

@@ -9,7 +9,7 @@ from pfwd.judging import DropView, PointView
 from pfwd.peaks.basin import ASSUMED_POISSON_RATIO, Basin, basin_of
 from pfwd.procedures import Verdict
 from pfwd.report import formatting
-from pfwd.report.blocks import Block, Heading, Mark, Pairs, Paragraph, Picture, TableBlock
+from pfwd.report.blocks import Block, Heading, Mark, Pairs, Paragraph, Picture, Table
 from pfwd.report.content import Report
 from pfwd.report.drawing import draw_peaks_profile
 from pfwd.report.fonts import Letters
@@ -45,7 +45,7 @@ def has_only_stiffness(report: Report) -> bool:
     return bool(drops) and all(drop.setup.is_stiffness_test for drop in drops)
 
 
-def stiffness_table(report: Report, texts: Texts) -> TableBlock:
+def stiffness_table(report: Report, texts: Texts) -> Table:
     """Return the mean stiffness of the drops of each point on a rig, a line a point."""
     title, times = time_cells(report, texts)
     rows = []
@@ -70,10 +70,10 @@ def stiffness_table(report: Report, texts: Texts) -> TableBlock:
         f"{texts['stiffness']}, {texts['secant_stiffness']}, MN/m",
         f"{texts['stiffness']}, {texts['dynamic_stiffness']}, MN/m",
     )
-    return TableBlock(columns, tuple(rows), tuple(range(2, len(columns))))
+    return Table(columns, tuple(rows), tuple(range(2, len(columns))))
 
 
-def peaks_table(report: Report, texts: Texts) -> TableBlock:
+def peaks_table(report: Report, texts: Texts) -> Table:
     """Return every point in one line: mean load, deflection, moduli and indices of its peaks."""
     title, times = time_cells(report, texts)
     judged = any(point.progress.value is not None for point in report.points)
@@ -108,7 +108,7 @@ def peaks_table(report: Report, texts: Texts) -> TableBlock:
             cells.append(formatting.target_of(point.progress.target, report.procedure.quantity))
             cells.append(Mark(kind, texts["discarded"] if point.discarded else texts[kind]))
         rows.append(tuple(cells))
-    table = TableBlock(tuple(columns), tuple(rows), right)
+    table = Table(tuple(columns), tuple(rows), right)
     return formatting.without_empty_columns(table, always=(title, texts["target"]))
 
 
@@ -158,7 +158,7 @@ def peaks_point_blocks(
     ]
 
 
-def _peaks_of_sensors(point: PointView, texts: Texts) -> TableBlock:
+def _peaks_of_sensors(point: PointView, texts: Texts) -> Table:
     """Return the peaks of a point as recorded, a line a drop."""
     kinds = dict(point.progress.kinds)
     peaks = {drop.number: dict(drop.peaks.displacements) for drop in point.drops if drop.peaks}
@@ -181,7 +181,7 @@ def _peaks_of_sensors(point: PointView, texts: Texts) -> TableBlock:
         formatting.symbol_title("F", "kN"),
         *(f"d({offset:g} m), µm" for offset in offsets),
     )
-    return TableBlock(columns, tuple(rows), (0, *range(2, len(columns))))
+    return Table(columns, tuple(rows), (0, *range(2, len(columns))))
 
 
 def _mean(values: Sequence[float | None], scale: float) -> str:
@@ -228,7 +228,7 @@ def _basins(point: PointView, texts: Texts, *, with_heading: bool = True) -> lis
     out = sorted({offset for _, basin in with_basin for offset in basin.rejected_offsets_m})
     blocks: list[Block] = [
         *([Heading(texts["basin"], 3)] if with_heading else []),
-        TableBlock(columns, tuple(rows), tuple(range(len(columns)))),
+        Table(columns, tuple(rows), tuple(range(len(columns)))),
         Paragraph(f"{basis}. {texts['basin_short']}" if with_heading else basis, "note"),
     ]
     if out:
@@ -267,6 +267,6 @@ def _stiffness(point: PointView, texts: Texts) -> list[Block]:
     )
     return [
         Heading(texts["stiffness"], 3),
-        TableBlock(columns, tuple(rows), tuple(range(len(columns)))),
+        Table(columns, tuple(rows), tuple(range(len(columns)))),
         Paragraph(texts["stiffness_note"], "note"),
     ]

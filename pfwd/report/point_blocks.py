@@ -17,7 +17,7 @@ from pfwd.report.blocks import (
     Pairs,
     Paragraph,
     Picture,
-    TableBlock,
+    Table,
 )
 from pfwd.report.content import Report
 from pfwd.report.diagnosis_blocks import diagnosis_blocks
@@ -302,7 +302,7 @@ def _results(point: PointView, texts: Texts) -> list[Block]:
     filled = [i for i in range(len(names)) if any(row[i] != formatting.NO_VALUE for row in rows)]
     cells = tuple(tuple(row[i] for i in filled) for row in rows)
     right = tuple(place for place, i in enumerate(filled) if i != 1)
-    table = TableBlock(tuple(names[i] for i in filled), cells, right)
+    table = Table(tuple(names[i] for i in filled), cells, right)
     basis: dict[str, list[str]] = {}
     for drop in point.drops:
         stored_result = drop.result

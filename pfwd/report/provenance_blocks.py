@@ -19,7 +19,7 @@ from pfwd.report.blocks import (
     Heading,
     Pairs,
     Paragraph,
-    TableBlock,
+    Table,
 )
 from pfwd.report.content import Report
 from pfwd.report.localising import with_decimals
@@ -47,7 +47,7 @@ def procedure_blocks(procedure: Procedure, texts: Texts) -> list[Block]:
         )
     if rows:
         columns = (texts["number"], texts["value"], texts["source"], "")
-        blocks.append(TableBlock(columns, tuple(rows), (1,)))
+        blocks.append(Table(columns, tuple(rows), (1,)))
     return blocks
 
 
@@ -73,7 +73,7 @@ def device_blocks(report: Report, texts: Texts) -> list[Block]:
         blocks.append(Pairs(tuple(row for row in rows if row[1])))
         names = ("channel", "role", "offset", "sensitivity", "response", "calibrated", "due")
         channels = [_channel(channel, texts) for channel in identity.get("channels") or ()]
-        blocks.append(TableBlock(tuple(texts[name] for name in names), tuple(channels), (2, 3)))
+        blocks.append(Table(tuple(texts[name] for name in names), tuple(channels), (2, 3)))
     if report.check is not None:
         blocks.append(Pairs(((texts["check"], _check(report.check, texts)),)))
     return blocks
@@ -184,7 +184,7 @@ def recompute_blocks(report: Report, texts: Texts) -> list[Block]:
     ]
     if files:
         columns = (texts["point"], texts["drop"], texts["file"], texts["checksum"])
-        blocks.append(TableBlock(columns, tuple(files), (1,)))
+        blocks.append(Table(columns, tuple(files), (1,)))
     values = _values_of_averaged_drops(report)
     if values:
         blocks += [Heading(texts["result_values"], 3), Code("\n".join(values))]
@@ -203,7 +203,7 @@ def _imported_files(report: Report, texts: Texts) -> list[Block]:
     )
     if not files:
         return []
-    table = TableBlock((texts["original_file"], texts["checksum"]), tuple(files))
+    table = Table((texts["original_file"], texts["checksum"]), tuple(files))
     return [Heading(texts["original_files"], 3), table]
 
 

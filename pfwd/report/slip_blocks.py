@@ -10,7 +10,7 @@ from pfwd.digits import significant
 from pfwd.judging import DropView, PointView, value_of_drop
 from pfwd.procedures import Quantity
 from pfwd.report import formatting
-from pfwd.report.blocks import Block, Heading, Mark, Pairs, Paragraph, Picture, TableBlock
+from pfwd.report.blocks import Block, Heading, Mark, Pairs, Paragraph, Picture, Table
 from pfwd.report.certificate_blocks import (
     certificate_rows,
     curve_blocks,
@@ -57,7 +57,7 @@ def slip_blocks(
     facts = [row for row in certificate_rows(report, texts) if row[1]]
     facts = [row for row in facts if row[0] not in (texts["points"], texts["verdict"])]
     facts += _measured(point, report, texts)
-    verdict = TableBlock(
+    verdict = Table(
         (texts["verdict"], formatting.name_of(report.procedure.quantity, texts), texts["target"]),
         (
             (
@@ -134,7 +134,7 @@ def _value_of_drop(point: PointView, drop: DropView) -> str:
     return significant(value.value / value.quantity.display_unit.scale)
 
 
-def _drops(report: Report, texts: Texts) -> TableBlock:
+def _drops(report: Report, texts: Texts) -> Table:
     rows: list[tuple[str, ...]] = []
     for point in report.points:
         kinds = dict(point.progress.kinds)
@@ -165,7 +165,7 @@ def _drops(report: Report, texts: Texts) -> TableBlock:
         f"{texts['pulse']}, ms",
         f"{formatting.name_of(quantity, texts)}, {quantity.display_unit.name}",
     )
-    return TableBlock(columns[: len(rows[0])], tuple(rows), (0, 3, 4, 5, 6, 7))
+    return Table(columns[: len(rows[0])], tuple(rows), (0, 3, 4, 5, 6, 7))
 
 
 def checksum_of(report: Report) -> str:

@@ -20,7 +20,7 @@ from pfwd.report.blocks import (
     Pairs,
     Paragraph,
     Picture,
-    TableBlock,
+    Table,
     Together,
 )
 from pfwd.report.fonts import Letters, families, font_folders
@@ -120,7 +120,7 @@ def _block_data(block: Block, letters: Letters) -> dict[str, Any]:
             data = {"text": text_of(text), "style": style}
         case Pairs(rows):
             data = {"rows": [[text_of(label), text_of(value)] for label, value in rows]}
-        case TableBlock():
+        case Table():
             data = _table_data(block, letters)
         case Listing(items, style):
             data = {"items": [text_of(item) for item in items], "style": style}
@@ -137,7 +137,7 @@ def _block_data(block: Block, letters: Letters) -> dict[str, Any]:
     return {"kind": type(block).__name__, **data}
 
 
-def _table_data(table: TableBlock, letters: Letters) -> dict[str, Any]:
+def _table_data(table: Table, letters: Letters) -> dict[str, Any]:
     cells = [[_cell_data(cell, letters) for cell in row] for row in table.rows]
     columns = [_drawable(column, letters) for column in table.columns]
     lengths = [len(cell) for row in cells for cell in row if isinstance(cell, str)]

@@ -28,7 +28,7 @@ from pfwd_device.drop import nearest_first
 from pfwd_device.errors import RecordingError, SetupError
 from pfwd_device.identity import ChannelIdentity, Identity
 from pfwd_device.recording.record import point_name
-from pfwd_device.schema import AnyOf, Flag, Key, Table, TableReader, Text, unknown_key
+from pfwd_device.schema import AnyOf, Flag, Key, TableReader, Text, TomlTable, unknown_key
 from pfwd_device.setup import (
     CHANNEL_KEYS,
     INSTRUMENT_KEYS,
@@ -52,7 +52,7 @@ PROCEDURE_KEYS = {
 SETUP_KEYS = {
     **HEADER_KEYS,
     PROCEDURE_KEY: Key(
-        AnyOf((Text(min_length=1), Table(PROCEDURE_KEYS)), "a name or a table [procedure]"),
+        AnyOf((Text(min_length=1), TomlTable(PROCEDURE_KEYS)), "a name or a table [procedure]"),
         meaning="Measuring procedure.",
     ),
     **TABLES,

@@ -21,9 +21,9 @@ from pfwd_device.schema import (
     Integer,
     Key,
     Number,
-    Table,
     TableReader,
     Text,
+    TomlTable,
     Value,
     describe,
     keys_of,
@@ -61,8 +61,8 @@ KINDS: list[tuple[Value, list[Any], list[Any], str]] = [
     (Date(text=True), ["2026-05-31"], ["soon", 1], "a date as 2026-05-31"),
     (AnyOf((Text(), Number()), "either"), ["a", 1], [True, []], "either"),
     (Array(Number(), min_items=1), [[1]], [[], 1], "an array with 1 or more"),
-    (Array(Table({})), [[]], [{}], "an array of tables"),
-    (Table({}), [{}], [[], 1], "a table"),
+    (Array(TomlTable({})), [[]], [{}], "an array of tables"),
+    (TomlTable({}), [{}], [[], 1], "a table"),
 ]
 
 
@@ -121,7 +121,7 @@ def test_the_keys_of_a_dataclass_come_from_its_fields() -> None:
 
 
 INNER = {"rate": Key(Number("Hz", above=0), hint="see the data sheet", required=True)}
-KEYS = {"links": Key(Array(Table(INNER))), "limits": Key(Array(Number(above=0)))}
+KEYS = {"links": Key(Array(TomlTable(INNER))), "limits": Key(Array(Number(above=0)))}
 
 
 @pytest.mark.parametrize(

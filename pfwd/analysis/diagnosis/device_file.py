@@ -18,7 +18,7 @@ from pfwd.errors import OptionError, refusal
 from pfwd.files.output_path import replaced_at_once, require_writable
 from pfwd.files.toml import toml_line
 from pfwd.toml_reading import parse_user_toml, read_toml_text
-from pfwd_device.schema import Integer, Key, Number, Table, TableReader, Text
+from pfwd_device.schema import Integer, Key, Number, TableReader, Text, TomlTable
 
 CAUSES_OF_ERROR = ("gain", "tilt", "clock", "linearity")
 """Causes of an error of the modulus that leaves no residual, in the table `ERROR_BUDGET`."""
@@ -128,9 +128,11 @@ def device_keys() -> dict[str, Key]:
                 numbers[f"{p.name}_sd{suffix}"] = Key(
                     Number(unit, minimum=0.0), f"{p.name}_sd", "Standard deviation"
                 )
-            keys[effect.name] = Key(Table(numbers), meaning=f"Values of the effect {effect.name}")
+            keys[effect.name] = Key(
+                TomlTable(numbers), meaning=f"Values of the effect {effect.name}"
+            )
     share = Key(Number(minimum=0.0, below=1.0), required=True)
-    causes = Table(dict.fromkeys(CAUSES_OF_ERROR, share))
+    causes = TomlTable(dict.fromkeys(CAUSES_OF_ERROR, share))
     keys[ERROR_BUDGET] = Key(causes, meaning="Relative errors of a modulus by their causes, 95 %")
     return keys
 

@@ -18,9 +18,9 @@ from pfwd_device.schema import (
     Integer,
     Key,
     Number,
-    Table,
     TableReader,
     Text,
+    TomlTable,
 )
 from pfwd_plugins.quantities import MOTIONS, Measurand, motion
 
@@ -163,7 +163,7 @@ _SENSOR_KEYS = _signed(
 )
 COLUMN_MAP_KEYS = {
     "text": Key(
-        Table(
+        TomlTable(
             {
                 "delimiter": Key(Choice(DELIMITERS), meaning="Sign between columns."),
                 "decimal": Key(Choice((".", ",")), meaning="Decimal sign."),
@@ -176,7 +176,7 @@ COLUMN_MAP_KEYS = {
         meaning="Layout of the text.",
     ),
     "time": Key(
-        Table(
+        TomlTable(
             {
                 **_column_keys("time"),
                 "sampling_rate_hz": Key(
@@ -192,17 +192,17 @@ COLUMN_MAP_KEYS = {
         required=True,
     ),
     "load": Key(
-        Table(_signed(_column_keys("load"))), meaning="Load.", hint=_MAP_EXAMPLE, required=True
+        TomlTable(_signed(_column_keys("load"))), meaning="Load.", hint=_MAP_EXAMPLE, required=True
     ),
     "sensor": Key(
-        Array(Table(_SENSOR_KEYS), min_items=1),
+        Array(TomlTable(_SENSOR_KEYS), min_items=1),
         "sensors",
         "Sensors, one table each.",
         _MAP_EXAMPLE,
         required=True,
     ),
     "drop": Key(
-        Table({"column": Key(_COLUMN_POSITION, meaning="Column with the number of the drop.")}),
+        TomlTable({"column": Key(_COLUMN_POSITION, meaning="Column with the number of the drop.")}),
         meaning="Number of the drop; without it the file is one drop.",
     ),
 }

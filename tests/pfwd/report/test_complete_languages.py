@@ -31,7 +31,7 @@ from pfwd.report.blocks import (
     Pairs,
     Paragraph,
     Picture,
-    TableBlock,
+    Table,
     Together,
 )
 from pfwd.report.composing import compose
@@ -234,7 +234,7 @@ def texts_of(blocks: Iterable[Block]) -> Iterator[str]:
                 yield text
             case Pairs(rows):
                 yield from (text for row in rows for text in row)
-            case TableBlock(columns, rows):
+            case Table(columns, rows):
                 yield from columns
                 cells = (cell for row in rows for cell in row)
                 yield from (cell if isinstance(cell, str) else cell.text for cell in cells)

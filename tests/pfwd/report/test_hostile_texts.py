@@ -147,9 +147,9 @@ def test_the_name_of_a_folder_is_made_harmless(
 
 
 def test_lines_stay_lines() -> None:
-    from pfwd.report.blocks import Code, Mark, TableBlock
+    from pfwd.report.blocks import Code, Mark, Table
 
     assert Code("a\r\n\tb\x1b\n").text == "a\n    b\N{REPLACEMENT CHARACTER}\n"
-    table = TableBlock(("\x07",), (("\u202e", Mark("pass", "\x00")),), (1,))
+    table = Table(("\x07",), (("\u202e", Mark("pass", "\x00")),), (1,))
     assert harmful_of(repr(table)) == set()
     assert table.right == (1,)

@@ -11,7 +11,7 @@ import pytest
 from inversion.notices import OTHER, Notice, Value, gaps_of, of_drops, templates, terms, text_notice
 from pfwd.procedures import find_procedure
 from pfwd.procedures.profile import CHECKS
-from pfwd.report.blocks import Pairs, Paragraph, TableBlock, Together
+from pfwd.report.blocks import Pairs, Paragraph, Table, Together
 from pfwd.report.composing import compose
 from pfwd.report.fonts import Letters
 from pfwd.report.gathering import ReportOptions, gather
@@ -68,13 +68,13 @@ def test_versions_dates_and_names_keep_their_points() -> None:
     blocks = [
         Paragraph("E 45.5 MPa, pfwd 0.1.0, drop-1.h5, 2024-05-06 08:01:02.5"),
         Pairs((("a", "0.5"), ("b", "0.5"))),
-        TableBlock(("x",), (("-1.25",),)),
+        Table(("x",), (("-1.25",),)),
     ]
     one, two, three = localised(blocks, DE, {"b"})
     assert isinstance(one, Paragraph)
     assert one.text.startswith("E 45,5 MPa, pfwd 0.1.0, drop-1.h5, 2024-05-06")
     assert two == Pairs((("a", "0,5"), ("b", "0.5")))
-    assert three == TableBlock(("x",), (("-1,25",),))
+    assert three == Table(("x",), (("-1,25",),))
     assert localised(blocks, EN) == blocks
     (named,) = localised([Paragraph("station 168.700 has 0.5 mm")], DE, names=["station 168.700"])
     assert named == Paragraph("station 168.700 has 0,5 mm")

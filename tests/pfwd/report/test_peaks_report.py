@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from pfwd.files.importing import import_files
 from pfwd.files.traces import TracePoint, write_traces
-from pfwd.report.blocks import Block, Pairs, Paragraph, Picture, TableBlock, Together
+from pfwd.report.blocks import Block, Pairs, Paragraph, Picture, Table, Together
 from pfwd.report.certificate_blocks import points_table
 from pfwd.report.composing import compose
 from pfwd.report.content import Report
@@ -99,7 +99,7 @@ def test_the_peaks_of_all_sensors_are_in_tables_and_picture(peaks: Path) -> None
     for line, offset in zip(depth.lines, offsets, strict=True):
         assert line.get_ydata()[0] == pytest.approx(1e6 * fmean(p[offset] for p in recorded))
     assert np.isfinite(moduli.lines[0].get_ydata()).all()
-    tables = [block for block in blocks if isinstance(block, TableBlock)]
+    tables = [block for block in blocks if isinstance(block, Table)]
     (own, _) = (table for table in tables if any("d(" in title for title in table.columns))
     assert len(own.columns) == 3 + len(offsets)
     assert float(str(own.rows[0][3])) == pytest.approx(1e6 * recorded[0][offsets[0]], rel=1e-3)
@@ -142,13 +142,13 @@ def test_a_report_of_a_rig_has_its_stiffness_and_no_modulus(tmp_path: Path) -> N
     list(import_files([str(tmp_path / "R1.csv")], tmp_path / "rig"))
     report = gather(tmp_path / "rig")
     blocks = flat(compose(report, EN, Letters()))
-    first = next(block for block in blocks if isinstance(block, TableBlock))
+    first = next(block for block in blocks if isinstance(block, Table))
     assert first.columns[-2:] == ("Stiffness, secant, MN/m", "Stiffness, dynamic, MN/m")
     assert first.rows[0][2:4] == ("2", "8.01")
     assert 15.0 < float(str(first.rows[0][-2])) < 18.0  # 8 kN move 0.5 mm
     pairs = dict(row for block in blocks if isinstance(block, Pairs) for row in block.rows)
     assert pairs["Judged by"] == EN["stiffness_basis"]
-    assert "rejected" not in str([block.rows for block in blocks if isinstance(block, TableBlock)])
+    assert "rejected" not in str([block.rows for block in blocks if isinstance(block, Table)])
     notes = [block.text for block in blocks if isinstance(block, Paragraph)]
     assert EN["uncertainty_note"] not in notes
     assert EN["report_of_stiffness"] in notes

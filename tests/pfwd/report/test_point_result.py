@@ -9,7 +9,7 @@ import pytest
 from pfwd.analysis.result_store import basis_of
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.judging import PointView
-from pfwd.report.blocks import Listing, Pairs, Paragraph, TableBlock
+from pfwd.report.blocks import Listing, Pairs, Paragraph, Table
 from pfwd.report.content import Report
 from pfwd.report.gathering import gather
 from pfwd.report.point_blocks import point_blocks
@@ -88,7 +88,7 @@ def text_of(report: Report) -> str:
                 texts.append(text)
             case Listing(items):
                 texts += items
-            case TableBlock(columns, cells) if columns[0] == "Drop":
+            case Table(columns, cells) if columns[0] == "Drop":
                 texts += [" ".join(cell) for cell in (columns, *cells)]
     return "\n".join(texts)
 

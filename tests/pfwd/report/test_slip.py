@@ -16,7 +16,7 @@ from pypdf import PdfReader
 
 from pfwd.errors import OptionError
 from pfwd.files.editing import Edit, edit_survey
-from pfwd.report.blocks import Block, Pairs, Paragraph, Picture, TableBlock
+from pfwd.report.blocks import Block, Pairs, Paragraph, Picture, Table
 from pfwd.report.composing import compose
 from pfwd.report.fonts import Letters
 from pfwd.report.gathering import ReportOptions, gather
@@ -74,7 +74,7 @@ def test_another_content_has_another_checksum(survey: Path) -> None:
 def test_the_table_has_all_drops(survey: Path) -> None:
     options = ReportOptions(point="A", slip=True)
     blocks = slip_blocks(gather(survey, options), EN, Letters(), options)
-    table = [block for block in blocks if isinstance(block, TableBlock)][-1]
+    table = [block for block in blocks if isinstance(block, Table)][-1]
     assert [row[:3] for row in table.rows] == [
         ("1", "seating", "no"),
         *((str(number), "measured", "yes") for number in (2, 3, 4)),
@@ -96,7 +96,7 @@ def test_settlement_its_ratio_and_coordinates_are_on_the_slip(survey: Path) -> N
     assert facts["s\N{COMBINING MACRON}"] == "0,500 mm"
     assert facts["s/v"].endswith(" ms")
     assert facts["Lage"].startswith("48.624762, 2.414874")
-    table = [block for block in blocks if isinstance(block, TableBlock)][-1]
+    table = [block for block in blocks if isinstance(block, Table)][-1]
     assert table.columns[-1] == "E_vd, MPa"
     assert table.rows[3][-1] == "45,0"  # 1.5 * 0.15 m * 0.1 MPa / 0.5 mm
 

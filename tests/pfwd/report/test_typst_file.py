@@ -23,7 +23,7 @@ from pfwd.report.blocks import (
     Pairs,
     Paragraph,
     Picture,
-    TableBlock,
+    Table,
     Together,
 )
 from pfwd.report.fonts import Letters, chinese_family
@@ -70,7 +70,7 @@ def test_bold_verdicts_stay_within_the_page(tmp_path: Path) -> None:
     """A table as full as it can be, its last column in bold letters."""
     long = "rigid-rough plate of 0.15 m on a layer"
     row = (long, long, long, "≥ 45 MPa", Mark("fail", "nicht erfüllt"))
-    table = TableBlock(("Point", "Basis", "Model", "Target", "Verdict"), (row,) * 3, ())
+    table = Table(("Point", "Basis", "Model", "Target", "Verdict"), (row,) * 3, ())
     words = words_within(render(table), tmp_path)
     assert sum(word == "erfüllt" for _, _, word in words) == 3
     assert max(right for _, right, _ in words) <= PAGE_WIDTH - MARGIN + 1
@@ -221,7 +221,7 @@ def test_hundreds_of_points_have_their_values_in_the_pdf() -> None:
 def test_the_title_of_a_symbol_stays_on_one_line() -> None:
     titles = (symbol_title("v", "mm/s"), symbol_title("s/v", "ms"))
     long = "a cell that needs more than its share of the width of the page" * 3
-    (page,) = text_of_pages(render(TableBlock((*titles, "Text"), (("1", "2", long),) * 3)))
+    (page,) = text_of_pages(render(Table((*titles, "Text"), (("1", "2", long),) * 3)))
     lines = page.replace("\N{NO-BREAK SPACE}", " ").splitlines()
     assert any("v, mm/s s/v, ms Text" in line for line in lines)
 
