@@ -290,7 +290,8 @@ def test_a_diagnosis_that_is_not_to_be_used_says_what_is(
     record = json.loads(json.dumps(diagnosis.to_dict()))
     record["before"]["contact_residual_rms_over_peak"] = residual
     modulus = record["after"]["modulus_pa"]
-    record["after"]["modulus_interval_pa"] = [modulus / 2, 2 * modulus]
+    for name in ("modulus", "equivalent_modulus"):
+        record["after"][f"{name}_interval_pa"] = [modulus / 2, 2 * modulus]
     result = DiagnosisResult.from_json(record)
     unusable = replace(result, point_modulus=modulus_in_force(result))
     assert unusable.use == "do-not-use"

@@ -305,7 +305,7 @@ def test_a_list_of_points_loads_nothing_that_only_others_need(tmp_path: Path) ->
     """
     loaded = modules_after(code)
     assert "numpy" in loaded
-    assert not loaded & {"h5py", "tomllib", "csv", "multiprocessing", "concurrent"}
+    assert not loaded & {"h5py", "csv", "multiprocessing", "concurrent"}
 
 
 @pytest.mark.posix

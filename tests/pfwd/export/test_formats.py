@@ -19,7 +19,7 @@ from pfwd.files.importing import import_files
 from pfwd.files.opening import survey_content
 from pfwd.files.reading import read_points
 from pfwd.files.upkeep import check_survey
-from pfwd_device.recording import ReboundRecord, SurveyWriter, read_survey, survey_reader
+from pfwd_device.recording import ReboundRecord, SurveyWriter, index, read_survey
 from pfwd_device.recording.framing import Frame, RecordKind
 from pfwd_device.recording.layout import Layout
 from tests.pfwd.export.conftest import BELONGS, FORMULA, rows_of
@@ -331,14 +331,14 @@ def test_a_row_of_the_table_reads_a_drop_without_its_later_rebounds(
     for left, right in zip(traces.drop.channels, whole.drop.channels, strict=True):
         assert np.array_equal(left.values, right.values)
     read: list[int] = []
-    of = survey_reader.read_record
+    of = index.read_record
 
     def noted(layout: Layout, segment: int, offset: int) -> Frame:
         frame = of(layout, segment, offset)
         read.append(frame.kind)
         return frame
 
-    monkeypatch.setattr(survey_reader, "read_record", noted)
+    monkeypatch.setattr(index, "read_record", noted)
     export_survey(survey, "table", tmp_path / "t.csv")
     assert read.count(RecordKind.DROP) == 4, "once for the verdict of its point and for its row"
     assert RecordKind.REBOUND not in read
