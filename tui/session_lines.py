@@ -21,7 +21,6 @@ from pfwd.session.events import (
     InstrumentLost,
     InstrumentReady,
     JobReported,
-    Notice,
     NotReady,
     PointDiagnosed,
     Ready,
@@ -30,6 +29,7 @@ from pfwd.session.events import (
     SavedDrop,
     SensorCheck,
     SessionEvent,
+    SessionNotice,
     SurveyFilesChanged,
     TableBuilding,
 )
@@ -137,7 +137,7 @@ class SessionLines:
                 if table not in self._reported_tables:
                     self._reported_tables.add(table)
                     self._say(f"computing a response table once: {table}")
-            case Notice(text, serious, details):
+            case SessionNotice(text, serious, details):
                 self._say(text, logging.WARNING if serious else logging.INFO)
                 if details:
                     log.error("%s", details)

@@ -20,7 +20,7 @@ from pfwd.analysis.results import DropAnalysis, DropResult
 from pfwd.analysis.tasks import Urgency
 from pfwd.files.header import PointSetup
 from pfwd.jobs import Jobs, Task, TaskProgress
-from pfwd.session.events import DropAnalysed, Notice, SavedDrop, TableBuilding
+from pfwd.session.events import DropAnalysed, SavedDrop, SessionNotice, TableBuilding
 from pfwd_device.calibration import calibrate
 from pfwd_device.identity import Identity
 
@@ -56,7 +56,7 @@ class Analyses:
     def __init__(
         self,
         options: AnalysisOptions,
-        report: Callable[[DropAnalysed | Notice | TableBuilding], None],
+        report: Callable[[DropAnalysed | SessionNotice | TableBuilding], None],
         keep_result: Callable[[int, DropResult], object],
     ) -> None:
         self._options = options
@@ -104,7 +104,9 @@ class Analyses:
                 "this computer is too slow for a full search of every drop. Drops without it have "
             )
             self._report(
-                Notice(text + "the modulus of a quick fit; pfwd invert does the search later")
+                SessionNotice(
+                    text + "the modulus of a quick fit; pfwd invert does the search later"
+                )
             )
 
     def _request(
@@ -144,7 +146,7 @@ class Analyses:
             return
         fault = "the analysis did not end in time; the drop is safe, run pfwd invert later"
         text = f"analyses that did not end in time: {len(self._pending)}. The drops are safe; run "
-        self._report(Notice(text + "pfwd invert on the survey", serious=True))
+        self._report(SessionNotice(text + "pfwd invert on the survey", serious=True))
         unfinished, self._pending = list(self._pending.values()), {}
         for pending in unfinished:
             if pending.urgency is Urgency.QUICK:  # the drop has no result at all
@@ -162,7 +164,7 @@ class Analyses:
         error = response.exception()
         if error is not None:
             details = tasks.failure_details(error)
-            self._report(Notice(tasks.failure_text(error), serious=True, details=details))
+            self._report(SessionNotice(tasks.failure_text(error), serious=True, details=details))
         pending = self._pending.pop(response, None)
         if pending is None:
             return

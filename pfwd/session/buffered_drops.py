@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from inversion.notices import Notice as Message
-from pfwd.session.events import DropsWaiting, Notice, Repeats
+from inversion.notices import Notice
+from pfwd.session.events import DropsWaiting, Repeats, SessionNotice
 from pfwd.session.survey_recorder import SurveyRecorder
 from pfwd_device.acquisition.detection import AtRest, DetectionSettings, PulseReport, RawDrop
 from pfwd_device.acquisition.items import BufferedDrop
@@ -31,7 +31,7 @@ OFFER_WAIT_S = 5.0
 instrument announces it at least every 0.5 s, and its transfer at 115200 baud takes 1 s."""
 PULSE_RISE_S = 0.01
 """Time from the trigger of a pulse to its peak, s; a record may end between them."""
-NOT_BUFFERED = Message("not-buffered")
+NOT_BUFFERED = Notice("not-buffered")
 _MIN_PRE_TRIGGER = 1e-9
 """Shortest time before the trigger, s, in place of 0, which the settings of a detection refuse."""
 
@@ -124,13 +124,13 @@ def settings_of(item: BufferedDrop, settings: DetectionSettings) -> DetectionSet
     )
 
 
-def marks_of_buffered(item: BufferedDrop) -> list[Message]:
+def marks_of_buffered(item: BufferedDrop) -> list[Notice]:
     """Return the irregularities that only buffered drops have."""
     marks = []
     if item.offer.shunt:
-        marks.append(Message("shunt-was-on"))
+        marks.append(Notice("shunt-was-on"))
     if item.offer.earlier:
-        marks.append(Message("buffered-before-restart"))
+        marks.append(Notice("buffered-before-restart"))
     return marks
 
 
@@ -145,7 +145,9 @@ class UnrecordedDrops:
         Survey that stores them as events; None: nothing is recorded.
     """
 
-    def __init__(self, report: Callable[[Notice], None], recorder: SurveyRecorder | None) -> None:
+    def __init__(
+        self, report: Callable[[SessionNotice], None], recorder: SurveyRecorder | None
+    ) -> None:
         self._report = report
         self._recorder = recorder
         self._lost: dict[str, int] = {}
@@ -187,7 +189,7 @@ class UnrecordedDrops:
             "memory was full, or its sampling was started again. Compare the recorded drops with "
             "those that fell, and repeat the missing ones"
         )
-        self._report(Notice(text, serious=True, kind="lost drops"))
+        self._report(SessionNotice(text, serious=True, kind="lost drops"))
 
     def report_waiting(self, status: Status, identity: Identity | None) -> None:
         """Report the drops that an instrument stores at the end of a session."""

@@ -17,7 +17,7 @@ from pfwd.files.header import PointSetup
 from pfwd.files.traces import TracePoint
 from pfwd.jobs import Jobs, Task
 from pfwd.procedures import Kind
-from pfwd.session.events import DiagnosisAwaited, Notice, PointDiagnosed, SavedDrop
+from pfwd.session.events import DiagnosisAwaited, PointDiagnosed, SavedDrop, SessionNotice
 
 MIN_POINTS_WITH_EFFECT = 2
 """Smallest number of points with a device effect for which the next point is presumed to have it.
@@ -76,7 +76,7 @@ class PointDiagnoses:
     def __init__(
         self,
         options: AnalysisOptions,
-        report: Callable[[PointDiagnosed | DiagnosisAwaited | Notice], None],
+        report: Callable[[PointDiagnosed | DiagnosisAwaited | SessionNotice], None],
         keep: KeepDiagnosis,
         earlier: EarlierDrops,
     ) -> None:
@@ -173,7 +173,7 @@ class PointDiagnoses:
         error = task.exception()
         if error is not None:
             text = f"point {name}: {tasks.failure_text(error)}"
-            self._report(Notice(text, details=tasks.failure_details(error)))
+            self._report(SessionNotice(text, details=tasks.failure_details(error)))
         else:
             result = replace(task.result(), point=name)
             self._note_device(name, result)

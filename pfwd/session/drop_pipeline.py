@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from inversion.notices import Notice as Message
+from inversion.notices import Notice
 from pfwd.analysis.drop_facts import FACTS_KEY, facts_to_store
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DiagnosisResult, DropResult, MeasuredFacts
@@ -21,7 +21,7 @@ from pfwd.judging.view import NO_SETUP, recorded_fields
 from pfwd.procedures import Kind, PointDrop
 from pfwd.session.analyses import Analyses
 from pfwd.session.diagnosing import PointDiagnoses
-from pfwd.session.events import DropSaved, Notice, Rebounded, SavedDrop, SessionEvent
+from pfwd.session.events import DropSaved, Rebounded, SavedDrop, SessionEvent, SessionNotice
 from pfwd.session.feeds import ImportedDrop, RecordedDrop
 from pfwd.session.setup_file import setup_of
 from pfwd.session.survey_recorder import SurveyRecorder
@@ -154,14 +154,14 @@ class DropPipeline:
             if release is not None and self.recorder.is_safe(record):
                 release()
             text = f"drop {duplicate} of the survey was received again; it is not recorded twice"
-            self._report(Notice(text, kind="drops received again"))
+            self._report(SessionNotice(text, kind="drops received again"))
             return
         key = record.point, record.drop.number
         if self.recorder is not None:
             record = self.recorder.writer.with_copy_mark(record)
             if (fault := copy_fault(record.metadata)) is not None:
                 text = f"drop {key[0]}/{key[1]}: {fault}; its point gets no verdict with it. "
-                self._report(Notice(text + "Discard the copy", serious=True, kind="copies"))
+                self._report(SessionNotice(text + "Discard the copy", serious=True, kind="copies"))
         view, facts = self._screen(record)
         if source is None and facts is not None:
             metadata = {**record.metadata, FACTS_KEY: facts.to_json()}
@@ -210,7 +210,7 @@ class DropPipeline:
                 f"{record.metadata['key']} (serial number, run, sample of the trigger) before, "
                 f"for drop {remarks[-1]}, which has other samples; both are recorded"
             )
-            self._report(Notice(text, serious=True, kind="keys used twice"))
+            self._report(SessionNotice(text, serious=True, kind="keys used twice"))
         return named
 
     def _on_saved(self, record: DropRecord, number: int | None, spare: Path | None) -> None:
@@ -265,8 +265,8 @@ class DropPipeline:
         except Exception as err:  # a drop is saved in any case
             kind = type(err).__name__
             text = f"drop {record.point}/{drop.number} could not be screened: {kind}: {err}"
-            self._report(Notice(text, serious=True, details=traceback.format_exc()))
-            reason = Message("screening-failed", {"fault": kind})
+            self._report(SessionNotice(text, serious=True, details=traceback.format_exc()))
+            reason = Notice("screening-failed", {"fault": kind})
             facts = PointDrop(drop.number, Kind.REJECTED, reason=reason)
             screening = Screening("rejected", reason)
             return DropView(facts, 0.0, setup, screening=screening, metadata=record.metadata), None

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from inversion.notices import Notice as Message
+from inversion.notices import Notice
 from inversion.result import TimeHistories
 from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.analysis.screening.drops import Screening
@@ -104,7 +104,7 @@ class SensorCheck:
 
     details: Mapping[str, Any]
     """Values as recorded; keys ``zero_n``, ``span_ratio`` and ``channels``."""
-    faults: tuple[Message, ...]
+    faults: tuple[Notice, ...]
     """Faults, one sentence each; empty: none."""
 
 
@@ -284,8 +284,8 @@ class TableBuilding:
 
 
 @dataclass(frozen=True, slots=True)
-class Notice:
-    """Message for the operator, shown on the screen or in the log."""
+class SessionNotice:
+    """Notice for the operator, shown on the screen or in the log."""
 
     text: str
     serious: bool = False
@@ -297,17 +297,17 @@ class Notice:
 
 
 @dataclass(frozen=True, slots=True)
-class BatteryLow(Notice):
+class BatteryLow(SessionNotice):
     """The instrument reports that its battery is low."""
 
 
 @dataclass(frozen=True, slots=True)
-class DropsWaiting(Notice):
+class DropsWaiting(SessionNotice):
     """Drops wait in the instrument at the end of the session and are not recorded."""
 
 
 @dataclass(frozen=True, slots=True)
-class StorageLow(Notice):
+class StorageLow(SessionNotice):
     """The disk is nearly full, or has room again."""
 
     drops_remaining: int | None = 0
@@ -336,7 +336,7 @@ SessionEvent = (
     | PointReported
     | Edited
     | TableBuilding
-    | Notice
+    | SessionNotice
 )
 
 

@@ -26,7 +26,7 @@ from pfwd.files.opening import survey_content
 from pfwd.files.output_path import refuse_inside_survey
 from pfwd.judging import Job, job_of
 from pfwd.procedures import NO_PROCEDURE
-from pfwd.session.events import DropSaved, Notice, SessionEvent
+from pfwd.session.events import DropSaved, SessionEvent, SessionNotice
 from pfwd.session.live import LiveFeed, random_stream
 from pfwd.session.plan import session_job
 from pfwd.session.replay import Pace, capture_feed, survey_feed
@@ -99,7 +99,7 @@ def measure(
                     feed.captured.close()
                     if feed.captured.failure:
                         text = f"the capture is incomplete: {feed.captured.failure}"
-                        listener(Notice(text, True))
+                        listener(SessionNotice(text, True))
 
 
 @contextmanager
@@ -129,9 +129,9 @@ def _remove_if_unused(writer: SurveyWriter) -> None:
 
 def _report_recovery(writer: SurveyWriter, listener: Listener) -> None:
     for text in writer.recovery.actions:
-        listener(Notice(f"recovery of {writer.folder}: {text}"))
+        listener(SessionNotice(f"recovery of {writer.folder}: {text}"))
     for text in writer.recovery.damaged:
-        listener(Notice(f"damage in {writer.folder}: {text}", serious=True))
+        listener(SessionNotice(f"damage in {writer.folder}: {text}", serious=True))
 
 
 def _open_capture(
@@ -195,7 +195,7 @@ def replay(
             raise SurveyError(refusal("--setup", "a capture to use it with", "a survey"))
         survey = survey_content(path)
         for text in survey.damage:
-            listener(Notice(text, serious=True))
+            listener(SessionNotice(text, serious=True))
         feed, reader = survey_feed(survey, speed), None
         if output is None or not is_survey(output):  # an existing survey has its own
             plan = replace(plan, job=_job_of(survey, listener).as_request())
@@ -216,7 +216,7 @@ def replay(
                 if point.target is None and (target := targets.get(point.name)) is not None:
                     writer.edit("target", target, point=point.name)
     for text in reader.damage if reader is not None else ():
-        listener(Notice(f"{path}: damaged: {text}", serious=True))
+        listener(SessionNotice(f"{path}: damaged: {text}", serious=True))
     return ending
 
 
@@ -225,7 +225,7 @@ def _job_of(survey: Survey, listener: Listener) -> Job:
     try:
         return job_of(survey)
     except SurveyError as err:
-        listener(Notice(str(err), serious=True))
+        listener(SessionNotice(str(err), serious=True))
         return replace(job_of(survey, NO_PROCEDURE), procedure=None)
 
 

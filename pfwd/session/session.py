@@ -49,13 +49,13 @@ from pfwd.session.events import (
     InstrumentStatus,
     JobReported,
     LiveSamples,
-    Notice,
     NotReady,
     PointBegan,
     Ready,
     Repeats,
     SensorCheck,
     SessionEvent,
+    SessionNotice,
 )
 from pfwd.session.feeds import Ended, Feed, FeedItem, ImportedDrop, RecordedDrop
 from pfwd.session.live_view import apply_event
@@ -305,7 +305,7 @@ class Session:
         """Have a function called with this session in the session's thread; may be called from any
         thread.
 
-        A RecordingError or OptionError of the function is reported as a `Notice`.
+        A RecordingError or OptionError of the function is reported as a `SessionNotice`.
         """
         self._requests.put(request)
 
@@ -400,7 +400,7 @@ class Session:
         similar = similar_name(name, names | {station.name for station in self.job.stations})
         if similar is not None:
             text = f"point {name} is new, but {similar} exists. Was {similar} meant? "
-            self._report(Notice(text + "pfwd edit --move moves drops", serious=True))
+            self._report(SessionNotice(text + "pfwd edit --move moves drops", serious=True))
 
     def _run(self) -> Ending:
         self._report(JobReported(self.job, self._differences))
@@ -434,7 +434,7 @@ class Session:
             try:
                 self._requests.get()(self)
             except (RecordingError, OptionError) as err:
-                self._report(Notice(str(err), serious=True))
+                self._report(SessionNotice(str(err), serious=True))
 
     def _may_go_on(self) -> bool:
         """Return whether the next item may be taken: a replay waits for pending analyses."""
@@ -468,7 +468,7 @@ class Session:
     def _trigger(self) -> None:
         if self._detector is None or self._stream is None:
             text = "no drop was triggered, because no samples arrive. Check the connection"
-            self._report(Notice(text, kind="no samples"))
+            self._report(SessionNotice(text, kind="no samples"))
         else:
             self._detector.trigger_by_operator()
 
@@ -478,7 +478,7 @@ class Session:
             return
         if self._sampled < self._next_trigger:
             text = "the instrument triggered again within a second; the trigger is ignored"
-            self._report(Notice(text, kind="triggers"))
+            self._report(SessionNotice(text, kind="triggers"))
             return
         if self._identity is not None and self._stream is not None:
             pause = round(TRIGGER_PAUSE * self._identity.sampling_rate)
@@ -515,7 +515,7 @@ class Session:
                     f"{item.first} of run {item.stream} on, were received before. A drop in them "
                     "is not recorded. Disconnect the instrument and connect it again"
                 )
-                self._report(Notice(text, serious=True, kind="repeated samples"))
+                self._report(SessionNotice(text, serious=True, kind="repeated samples"))
             case Status():
                 self._status = item
                 self._report(InstrumentStatus(item, self._feed.counters()))
@@ -525,7 +525,7 @@ class Session:
                 self._on_event(item)
             case Refusal():
                 text = f"the instrument refuses (code {item.code}): {item.text}"
-                self._report(Notice(text, serious=True, kind="refusals"))
+                self._report(SessionNotice(text, serious=True, kind="refusals"))
             case RecordedDrop():
                 self._on_recorded(item)
             case ImportedDrop():
@@ -627,7 +627,7 @@ class Session:
             self._report(BatteryLow(text, serious=True, kind="battery"))
         elif item.kind == EventKind.BOOT:
             text = f"the instrument restarted {item.text}".rstrip()
-            self._report(Notice(text, kind="restarts"))
+            self._report(SessionNotice(text, kind="restarts"))
             if self._feed.lost_since is None:
                 self._unrecorded.restart(self._identity)
 
@@ -645,7 +645,7 @@ class Session:
             f"wrong by {140 * abs(deviation):.1f} %, so drops of this instrument get no verdict. "
             "Correct the rate in the instrument or its setup file, and measure again"
         )
-        self._report(Notice(text, serious=True, kind="the sampling rate"))
+        self._report(SessionNotice(text, serious=True, kind="the sampling rate"))
 
         def mark_earlier_drops(session: Session) -> None:
             for number in tuple(session._records):
@@ -658,7 +658,7 @@ class Session:
 
         Messages of a kind that a connected instrument repeats are limited.
         """
-        if isinstance(event, Notice) and event.kind and self._feed.live:
+        if isinstance(event, SessionNotice) and event.kind and self._feed.live:
             n_unreported = self._repeats.due(event.kind)
             if n_unreported is None:
                 return
@@ -674,7 +674,7 @@ class Session:
         """Report the numbers of messages that were not shown."""
         for kind, count in self._repeats.rest().items():
             text = f"{count} more messages of the instrument about {kind} were not shown"
-            self._listener(Notice(text))
+            self._listener(SessionNotice(text))
 
     def _on_samples(self, item: Samples) -> None:
         if self._detector is None or self._identity is None:
@@ -728,7 +728,7 @@ class Session:
                 text = (
                     f"the instrument does not detect drops as requested ({differences}); {effect}"
                 )
-                self._report(Notice(text, serious=True, kind="trigger settings"))
+                self._report(SessionNotice(text, serious=True, kind="trigger settings"))
         if self._armed is not None and not streams and not self._was_ready:
             self._was_ready = True
             self._report(Ready())
@@ -773,7 +773,7 @@ class Session:
             f"buffered drop (run and sample {item.offer.stream}/{item.offer.first_sample}) is not "
             f"recorded and stays in the instrument: {item.reason}"
         )
-        self._report(Notice(text, serious=True, kind="unusable drops"))
+        self._report(SessionNotice(text, serious=True, kind="unusable drops"))
 
     def _on_recorded(self, item: RecordedDrop) -> None:
         self._finish_drop("the next recorded drop follows")
@@ -794,7 +794,7 @@ class Session:
             record = self._recorded.record
             drop = f"drop {record.point}/{record.drop.number}"
             text = f"replay: {drop} is not detected again in its recorded samples"
-            self._report(Notice(text, serious=True))
+            self._report(SessionNotice(text, serious=True))
         self._recorded, self._redetected = None, True
 
     def _on_imported(self, item: ImportedDrop) -> None:
@@ -868,7 +868,7 @@ class Session:
         n_unsaved = self._stored_events.due("pulse")
         if self._recorder is not None and n_unsaved is not None:
             self._recorder.keep_event("pulse", details | _count(n_unsaved))
-        self._report(Notice(text, serious=True, kind="pulses"))
+        self._report(SessionNotice(text, serious=True, kind="pulses"))
 
     def _on_drop(self, raw: RawDrop, due: float | None = None) -> None:
         """Record a drop; with `due` it waits until then for the instrument's own record."""
@@ -887,7 +887,7 @@ class Session:
             if self._redetected:
                 drop = f"drop {source.record.point}/{source.record.drop.number}"
                 text = f"replay: a second drop is detected in the samples of {drop}; it is ignored"
-                self._report(Notice(text, serious=True))
+                self._report(SessionNotice(text, serious=True))
                 return
             self._redetected = True
             number = self._pipeline.number_for(self._point, source.record.drop.number)
@@ -951,7 +951,7 @@ class Session:
                     f"the impact after the connection was restored is a bounce of drop "
                     f"{point}/{number} and is recorded with it"
                 )
-                self._report(Notice(text))
+                self._report(SessionNotice(text))
                 return True
         self._fell = now, peak, (self._point, drop.number)
         return False

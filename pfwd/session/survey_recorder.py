@@ -14,7 +14,7 @@ from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.session.events import (
     DropNotPublished,
     DropNotSaved,
-    Notice,
+    SessionNotice,
     StorageLow,
     SurveyFilesChanged,
 )
@@ -37,7 +37,7 @@ WATCH_INTERVAL = 1.0
 """Time between checks that the survey's files are still in place, s."""
 
 Saved = Callable[[DropRecord, int, Path | None], None]
-Report = Callable[[DropNotSaved | DropNotPublished | SurveyFilesChanged | Notice], None]
+Report = Callable[[DropNotSaved | DropNotPublished | SurveyFilesChanged | SessionNotice], None]
 
 
 def report_file_changes(writer: SurveyWriter, report: Report) -> None:
@@ -226,7 +226,7 @@ class SurveyRecorder:
         if self._held:
             names = ", ".join(f"{record.point}/{record.drop.number}" for record in self._held)
             text = f"LOST: drop {names} could not be written to the disk; repeat the measurement"
-            self._report(Notice(text, serious=True))
+            self._report(SessionNotice(text, serious=True))
         self.writer.maintain()
         self._report_file_changes()
         away = self.writer.drops_in_spare()
@@ -342,5 +342,5 @@ class SurveyRecorder:
             return save()
         except RecordingError as err:
             full = isinstance(err, StorageFull)
-            self._report(Notice(f"{subject} could not be saved: {err}", serious=not full))
+            self._report(SessionNotice(f"{subject} could not be saved: {err}", serious=not full))
             return None

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfwd.session.events import Notice, SessionEvent
+from pfwd.session.events import SessionEvent, SessionNotice
 from pfwd.session.feeds import Ended, FeedItem
 from pfwd.session.plan import Ending, SessionPlan
 from pfwd.session.session import Session
@@ -157,7 +157,7 @@ class Log(list[SessionEvent]):
 
     @property
     def texts(self) -> str:
-        return "\n".join(event.text for event in self.of(Notice))
+        return "\n".join(event.text for event in self.of(SessionNotice))
 
 
 class SpyWriter:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from inversion.notices import Notice as Message
+from inversion.notices import Notice
 from pfwd.analysis.results import DropResult
 from pfwd.analysis.screening.drops import Screening
 from pfwd.files.header import PointSetup
@@ -24,10 +24,10 @@ from pfwd.session.events import (
     DropSaved,
     Edited,
     JobReported,
-    Notice,
     NotReady,
     SavedDrop,
     SensorCheck,
+    SessionNotice,
     TableBuilding,
 )
 from pfwd_device import Drop
@@ -56,7 +56,7 @@ RESULT = {
     "at_bound": [],
 }
 
-CUT_OFF = Message("cut-off", {"reason": "full"})
+CUT_OFF = Notice("cut-off", {"reason": "full"})
 
 
 @pytest.fixture
@@ -88,7 +88,7 @@ def test_two_lines_a_drop_for_machines_and_nothing_else(
     assert capsys.readouterr().out == ""  # its first modulus is awaited
     lines.print_event(analysed(one(), 40e6, full=False))
     lines.print_event(analysed(one(), 40.1e6, full=True))
-    lines.print_event(Notice("something", serious=True, details="Traceback\n  more"))
+    lines.print_event(SessionNotice("something", serious=True, details="Traceback\n  more"))
     lines.print_event(DropNotSaved("A", 2, "full"))
     lines.print_event(TableBuilding("a table", 0.1))
     lines.print_event(TableBuilding("a table", 0.2))
@@ -310,7 +310,7 @@ def test_a_wrong_drop_height_and_a_saturated_channel_are_said_at_the_drop(
 ) -> None:
     lines = SessionLines(as_json=False, analysed=True)
     lines.print_event(JobReported(Job(procedure=find_procedure("tp-bf-stb-b8.3")), ()))
-    marks = [Message("saturated", {"samples": 16, "channel": "g0"}).to_json()]
+    marks = [Notice("saturated", {"samples": 16, "channel": "g0"}).to_json()]
     lines.print_event(
         DropSaved(replace(one(), view=replace(one().view, metadata={"marks": marks})))
     )

@@ -30,8 +30,8 @@ from pfwd.session.events import (
     DropSaved,
     Edited,
     JobReported,
-    Notice,
     PointDiagnosed,
+    SessionNotice,
     SurveyFilesChanged,
 )
 from pfwd.session.plan import SessionPlan
@@ -269,7 +269,7 @@ class PfwdApp(App[int]):
             points = read_points(folder)
         except (SurveyError, DeviceError, OSError) as err:
             if self.state.session is None and not self.source.writes:
-                self.runner.put(Notice(str(err), serious=True))
+                self.runner.put(SessionNotice(str(err), serious=True))
             return
         self.runner.put(SurveyRead(points, drops=self.source.writes))
 
@@ -308,7 +308,7 @@ class PfwdApp(App[int]):
                 self.show_message(text)
             case DropNotPublished():
                 self.show_message(event.text)
-            case Notice(text):
+            case SessionNotice(text):
                 self.show_message(text)
             case CalibrationChanged():
                 self._on_calibration(event)

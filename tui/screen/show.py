@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from pfwd.procedures import Verdict
-from pfwd.session.events import Notice
+from pfwd.session.events import SessionNotice
 from tui.log_file import close_log, open_log
 from tui.output import counted, next_commands, on_terminal, say
 from tui.screen.session.sources import SessionSource
@@ -48,7 +48,7 @@ def show(
     with _logged(source):
         app = PfwdApp(source, load_settings())
         for text in remarks:
-            app.runner.put(Notice(text, serious=True))
+            app.runner.put(SessionNotice(text, serious=True))
         try:
             status = app.run()
         finally:

@@ -16,7 +16,7 @@ from pfwd.jobs import Task, WorkerDied
 from pfwd.judging import drop_from_traces
 from pfwd.session import analyses as module
 from pfwd.session.analyses import Analyses
-from pfwd.session.events import DropAnalysed, Notice, SavedDrop
+from pfwd.session.events import DropAnalysed, SavedDrop, SessionNotice
 from pfwd_device import Drop
 from tests.pfwd.scripted_feed import IDENTITY
 
@@ -82,7 +82,7 @@ def test_full_searches_that_do_not_keep_up_are_left_out_and_reported_once(
     # Every drop has its first modulus; sixty tasks, that is thirty drops, are awaited in full.
     assert jobs.requested.count(Urgency.QUICK) == 200
     assert jobs.requested.count(Urgency.FULL) == 30
-    notices = [event.text for event in events if isinstance(event, Notice)]
+    notices = [event.text for event in events if isinstance(event, SessionNotice)]
     assert len(notices) == 1
     assert notices[0].startswith("this computer is too slow for a full search of every drop")
 
@@ -156,7 +156,7 @@ def test_a_quick_result_then_the_full_one(
     assert quick.result.modulus_pa == pytest.approx(full.result.modulus_pa, rel=1e-3)
     assert quick.result.history is None
     assert np.isfinite(quick.curves.predicted).all()
-    assert not [event for event in events if isinstance(event, Notice)]
+    assert not [event for event in events if isinstance(event, SessionNotice)]
 
 
 def test_what_is_not_finished_in_time_is_reported_and_has_its_keys(
@@ -171,7 +171,7 @@ def test_what_is_not_finished_in_time_is_reported_and_has_its_keys(
     assert unfinished.final
     assert unfinished.result.reason.startswith("the analysis did not end in time")
     assert unfinished.result.modulus_pa is None
-    assert [event.serious for event in events if isinstance(event, Notice)] == [True]
+    assert [event.serious for event in events if isinstance(event, SessionNotice)] == [True]
 
 
 def test_a_rejected_drop_is_not_analysed(analyses: Analyses, drop: Drop) -> None:

@@ -19,7 +19,7 @@ from pfwd.jobs import Task
 from pfwd.judging import drop_from_traces
 from pfwd.session import diagnosing
 from pfwd.session.diagnosing import MAX_POINTS, PointDiagnoses
-from pfwd.session.events import DiagnosisAwaited, Notice, PointDiagnosed, SavedDrop
+from pfwd.session.events import DiagnosisAwaited, PointDiagnosed, SavedDrop, SessionNotice
 from tests.pfwd.report.surveys import SETUP, half_sine_drop
 
 
@@ -52,7 +52,7 @@ class Session:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.jobs = ScriptedJobs()
         monkeypatch.setattr(diagnosing, "Jobs", lambda: self.jobs)
-        self.told: list[PointDiagnosed | DiagnosisAwaited | Notice] = []
+        self.told: list[PointDiagnosed | DiagnosisAwaited | SessionNotice] = []
         self.kept: list[tuple[int, DiagnosisResult]] = []
         self.before: dict[str, list[SavedDrop]] = {}
         self.diagnoses = PointDiagnoses(
@@ -196,7 +196,7 @@ def test_a_fault_is_told(session: Session) -> None:
     session.diagnoses.take_responses()
     requested, notice, ended = session.told
     assert (requested, ended) == (DiagnosisAwaited("A", True), DiagnosisAwaited("A", False))
-    assert isinstance(notice, Notice)
+    assert isinstance(notice, SessionNotice)
     assert notice.text == "point A: no pulse"
     assert not session.kept
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pfwd.session.buffered_drops import trigger_for
-from pfwd.session.events import DropSaved, DropsWaiting, Notice
+from pfwd.session.events import DropSaved, DropsWaiting, SessionNotice
 from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
 from pfwd_device.acquisition.detection import DetectionSettings
@@ -104,7 +104,7 @@ def test_a_drop_that_never_has_its_checksum_is_told(tmp_path: Path) -> None:
         feed = ScriptedFeed(scripted_feed.connected(), armed(), unusable)
         Session(feed, log, writer=writer).run()
     assert feed.acknowledged == []
-    (notice,) = [each for each in log if isinstance(each, Notice) and each.serious]
+    (notice,) = [each for each in log if isinstance(each, SessionNotice) and each.serious]
     assert notice.text == (
         "buffered drop (run and sample 9/500) is not recorded and stays in the instrument: "
         "expected its checksum, got another one"
@@ -203,7 +203,7 @@ def test_drops_that_the_instrument_lost_are_reported_once_each(tmp_path: Path) -
         with SurveyWriter.open(tmp_path / "survey") as writer:
             feed = ScriptedFeed(scripted_feed.connected(), *items)
             Session(feed, log, SessionPlan(options=None), writer).run()
-    texts = [notice.text for notice in log.of(Notice) if notice.serious]
+    texts = [notice.text for notice in log.of(SessionNotice) if notice.serious]
     counts = ["2 (2", "1 (3", "3 (3", "1 (4", "1 (1"]
     assert [text.partition(" since power-on)")[0] for text in texts] == [
         f"drops lost by the instrument T-1: {count}" for count in counts

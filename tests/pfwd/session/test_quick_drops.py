@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pfwd.session.events import DropSaved, Notice, Rebounded, SessionEvent
+from pfwd.session.events import DropSaved, Rebounded, SessionEvent, SessionNotice
 from pfwd.session.measure import measure, replay
 from pfwd.session.session import Ending, SessionPlan
 from pfwd_device.recording import SurveyWriter, read_survey
@@ -36,7 +36,9 @@ def test_of_thirty_drops_every_one_and_a_half_seconds_all_are_recorded(
     assert {event.saved.screening.status for event in saved} <= {"measured", "seating"}
     assert any(isinstance(event, Rebounded) for event in events) is (bounces != [0, 0])
     assert len(read_survey(tmp_path / "s").drops) == 30
-    assert [event for event in events if isinstance(event, Notice) and event.kind == "pulses"] == []
+    assert [
+        event for event in events if isinstance(event, SessionNotice) and event.kind == "pulses"
+    ] == []
 
 
 def test_an_uncertain_pulse_reaches_the_screen_and_the_survey(tmp_path: Path) -> None:
@@ -45,7 +47,7 @@ def test_an_uncertain_pulse_reaches_the_screen_and_the_survey(tmp_path: Path) ->
     with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
         items = with_gaps(pieces(counts), [(9_990, 200)])  # of the drop only the bounce is there
         run(ScriptedFeed(connected(), began(), items), log, writer)
-    (notice,) = (event for event in log.of(Notice) if event.kind == "pulses")
+    (notice,) = (event for event in log.of(SessionNotice) if event.kind == "pulses")
     assert notice.serious
     assert notice.text.startswith("point 1: pulse of 3.00 kN at 1.50 s of run 7: ")
     assert "may be a bounce: samples before it are missing" in notice.text
@@ -57,7 +59,9 @@ def test_an_uncertain_pulse_reaches_the_screen_and_the_survey(tmp_path: Path) ->
     # What was reported when the drop was measured is not reported again by a replay.
     again: list[SessionEvent] = []
     replay(tmp_path / "s", again.append)
-    assert not [event for event in again if isinstance(event, Notice) and event.kind == "pulses"]
+    assert not [
+        event for event in again if isinstance(event, SessionNotice) and event.kind == "pulses"
+    ]
     assert [event.identical for event in again if isinstance(event, DropSaved)] == [True]
 
 
@@ -69,5 +73,5 @@ def test_the_reports_of_many_pulses_are_counted(tmp_path: Path) -> None:
     with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
         run(ScriptedFeed(connected(), began(), with_gaps(pieces(counts), gaps)), log, writer)
     assert len(log.of(DropSaved)) == 9
-    assert len([event for event in log.of(Notice) if event.kind == "pulses"]) == 5
+    assert len([event for event in log.of(SessionNotice) if event.kind == "pulses"]) == 5
     assert "4 more messages of the instrument about pulses were not shown" in log.texts

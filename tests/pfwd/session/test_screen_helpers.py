@@ -13,7 +13,7 @@ from pfwd.files.editing import Edit
 from pfwd.judging import SurveyView
 from pfwd.judging.places import Place, place_in
 from pfwd.judging.view import read_points
-from pfwd.session.events import DropSaved, Edited, Notice, PointBegan
+from pfwd.session.events import DropSaved, Edited, PointBegan, SessionNotice
 from pfwd.session.live_view import apply_event
 from pfwd.session.measure import replay
 from pfwd.session.plan import SessionPlan
@@ -71,7 +71,7 @@ def test_requests_are_done_in_the_thread_of_the_session(tmp_path: Path) -> None:
 
 def test_what_cannot_be_done_is_told_and_ends_nothing(tmp_path: Path) -> None:
     log, _ = measured(tmp_path / "s", lambda session: session.edit(Edit("note", "x"), point="no"))
-    assert any("expected one of the survey's points" in one.text for one in log.of(Notice))
+    assert any("expected one of the survey's points" in one.text for one in log.of(SessionNotice))
     assert len(log.of(DropSaved)) == 2
 
 
@@ -88,7 +88,7 @@ def test_a_replay_is_not_edited(tmp_path: Path) -> None:
         def __exit__(self, *_: object) -> None: ...
 
     replay(tmp_path / "s", log, control=Asking)
-    assert any("got a replay" in one.text for one in log.of(Notice))
+    assert any("got a replay" in one.text for one in log.of(SessionNotice))
 
 
 def test_a_paused_replay_waits_and_steps_drop_by_drop(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inversion.notices import Notice as Message
+from inversion.notices import Notice
 from pfwd.analysis.drop_facts import FACTS_KEY, facts_to_store, stored_facts
 from pfwd.analysis.results import DropResult
 from pfwd.analysis.screening.drops import screen
@@ -19,11 +19,11 @@ from pfwd.procedures import Kind, PointDrop, plain_procedure
 from pfwd.session.events import (
     DropSaved,
     LiveSamples,
-    Notice,
     NotReady,
     Ready,
     Rebounded,
     SensorCheck,
+    SessionNotice,
 )
 from pfwd.session.live_view import apply_event
 from pfwd.session.plan import Ending, SessionPlan
@@ -107,7 +107,7 @@ def test_a_key_used_in_an_earlier_session_hides_no_drop_with_other_samples(
     assert second.metadata["key"].startswith(first.metadata["key"] + "/")
     assert not np.array_equal(first.counts, second.counts)
     assert len(log.of(DropSaved)) == 2
-    (conflict,) = [notice for notice in log.of(Notice) if notice.serious]
+    (conflict,) = [notice for notice in log.of(SessionNotice) if notice.serious]
     assert "for drop 1, which has other samples; both are recorded" in conflict.text
     assert log.texts.count("was received again") == 2
 
@@ -184,7 +184,7 @@ def test_a_drop_is_screened_once_and_its_facts_are_stored(
 
 def test_a_stored_rejection_holds_for_the_declared_geophone_only() -> None:
     setup = PointSetup(plate_radius=0.15)
-    rejected = PointDrop(1, Kind.REJECTED, reason=Message("no-drop"))
+    rejected = PointDrop(1, Kind.REJECTED, reason=Notice("no-drop"))
     facts = facts_to_store(rejected, 0.0, setup)
     assert facts is not None
     metadata = {FACTS_KEY: facts.to_json()}
@@ -272,7 +272,7 @@ def test_a_drop_with_the_shunt_on_is_reported_at_once_whoever_switched_it_on(
     (not_ready,) = log.of(NotReady)
     assert not_ready.reason == "the shunt is on, so that no drop can be recorded"
     before, after = (at for at, event in enumerate(log) if isinstance(event, Ready))
-    hidden, bounce = (event for event in log.of(Notice) if event.kind == "pulses")
+    hidden, bounce = (event for event in log.of(SessionNotice) if event.kind == "pulses")
     assert before < log.index(not_ready) < log.index(hidden) < log.index(bounce)
     assert log.index(not_ready) < after
     assert "pulse of 8.00 kN at 1." in hidden.text
@@ -331,7 +331,7 @@ def test_drops_at_a_wrong_sampling_rate_get_no_verdict_now_and_later(log: Log, w
     off = RateDeviation(0.05, "computer")
     feed = ScriptedFeed(connected(), began(), items[:70], off, items[70:])
     run(feed, log, writer, job=JobRequest(target=40e6))
-    (notice,) = (notice for notice in log.of(Notice) if notice.serious)
+    (notice,) = (notice for notice in log.of(SessionNotice) if notice.serious)
     assert "expected 10000 Hz as declared, got 10500 Hz by the clock of the computer" in notice.text
     assert "get no verdict" in notice.text
     survey = read_survey(writer.folder)
@@ -358,7 +358,7 @@ def test_a_copy_of_a_drop_of_another_point_is_reported_at_once(log: Log, writer:
         feed = ScriptedFeed(connected(), began(number), pieces(ONE_DROP, number))
         run(feed, log, writer, point=point)
     fault = "its record is a copy of that of drop 1 of point A"
-    (notice,) = (notice for notice in log.of(Notice) if notice.serious)
+    (notice,) = (notice for notice in log.of(SessionNotice) if notice.serious)
     assert notice.text.startswith(f"drop B/1: {fault}; its point gets no verdict with it")
     faults = [event.saved.view.facts.record_fault for event in log.of(DropSaved)]
     assert faults == [None, None, fault]

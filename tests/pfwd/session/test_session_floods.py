@@ -11,8 +11,8 @@ from pfwd.session.events import (
     REPEAT_INTERVAL,
     DropSaved,
     InstrumentReady,
-    Notice,
     Repeats,
+    SessionNotice,
 )
 from pfwd.session.plan import Ending, SessionPlan
 from pfwd.session.session import STOPPED_DROP, TRIGGER_PAUSE, Session
@@ -58,7 +58,7 @@ def test_a_flood_of_events_hides_no_other_event(log: Log) -> None:
     battery = Event(EventKind.LOW_BATTERY, 1, "3.1 V")
     feed = ScriptedFeed(connected(), began(), pieces(QUIET[:20_000]), flood, battery)
     run(feed, log)
-    texts = [notice.text for notice in log.of(Notice)]
+    texts = [notice.text for notice in log.of(SessionNotice)]
     assert "battery of the instrument is low 3.1 V" in texts
     assert sum("the instrument restarted" in text for text in texts) == N_REPORTED_FIRST
     assert sum("refuses" in text for text in texts) == N_REPORTED_FIRST

@@ -16,8 +16,8 @@ from pfwd.session.events import (
     InstrumentLost,
     InstrumentReady,
     LiveSamples,
-    Notice,
     Ready,
+    SessionNotice,
     SurveyFilesChanged,
 )
 from pfwd.session.measure import replay
@@ -225,7 +225,7 @@ def test_no_drop_is_lost_if_a_restarted_instrument_numbers_its_runs_from_1_again
 def test_discarded_samples_are_reported(log: Log, writer: Any) -> None:
     repeated = RepeatedSamples(7, 0, 1.0)
     run(ScriptedFeed(connected(), began(), pieces(ONE_DROP), repeated), log, writer)
-    (notice,) = [each for each in log.of(Notice) if each.serious]
+    (notice,) = [each for each in log.of(SessionNotice) if each.serious]
     assert notice.text.startswith(
         "1.0 s of samples are discarded: their numbers, from 0 of run 7 on, were received before."
     )

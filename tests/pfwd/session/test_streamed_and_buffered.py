@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pfwd.session.buffered_drops import NOT_BUFFERED, OFFER_WAIT_S, trigger_for
-from pfwd.session.events import DropSaved, Notice, Rebounded
+from pfwd.session.events import DropSaved, Rebounded, SessionNotice
 from pfwd_device.acquisition.detection import DetectionSettings
 from pfwd_device.acquisition.items import BufferedDrop
 from pfwd_device.recording import SurveyWriter
@@ -141,10 +141,10 @@ def test_a_pulse_that_the_stream_only_reports_may_be_a_drop_of_the_instrument(
     feed = ScriptedFeed(connected(), Armed(TRIGGER), began(), *parts, buffered(COUNTS, 10_003))
     run(feed, log, writer)
     assert len(recorded(writer)) == 1
-    assert not [event for event in log.of(Notice) if event.kind == "pulses"]
+    assert not [event for event in log.of(SessionNotice) if event.kind == "pulses"]
     again = Log()
     run(ScriptedFeed(connected(), Armed(TRIGGER), began(), *parts), again, writer)
-    assert [event.kind for event in again.of(Notice) if event.serious] == ["pulses"]
+    assert [event.kind for event in again.of(SessionNotice) if event.serious] == ["pulses"]
 
 
 @pytest.mark.parametrize("late", [0, 15])
@@ -155,7 +155,7 @@ def test_a_pulse_over_the_end_of_the_instruments_record_is_reported(
     items = [*pieces(counts[:12_000]), buffered(counts, 10_003 + late)]
     run(ScriptedFeed(connected(), Armed(TRIGGER), began(), items), log, writer)
     assert len(recorded(writer)) == 1
-    assert [event.kind for event in log.of(Notice) if event.serious] == ["pulses"] * 2
+    assert [event.kind for event in log.of(SessionNotice) if event.serious] == ["pulses"] * 2
 
 
 def test_a_drop_at_the_end_of_the_instruments_record_is_recorded(log: Log, writer: Any) -> None:
@@ -206,7 +206,7 @@ def test_an_answer_that_differs_from_the_request_is_reported(
 ) -> None:
     armed = Armed(dataclasses.replace(TRIGGER, **answer))
     run(ScriptedFeed(connected(), armed, began(), pieces(COUNTS)), log, writer)
-    warnings = [event.text for event in log.of(Notice) if event.serious]
+    warnings = [event.text for event in log.of(SessionNotice) if event.serious]
     if text is None:
         assert warnings == []
     else:

@@ -11,7 +11,7 @@ from pfwd.session import survey_recorder
 from pfwd.session.events import (
     DropNotPublished,
     DropNotSaved,
-    Notice,
+    SessionNotice,
     StorageLow,
     SurveyFilesChanged,
 )
@@ -146,7 +146,7 @@ def test_a_drop_that_no_place_takes_is_held_and_named(survey: Path, told: Told) 
         assert isinstance(told.events[0], DropNotSaved)
         recorder.finish(lambda: True)
         last = told.events[-1]
-        assert isinstance(last, Notice)
+        assert isinstance(last, SessionNotice)
         assert last.text.startswith("LOST: drop P 1/1")
         disk.refuse(False)
 

@@ -11,7 +11,7 @@ import pytest
 
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.judging import PointView
-from pfwd.session.events import Edited, InstrumentLost, Notice
+from pfwd.session.events import Edited, InstrumentLost, SessionNotice
 from pfwd_device.identity import ChannelIdentity, Identity
 from pfwd_plugins.quantities import Measurand
 from tests.tui.screen.scripted import (
@@ -90,7 +90,7 @@ def events(text: str) -> list[Any]:
         SurveyRead((point,), drops=True),
         Refit("7", 1, text, result(refit=text), None),
         DiagnosisFinished("survey", (DiagnosisResult.from_json(record),)),
-        Notice(text, serious=True),
+        SessionNotice(text, serious=True),
         InstrumentLost(text, NOON.replace(tzinfo=datetime.UTC)),
         SessionEnded(None, text, 2.0, no_device=True),
     ]

@@ -20,9 +20,9 @@ from pfwd.session.events import (
     DropSaved,
     Edited,
     JobReported,
-    Notice,
     PointBegan,
     Ready,
+    SessionNotice,
 )
 from pfwd.session.replay import Pace
 from tests.tui.screen.scripted import (
@@ -743,7 +743,7 @@ def test_every_status_word_has_a_meaning() -> None:
 @pytest.mark.parametrize("key", ["1", "2", "3", "4"])
 def test_every_page_has_its_help_with_its_keys(key: str) -> None:
     async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, *complete_point(), Notice("the instrument started anew"))
+        await deliver(app, pilot, *complete_point(), SessionNotice("the instrument started anew"))
         await pilot.press(key)
         await pilot.pause()
         page_keys = {

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from pfwd.errors import DeviceError, RecordingError, SurveyError
-from pfwd.session.events import Notice, Ready
+from pfwd.session.events import Ready, SessionNotice
 from pfwd.session.plan import Ending, SessionPlan
 from tests.tui.screen.scripted import QuietSource, Session, samples
 from tui.screen.session import runner as runner_module
@@ -128,7 +128,7 @@ def test_a_display_that_fails_does_not_end_the_measurement(
     monkeypatch.setattr(runner.trace, "feed", broken)
     runner._listen(samples())
     (notice,) = runner.take()
-    assert isinstance(notice, Notice)
+    assert isinstance(notice, SessionNotice)
     assert "ValueError" in caplog.text
     runner.add_listener(broken)
     runner._listen(Ready())

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from inversion.notices import Notice as Message
+from inversion.notices import Notice
 from pfwd.analysis.result_store import basis_of
 from pfwd.analysis.results import DiagnosisResult, DropResult, EffectResult, FittedState
 from pfwd.judging import Job, PointView
@@ -19,13 +19,13 @@ from pfwd.session.events import (
     Edited,
     InstrumentLost,
     JobReported,
-    Notice,
     NotReady,
     PointBegan,
     PointDiagnosed,
     Ready,
     Rebounded,
     SensorCheck,
+    SessionNotice,
     StorageLow,
     SurveyFilesChanged,
     TableBuilding,
@@ -58,7 +58,7 @@ class Clock:
         return self.now
 
 
-SATURATED = Message("saturated", {"samples": 16, "channel": "g0"})
+SATURATED = Notice("saturated", {"samples": 16, "channel": "g0"})
 
 
 def state_after(*events: Any, target: float | None = None) -> SessionState:
@@ -267,7 +267,7 @@ def test_a_disk_is_reported_before_it_is_full() -> None:
 def test_a_low_battery_is_reported() -> None:
     state = state_after(ready(), BatteryLow("whatever it says", serious=True))
     assert state.device.battery_low
-    assert not state_after(ready(), Notice("battery of something else")).device.battery_low
+    assert not state_after(ready(), SessionNotice("battery of something else")).device.battery_low
 
 
 def test_removed_files_have_priority() -> None:

@@ -13,7 +13,7 @@ from textual.widgets import Button, Input, Label, Select
 from pfwd.errors import DeviceError, OptionError
 from pfwd.judging import JobRequest
 from pfwd.procedures import PLAIN, Procedure, shipped_names
-from pfwd.session.events import Notice
+from pfwd.session.events import SessionNotice
 from tui.output import clean, counted
 from tui.screen.drawing.lines import Line, cell, line
 from tui.screen.lines_view import LinesView
@@ -324,7 +324,7 @@ class SetupPage(Page):
         else:
             app.edits.change_job(job_request(values).news(job))
         for text in remarks:
-            app.runner.put(Notice(text, serious=True))
+            app.runner.put(SessionNotice(text, serious=True))
         app.action_page("measure")
 
     def action_back(self) -> None:

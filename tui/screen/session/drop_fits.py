@@ -12,7 +12,7 @@ from pfwd.analysis.results import DropResult
 from pfwd.analysis.tasks import Urgency
 from pfwd.errors import DeviceError, SurveyError
 from pfwd.jobs import Jobs, Task, TaskProgress
-from pfwd.session.events import Notice, SavedDrop, TableBuilding
+from pfwd.session.events import SavedDrop, SessionNotice, TableBuilding
 from pfwd.session.stored_drops import add_result, recorded_drop, stored_results
 from pfwd.units import Units
 from tui.screen.session.drop_state import DropState
@@ -85,7 +85,7 @@ class DropFits:
             recorded = recorded_drop(folder, record)
             results = tuple(stored_results(folder, record))
         except (SurveyError, DeviceError, OSError) as err:
-            self._runner.put(Notice(str(err), serious=True))
+            self._runner.put(SessionNotice(str(err), serious=True))
             return
         self._runner.put(DropRead(recorded, results))
 
@@ -157,7 +157,9 @@ class DropFits:
         try:
             add_result(folder, record, result)
         except (SurveyError, DeviceError, OSError) as err:
-            self._runner.put(Notice(f"the new result could not be stored: {err}", serious=True))
+            self._runner.put(
+                SessionNotice(f"the new result could not be stored: {err}", serious=True)
+            )
 
 
 def _has_refit(drop: DropState, number: int, result: DropResult) -> bool:

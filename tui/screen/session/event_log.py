@@ -11,12 +11,12 @@ from pfwd.session.events import (
     Edited,
     InstrumentLost,
     InstrumentReady,
-    Notice,
     NotReady,
     PointBegan,
     Ready,
     Rebounded,
     SensorCheck,
+    SessionNotice,
     SurveyFilesChanged,
 )
 from tui.format import drop_line
@@ -66,7 +66,7 @@ def log_event(event: ScreenEvent) -> None:
             log.info("point %s", point)
         case Edited(what, value, point, record):
             log.info("%s %s of %s", what, value, point if record is None else f"record {record}")
-        case Notice(text, serious, details):
+        case SessionNotice(text, serious, details):
             log.log(logging.WARNING if serious else logging.INFO, "%s", text)
             if details:
                 log.error("%s", details)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from pfwd.errors import DeviceError, RecordingError, SurveyError
-from pfwd.session.events import LiveSamples, Notice, SessionEvent
+from pfwd.session.events import LiveSamples, SessionEvent, SessionNotice
 from pfwd.session.live_trace import LiveTrace
 from tui.screen.session.screen_events import ScreenEvent, SessionEnded, SessionStarted
 from tui.screen.session.sources import SessionSource
@@ -156,7 +156,7 @@ class SessionRunner:
         except Exception as err:  # a display must not end a measurement
             log.exception("the live trace failed")
             text = f"the live trace failed: {type(err).__name__}"
-            self._mailbox.append(Notice(text, serious=True))
+            self._mailbox.append(SessionNotice(text, serious=True))
             return
         if peak > event.drop_load:
             self.pulse_at = time.monotonic()

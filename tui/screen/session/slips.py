@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pfwd.export.surveys import safe_name
 from pfwd.judging import PointView
-from pfwd.session.events import Notice
+from pfwd.session.events import SessionNotice
 from tui.screen.command_process import run_command
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.sources import SessionSource
@@ -83,7 +83,7 @@ class SlipWriter:
     def _run(self, survey: Path, point: PointView, signature: str) -> None:
         try:
             text, serious = self._outcome(survey, point, signature)
-            self._runner.put(Notice(text, serious=serious))
+            self._runner.put(SessionNotice(text, serious=serious))
         finally:
             self._is_running = False
 

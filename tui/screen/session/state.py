@@ -26,7 +26,6 @@ from pfwd.session.events import (
     InstrumentStatus,
     JobReported,
     LiveSamples,
-    Notice,
     NotReady,
     PointBegan,
     PointDiagnosed,
@@ -34,6 +33,7 @@ from pfwd.session.events import (
     Ready,
     Rebounded,
     SensorCheck,
+    SessionNotice,
     StorageLow,
     SurveyFilesChanged,
     TableBuilding,
@@ -107,7 +107,7 @@ class SessionState:
         self.point = ""
         self.last: DropState | None = None
         """Newest drop."""
-        self.notices: deque[tuple[datetime.datetime, Notice]] = deque(maxlen=MAX_NOTICES)
+        self.notices: deque[tuple[datetime.datetime, SessionNotice]] = deque(maxlen=MAX_NOTICES)
         self.building: TableBuilding | None = None
         self.setup: Any = None
         self.diagnoses: dict[str, DiagnosisFinished] = {}
@@ -288,11 +288,11 @@ class SessionState:
         match event:
             case JobReported(_, differences):
                 for text in differences:
-                    self._on_notice(Notice(text, serious=True))
+                    self._on_notice(SessionNotice(text, serious=True))
             case InstrumentReady():
                 self._on_ready(event)
             case CalibrationChanged():
-                self._on_notice(Notice(event.text, serious=True))
+                self._on_notice(SessionNotice(event.text, serious=True))
             case InstrumentLost(reason):
                 self.device.connected = self.device.ready = False
                 self.device.lost_reason = reason
@@ -312,9 +312,9 @@ class SessionState:
                 self._on_not_saved(event)
             case SurveyFilesChanged(text):
                 self.files_trouble = text
-                self._on_notice(Notice(text, serious=True))
+                self._on_notice(SessionNotice(text, serious=True))
             case DropNotPublished():
-                self._on_notice(Notice(event.text, serious=True))
+                self._on_notice(SessionNotice(event.text, serious=True))
             case DropAnalysed():
                 self._on_analysed(event)
             case PointDiagnosed(name, result):
@@ -337,7 +337,7 @@ class SessionState:
             case DropsWaiting(text):
                 self.drops_waiting = text
                 self._on_notice(event)
-            case Notice():
+            case SessionNotice():
                 self._on_notice(event)
             case SessionStarted():
                 self._on_began(event)
@@ -354,7 +354,7 @@ class SessionState:
             case DiagnosisFinished(file, _, error):
                 self.diagnoses[file] = event
                 if error:
-                    self._on_notice(Notice(error, serious=True))
+                    self._on_notice(SessionNotice(error, serious=True))
 
     def names_in_use(self) -> set[str]:
         """Names of the points that have drops, and of the stations of the job."""
@@ -385,7 +385,7 @@ class SessionState:
         self.device = device_of(event, self.device)
         self.setup = event.setup
         for text in self.device.warnings:
-            self._on_notice(Notice(text))
+            self._on_notice(SessionNotice(text))
 
     def _on_status(self, event: InstrumentStatus) -> None:
         self.device.battery = event.status.battery_v
@@ -395,7 +395,7 @@ class SessionState:
         before = self.device.overruns_before
         self.device.lost_samples = lost_samples(event.counters, before)
 
-    def _on_notice(self, event: Notice) -> None:
+    def _on_notice(self, event: SessionNotice) -> None:
         now = datetime.datetime.now()
         self.notices.append((now, event))
 
@@ -439,7 +439,7 @@ class SessionState:
     def _on_refitted(self, event: Refit) -> None:
         drop = self._drop(event.point, event.number)
         if event.fault:
-            self._on_notice(Notice(f"drop {event.number}: {event.fault}", serious=True))
+            self._on_notice(SessionNotice(f"drop {event.number}: {event.fault}", serious=True))
         else:
             add_refit(drop, event)
 

@@ -8,7 +8,7 @@ from pfwd.errors import DeviceError, SurveyError
 from pfwd.files.editing import Edit, add_events, edit_survey
 from pfwd.judging import JobRequest
 from pfwd.judging.view import job_of_folder
-from pfwd.session.events import Edited, JobReported, Notice
+from pfwd.session.events import Edited, JobReported, SessionNotice
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.sources import SessionSource
@@ -125,7 +125,7 @@ class SurveyEdits:
             add_events(folder, request.events())
             job = job_of_folder(folder)
         except (SurveyError, DeviceError, OSError) as err:
-            self._runner.put(Notice(str(err), serious=True))
+            self._runner.put(SessionNotice(str(err), serious=True))
             return
         self._runner.put(JobReported(job))
 
@@ -136,7 +136,7 @@ class SurveyEdits:
         try:
             edit_survey(folder, [edit], name, None if drop is None else drop.number)
         except (SurveyError, DeviceError, OSError) as err:
-            self._runner.put(Notice(str(err), serious=True))
+            self._runner.put(SessionNotice(str(err), serious=True))
             return
         record = None if drop is None else drop.record
         self._runner.put(Edited(edit.what, edit.value, None if drop else point, record))
