@@ -40,7 +40,7 @@ with SurveyWriter.open(folder / "s", publish=False, reserve_bytes=0) as writer:
 for form in ("table", "jsonl", "xlsx"):
     export_survey(folder / "s", form, folder / f"made.{form}")
 from pfwd.report.provenance_blocks import result_values
-assert "settlement_index_m 0.0125" in result_values(result)
+assert result_values(result)["settlement_index_m"] == "0.0125"
 print(json.dumps(pfwd.open(str(folder / "s")).to_dict()))
 """
 

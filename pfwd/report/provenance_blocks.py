@@ -4,6 +4,7 @@ import datetime
 import json
 import math
 from collections.abc import Mapping
+from decimal import Decimal
 from typing import Any
 
 from inversion.notices import messages_in
@@ -24,6 +25,7 @@ from pfwd.report.blocks import (
 from pfwd.report.content import Report
 from pfwd.report.localising import with_decimals
 from pfwd.report.peaks_blocks import has_only_peaks
+from pfwd.report.point_facts import used_drops
 from pfwd.report.texts import Texts
 
 
@@ -185,9 +187,7 @@ def recompute_blocks(report: Report, texts: Texts) -> list[Block]:
     if files:
         columns = (texts["point"], texts["drop"], texts["file"], texts["checksum"])
         blocks.append(Table(columns, tuple(files), (1,)))
-    values = _values_of_averaged_drops(report)
-    if values:
-        blocks += [Heading(texts["result_values"], 3), Code("\n".join(values))]
+    blocks += _values_in_force(report, texts)
     if report.chosen and report.procedure.file is not None:
         blocks += [Heading(texts["procedure"], 3), Code(report.procedure.text)]
     return blocks
@@ -207,31 +207,44 @@ def _imported_files(report: Report, texts: Texts) -> list[Block]:
     return [Heading(texts["original_files"], 3), table]
 
 
-def _values_of_averaged_drops(report: Report) -> list[str]:
-    """Return a line with the values of each diagnosis that counts, and of each averaged drop."""
-    lines = []
+def _values_in_force(report: Report, texts: Texts) -> list[Block]:
+    """Return tables with the values of each diagnosis that counts, else of the averaged drops."""
+    tables: list[Block] = []
     for point in report.points:
         diagnosis = point.counting_diagnosis
         if diagnosis is not None and diagnosis.after is not None:
-            lines.append(f"{point.shown_name}: {result_values(diagnosis.after)}")
-        lines += [
-            f"{point.shown_name}, {drop.number}: {result_values(drop.result)}"
-            for drop in point.drops
-            if drop.number in point.progress.used and drop.result is not None
-        ]
-    return lines
+            results = {texts["diagnosis"]: result_values(diagnosis.after)}
+        else:
+            results = {
+                f"{texts['drop']} {drop.number}": result_values(drop.result)
+                for drop in used_drops(point)
+                if drop.result is not None
+            }
+        titles = list(results)
+        for first in range(0, len(titles), _DROPS_OF_A_TABLE):
+            shown = titles[first : first + _DROPS_OF_A_TABLE]
+            keys = dict.fromkeys(key for title in shown for key in results[title])
+            rows = [
+                (key, *(results[title].get(key, formatting.NO_VALUE) for title in shown))
+                for key in keys
+            ]
+            right = tuple(range(1, len(shown) + 1))
+            tables.append(Table((point.shown_name, *shown), tuple(rows), right))
+    return [Heading(texts["result_values"], 3), *tables] if tables else []
 
 
-def result_values(result: JsonRecord) -> str:
-    """Return the numbers of a result under their JSON keys, SI units, in one line."""
+_DROPS_OF_A_TABLE = 4
+"""Largest number of drops whose values are side by side on a page."""
+
+
+def result_values(result: JsonRecord) -> dict[str, str]:
+    """Return the numbers of a result as texts without exponents, by their JSON keys, SI units."""
     written = result.to_json()
-    texts = []
+    texts = {}
     kind = InversionResult if isinstance(result, InversionResult) else type(result)
     for field in stored_fields(kind):
         value = written.get(field.name)
-        if is_number(value):
-            texts.append(f"{field.name} {value:.6g}")
-        elif isinstance(value, list) and value and all(map(is_number, value)):
-            ends = " ".join(f"{end:.6g}" for end in value)
-            texts.append(f"{field.name} [{ends}]")
-    return ", ".join(texts)
+        numbers = value if isinstance(value, list) else [value]
+        if numbers and all(map(is_number, numbers)):
+            texts[field.name] = " – ".join(f"{Decimal(f'{n:.6g}'):f}" for n in numbers)
+    return texts

@@ -477,11 +477,11 @@ def _fits_of(survey: Path, path: Path) -> list[tuple[float | None, str]]:
     return [(row["modulus_pa"], row["modulus_not_supported"]) for row in rows]
 
 
-def values_of_averaged_drops(survey: Path) -> list[list[str]]:
-    """Words of the line of each averaged drop at the end of a report."""
+def values_of_averaged_drops(survey: Path) -> list[dict[str, str]]:
+    """Values of each averaged drop at the end of a report."""
     (point,) = [point for point in gather_stored(survey).points if point.name == "A/1"]
     return [
-        result_values(drop.result).split()
+        result_values(drop.result)
         for drop in point.drops
         if drop.number in point.progress.used and drop.result is not None
     ]

@@ -17,7 +17,6 @@ from pfwd.analysis.results import DropResult
 from pfwd.errors import OptionError
 from pfwd.report.blocks import (
     Block,
-    Code,
     Heading,
     Mark,
     Pairs,
@@ -210,12 +209,13 @@ def test_a_template_that_cannot_be_rendered_is_refused(survey: Path, tmp_path: P
 
 
 def test_hundreds_of_points_have_their_values_in_the_pdf() -> None:
-    """The values of a drop hold several words that may break anywhere."""
     result = DropResult(modulus_pa=45e6, contact_residual_rms_over_peak=0.5)
     names = [f"km-12+400-lane-left-point-{number}" for number in range(413)]
-    code = Code("\n".join(f"{name}, 4: {result_values(result)}" for name in names))
-    pages = pypdf.PdfReader(io.BytesIO(render(code))).pages
-    assert f"{names[-1]}, 4: modulus" in pages[-1].extract_text().replace("\n", "")
+    rows = tuple(result_values(result).items())
+    pages = pypdf.PdfReader(io.BytesIO(render(*(Table((n, "4"), rows, (1,)) for n in names)))).pages
+    last = pages[-1].extract_text()
+    assert names[-1] in last
+    assert "modulus_pa 45000000" in last.replace("\n", " ")
 
 
 def test_the_title_of_a_symbol_stays_on_one_line() -> None:
