@@ -18,7 +18,7 @@ class BaselineDrift(Effect):
         Parameter("velocity_offset", "m/s", -0.03, 0.03, (5e-4,), prior=(0.0, 5e-3), absent=0.0),
         Parameter("acceleration", "m/s2", -3.0, 3.0, (0.02,), prior=(0.0, 0.3), absent=0.0),
     )
-    advice = "let the geophone settle before the drop; keep cable and connector still"
+    advice = "a sensor drifts: let it settle before the drop, and keep cable and people still"
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
         """Return the parameters.

@@ -39,7 +39,7 @@ class MainsHum(Effect):
         # Each phase is tried with both frequencies: a fit cannot move from one to the other.
         Parameter("phase", "-", -1.0, 2.0, (0.0, 0.0, 0.25, 0.25, 0.5, 0.5, 0.75, 0.75)),
     )
-    advice = "keep the cable away from mains and generators"
+    advice = "mains hum: keep the cables away from power lines and generators"
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
         """Return the parameters.

@@ -23,7 +23,7 @@ class PermanentSet(Effect):
         ),
         Parameter("exponent", "-", 0.3, 4.0, (1.2,), natural=True, prior=(1.2, 0.6)),
     )
-    advice = "seat the plate with more drops before measuring"
+    advice = "the ground keeps sinking: make more seating drops, or measure beside this place"
     # Both describe a permanent displacement.
     excludes = frozenset({"hysteretic_unloading"})
 

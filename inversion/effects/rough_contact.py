@@ -23,7 +23,7 @@ class RoughContact(Effect):
         ),
         Parameter("contact_share", "-", 0.6, 1.0, (0.95,), natural=True, absent=1.0),
     )
-    advice = "look at the contact: a thin bed of sand under the plate makes it even"
+    advice = "the plate does not lie flat: clear stones, or put a thin bed of sand under it"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
         """Return whether sensors are both on the plate and outside.

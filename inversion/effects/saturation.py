@@ -33,7 +33,7 @@ class Saturation(Effect):
     )
     # Each sensor has its own level.
     is_identical_for_all_sensors = False
-    advice = "lower the gain or the drop height: the channel reached the end of its range"
+    advice = "a channel is at the end of its range: use a lower drop height or another range"
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
         """Return the level of a clipped velocity, and the height of the cap of a clipped load."""

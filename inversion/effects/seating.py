@@ -19,7 +19,10 @@ class Seating(Effect):
             "modulus_ratio", "-", 0.1, 3.0, (0.9,), logarithmic=True, prior=(0.0, 0.4), absent=1.0
         ),
     )
-    advice = "drop again until two drops agree; the modulus is that of the last drop"
+    advice = (
+        "the plate was not seated: drop again until two drops agree; the modulus is that of the "
+        "last drop"
+    )
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
         """Return whether the point has several drops."""

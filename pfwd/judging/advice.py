@@ -1,7 +1,7 @@
 """Advice about a drop or a point, in words that a technician can act on.
 
 It uses what is known within a second of the drop: its record, the earlier drops of the point, and
-the first fit. `of_effect` gives the advice for effects that a diagnosis reports later.
+the first fit. An effect that a diagnosis reports later has its own advice.
 """
 
 import statistics
@@ -55,6 +55,18 @@ one."""
 MAX_RESIDUAL_OF_GOOD_SENSORS = 0.03
 """Largest residual of the other sensors at which the fit can show that one sensor is loose: where
 all sensors are fitted badly, the model of the ground is wrong."""
+
+
+SATURATED_ADVICE = "a channel is at the end of its range: use a lower drop height or another range"
+"""Advice of the effect `saturation`, whose module is imported only for inversions."""
+
+ACTIONABLE_EFFECTS = frozenset(
+    {
+        *("rough_contact", "seating", "permanent_set", "rebound", "saturation"),
+        *("baseline_drift", "mains_hum", "sensor_lag"),
+    }
+)
+"""Effects whose cause the operator can remove at the point."""
 
 
 class Advised(StrEnum):
@@ -129,7 +141,7 @@ def advice_on_drop(
         text = f"re-seat sensor {loose}: it does not move as the other sensors and the ground"
         advice.append(Advice(Advised.SENSOR, text, number))
     if drop.saturation is not None:
-        advice.append(Advice(Advised.RANGE, _OF_EFFECT["saturation"], number))
+        advice.append(Advice(Advised.RANGE, SATURATED_ADVICE, number))
     advice += _load(job, drop, [neighbour.facts for neighbour in neighbours])
     if contact_residual is not None and _is_uneven(contact_residual, survey_residuals):
         text = (
@@ -221,26 +233,3 @@ def advice_on_point(
         )
         return [Advice(Advised.SINKING, text)]
     return []
-
-
-_OF_EFFECT: Mapping[str, str] = {
-    "rough_contact": "the plate does not lie flat: clear stones, turn it and press it flat",
-    "seating": "the plate was not seated: make more seating drops",
-    "permanent_set": "the ground keeps sinking: more seating drops, or measure beside this place",
-    "rebound": "the weight fell again: catch it after the first blow",
-    "saturation": "a channel is at the end of its range: use a lower drop height or another range",
-    "baseline_drift": "a sensor drifts: re-seat it, and keep people away",
-    "mains_hum": "mains hum: keep the cables away from power lines",
-    "sensor_lag": "a sensor responds late: press it down and check its cable",
-}
-
-
-def of_effect(name: str) -> str | None:
-    """Return the advice for an effect that a diagnosis reports; None: the operator can do nothing.
-
-    Parameters
-    ----------
-    name : str
-        Name of the effect, see :mod:`inversion.effects.catalogue`.
-    """
-    return _OF_EFFECT.get(name)

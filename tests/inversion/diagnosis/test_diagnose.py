@@ -96,7 +96,7 @@ def test_what_no_effect_explains_is_called_so(
     found = diagnose(drop, library, displacement=moved)
     assert found.verdict == "unexplained"
     assert not found.corrected
-    assert any("not explained" in text for text in found.warnings)
+    assert any("unexplained" in text for text in found.warnings)
 
 
 @pytest.mark.parametrize(("depth", "factor"), [(None, CALIBRATED_FACTOR), (1.2, 1.0)])

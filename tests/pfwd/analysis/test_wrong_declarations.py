@@ -43,7 +43,7 @@ SOUND = PointSetup(
     geophone_natural_frequency=GEOPHONE.natural_frequency,
     geophone_damping=GEOPHONE.damping,
 )
-TAIL = "record after the contact not explained"
+TAIL = "record after the contact unexplained"
 
 
 def _simulated(rock_depth: float | None) -> SimulatedDrop:

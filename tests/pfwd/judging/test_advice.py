@@ -9,7 +9,7 @@ from inversion.notices import Notice
 from pfwd.files.header import PointSetup
 from pfwd.judging import DropView, Job, PointView
 from pfwd.judging.advice import (
-    _OF_EFFECT,
+    ACTIONABLE_EFFECTS,
     LOOSE_RATIO,
     MAX_LOAD_DIFFERENCE,
     MAX_RESIDUAL_OF_GOOD_SENSORS,
@@ -19,6 +19,7 @@ from pfwd.judging.advice import (
     MIN_SINKING,
     MIN_UNEVEN_RESIDUAL,
     MIN_UNEVEN_RESIDUAL_UNCOMPARED,
+    SATURATED_ADVICE,
     UNEVEN_RATIO,
     Advised,
     advice_on_drop,
@@ -160,4 +161,5 @@ def test_first_and_last_drop_differ(last: float, expected: list[Advised]) -> Non
 
 
 def test_effects_that_ask_for_something_are_in_the_catalogue() -> None:
-    assert set(_OF_EFFECT) <= set(BY_NAME)
+    assert set(BY_NAME) >= ACTIONABLE_EFFECTS
+    assert BY_NAME["saturation"].advice == SATURATED_ADVICE

@@ -317,7 +317,7 @@ def test_a_missing_folder_has_no_state(tmp_path: Path) -> None:
 
 def test_the_diagnosis_of_a_measured_point_gives_advice() -> None:
     state = SessionState()
-    effect = EffectResult(name="rough_contact", scope="point", evidence=20.0)
+    effect = EffectResult(name="rough_contact", scope="point", advice="clear stones")
     point_diagnosis = DiagnosisResult(drops=(1,), verdict="explained", effects=(effect,))
     for event in (ready(), saved(), PointDiagnosed("7", point_diagnosis)):
         state.take(event)

@@ -9,7 +9,7 @@ from typing import Any
 
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.judging import Job, PointView, SurveyView, value_of_drop
-from pfwd.judging.advice import advice_on_drop, advice_on_point, of_effect
+from pfwd.judging.advice import ACTIONABLE_EFFECTS, advice_on_drop, advice_on_point
 from pfwd.procedures import Kind, PointProgress, PointValue, Procedure, plain_procedure
 from pfwd.session.events import (
     BatteryLow,
@@ -196,10 +196,10 @@ class SessionState:
         if point.name in self.diagnosed:
             diagnoses.append(self.diagnosed[point.name])
         on_effects = [
-            text
+            effect.advice
             for result in diagnoses
             for effect in result.effects or ()
-            if (text := of_effect(str(effect.name))) is not None
+            if effect.advice and effect.name in ACTIONABLE_EFFECTS
         ]
         return list(dict.fromkeys([*(item.text for item in advice), *on_effects]))
 
