@@ -43,49 +43,46 @@ def python_environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": path, _SAFE_PATH: "1"}
 
 
-def start_child(
-    *arguments: str, stdin: int = subprocess.PIPE, stderr: int = subprocess.DEVNULL
-) -> subprocess.Popen[bytes]:
+def start_child(*arguments: str) -> subprocess.Popen[bytes]:
     """Start a Python process whose standard input and output are pipes of bytes.
 
-    Ctrl+C does not reach the child: its parent ends it, by closing its input or by a signal. On
-    Windows the child opens no window.
+    Its standard error is discarded, so that nothing is written over a screen. Ctrl+C does not reach
+    the child: its parent ends it, by closing its input or by a signal. On Windows the child opens
+    no window.
 
     Parameters
     ----------
     *arguments : str
         As on the command line of Python: ``"-m", "package.module"``.
-    stdin : int
-        A pipe, or `subprocess.DEVNULL` for a process without input.
-    stderr : int
-        `subprocess.DEVNULL`, so that nothing is written over a screen, or a pipe.
 
     Raises
     ------
     OSError
         If the system cannot start another process.
     """
-    return subprocess.Popen(python_command(*arguments), **_pipe_options(stdin, stderr))
+    return subprocess.Popen(
+        python_command(*arguments), stderr=subprocess.DEVNULL, **_pipe_options()
+    )
 
 
-def start_text_child(
-    *arguments: str, stdin: int = subprocess.PIPE, stderr: int = subprocess.PIPE
-) -> subprocess.Popen[str]:
-    """Start a Python process as `start_child` does, with pipes that carry UTF-8 text."""
+def start_text_child(*arguments: str) -> subprocess.Popen[str]:
+    """Start a Python process as `start_child` does, with pipes that carry UTF-8 text, also of its
+    standard error.
+    """
     return subprocess.Popen(
         python_command(*arguments),
-        **_pipe_options(stdin, stderr),
+        stderr=subprocess.PIPE,
+        **_pipe_options(),
         text=True,
         encoding="utf-8",
         errors="replace",
     )
 
 
-def _pipe_options(stdin: int, stderr: int) -> dict[str, Any]:
+def _pipe_options() -> dict[str, Any]:
     return {
-        "stdin": stdin,
+        "stdin": subprocess.PIPE,
         "stdout": subprocess.PIPE,
-        "stderr": stderr,
         "env": python_environment(),
         "start_new_session": os.name == "posix",
         # These flags exist on Windows alone.

@@ -6,7 +6,7 @@ ASCII lines, is described by the file completely.
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -276,7 +276,11 @@ def read_device_setup(table: Mapping[str, Any], where: str) -> DeviceSetup:
         if "quantity" in channel:
             channel["quantity"] = QUANTITY_BY_ROLE[channel["quantity"]]
     for key in ("name", "column"):
-        _refuse_twice([channel.get(key) for channel in channels], f"{where}, channels: {key}")
+        values_of_key = [channel.get(key) for channel in channels]
+        for value in values_of_key:
+            if value is not None and values_of_key.count(value) > 1:
+                place = f"{where}, channels: {key}"
+                raise SetupError(refusal(place, "each value once", f"{quote(value)} twice"))
     try:
         detection = DetectionSettings(**values.get("detection", {}))
         setup = DeviceSetup(
@@ -290,12 +294,6 @@ def read_device_setup(table: Mapping[str, Any], where: str) -> DeviceSetup:
     except SetupError as err:
         raise SetupError(f"{where}: {err}") from err
     return setup
-
-
-def _refuse_twice(values: Sequence[object], where: str) -> None:
-    for value in values:
-        if value is not None and values.count(value) > 1:
-            raise SetupError(refusal(where, "each value once", f"{quote(value)} twice"))
 
 
 def _missing(key: str, title: str) -> str:

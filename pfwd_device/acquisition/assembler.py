@@ -170,8 +170,14 @@ class Assembler:
         elif new.end > self._expected:
             self._count_recovered(new)
         if new.first > self._expected:
-            self._insert(new)
-            self._report_proven_gaps(new, items)
+            if any(each.first <= new.first and new.end <= each.end for each in self._waiting):
+                self._counters.samples_repeated += new.end - new.first
+            else:
+                bisect.insort(self._waiting, new, key=lambda each: each.first)
+            limit = _MAX_WAITING_BLOCKS_WITH_RESEND if self._ring else _MAX_WAITING_BLOCKS
+            while self._waiting and (len(self._waiting) > limit or self._proves_gap(new)):
+                self._release(items)
+                self._emit_consecutive(items)
         else:
             self._emit(new, items)
             self._emit_consecutive(items)
@@ -299,23 +305,10 @@ class Assembler:
         self._counters.streams += 1
         return StreamBegan(block.stream)
 
-    def _insert(self, new: _WaitingBlock) -> None:
-        if any(each.first <= new.first and new.end <= each.end for each in self._waiting):
-            self._counters.samples_repeated += new.end - new.first
-            return
-        bisect.insort(self._waiting, new, key=lambda each: each.first)
-
     def _emit_consecutive(self, items: list[Item]) -> None:
         """Append the samples of the waiting blocks that follow without a gap."""
         while self._waiting and self._waiting[0].first <= self._expected:
             self._emit(self._waiting.pop(0), items)
-
-    def _report_proven_gaps(self, new: _WaitingBlock, items: list[Item]) -> None:
-        """Append the gaps that a new block proves, and the samples behind them."""
-        limit = _MAX_WAITING_BLOCKS_WITH_RESEND if self._ring else _MAX_WAITING_BLOCKS
-        while self._waiting and (len(self._waiting) > limit or self._proves_gap(new)):
-            self._release(items)
-            self._emit_consecutive(items)
 
     def _proves_gap(self, new: _WaitingBlock) -> bool:
         """Return True if a new block proves that the next expected samples are lost."""

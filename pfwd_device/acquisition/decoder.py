@@ -119,13 +119,23 @@ class Decoder:
                 return []
             case Status():
                 self._clock_reading = message.clock_us, time_utc
-                self._count_status(message, received)
+                self._compare_clocks(message.clock_us / 1e6, received, "status")
+                since = message.overruns - self._overruns
+                # After a reset the instrument counts from 0 again.
+                self.counters.instrument_overruns += since if since >= 0 else message.overruns
+                self._overruns = message.overruns
                 if not message.sampling:
                     self.expect_restart()
                 if self.accepted is not None:
                     self.status = message
             case DropOffer() | DropBlock() | Released():
-                return self._take_transfer_message(message, received, time_utc)
+                items = []
+                if self._automatic and self.accepted is None and self._introduced:
+                    items = self.accept(time_utc)
+                if self.accepted is None:  # the instrument offers the drop again later
+                    return items
+                drop = self.transfers.take(message, received, self._clock_reading)
+                return items if drop is None else [*items, drop]
             case SamplesGone():
                 if self._assembler is None:
                     return []
@@ -244,20 +254,6 @@ class Decoder:
         waits = self._assembler.due if self._assembler is not None else None
         return min((at for at in (self.transfers.due, waits) if at is not None), default=None)
 
-    def _take_transfer_message(
-        self,
-        message: DropOffer | DropBlock | Released,
-        received: float,
-        time_utc: datetime.datetime,
-    ) -> list[Item]:
-        items: list[Item] = []
-        if self._automatic and self.accepted is None and self._introduced:
-            items = self.accept(time_utc)
-        if self.accepted is None:  # the instrument offers the drop again later
-            return items
-        drop = self.transfers.take(message, received, self._clock_reading)
-        return items if drop is None else [*items, drop]
-
     def _take_block(
         self, block: SampleBlock, received: float, time_utc: datetime.datetime
     ) -> list[Item]:
@@ -265,7 +261,12 @@ class Decoder:
         if self._automatic and self.accepted is None and self._may_accept(block):
             items = self.accept(time_utc)
         if self.accepted is None or self._assembler is None:
-            self._keep_early(block, received, time_utc)
+            self._early.append((block, received, time_utc))
+            self._early_bytes += block.counts.nbytes + 200
+            while self._early_bytes > MAX_EARLY_BYTES:
+                oldest, *_ = self._early.popleft()
+                self._early_bytes -= oldest.counts.nbytes + 200
+                self.counters.samples_early += len(oldest.counts)
             return items
         if self._assembler.is_newest(block):
             if block.clock_us is not None:
@@ -306,21 +307,6 @@ class Decoder:
         """
         same = self._assembler is not None and block.stream == self._assembler.stream
         return self._introduced or same
-
-    def _keep_early(self, block: SampleBlock, received: float, time_utc: datetime.datetime) -> None:
-        self._early.append((block, received, time_utc))
-        self._early_bytes += block.counts.nbytes + 200
-        while self._early_bytes > MAX_EARLY_BYTES:
-            oldest, *_ = self._early.popleft()
-            self._early_bytes -= oldest.counts.nbytes + 200
-            self.counters.samples_early += len(oldest.counts)
-
-    def _count_status(self, status: Status, received: float) -> None:
-        self._compare_clocks(status.clock_us / 1e6, received, "status")
-        since = status.overruns - self._overruns
-        # After a reset the instrument counts from 0 again.
-        self.counters.instrument_overruns += since if since >= 0 else status.overruns
-        self._overruns = status.overruns
 
     def _compare_clocks(self, device: float, received: float, kind: str) -> None:
         self.clock.add(device, received, kind)

@@ -223,7 +223,10 @@ class Detector:
         if item.stream != self._stream:
             raise ValueError(f"expected samples of stream {self._stream}, got {item.stream}")
         if isinstance(item, Gap):
-            self._note_hole(self._window.end, self._window.end + item.length)
+            start, end = self._window.end, self._window.end + item.length
+            if self._holes and start - self._holes[-1][1] < self._confirm:
+                start = self._holes.pop()[0]  # they almost touch
+            self._holes.append((start, end))
             return list(self._skip(item.length))
         self._window.append(item.counts, shunt=item.shunt)
         return list(self._scan())
@@ -238,7 +241,10 @@ class Detector:
         reason : str
             Reason for the end, recorded with an incomplete drop.
         """
-        items = list(self._scan_remainder())
+        items: list[DetectedItem] = []
+        if self._window.end > self._scanned:  # samples after the last complete quantum
+            items += self._scan_quantum(self._scanned, self._window.end)
+        items += self._end_watch()
         trigger = self._open
         if trigger is not None and trigger.may_bounce:
             assert self._last is not None
@@ -260,27 +266,16 @@ class Detector:
         self.begin(self._stream, self._window.end)
         return items
 
-    def _scan_remainder(self) -> Iterator[DetectedItem]:
-        """Scan the samples after the last complete quantum and report the unrecorded pulses."""
-        if self._window.end > self._scanned:
-            yield from self._scan_quantum(self._scanned, self._window.end)
-        yield from self._end_watch()
-
     def _skip(self, length: int) -> Iterator[DetectedItem]:
         filled = min(length, self._retained + self._after + self._rebound_window)
         self._window.append_missing(filled)
         yield from self._scan()
         if length > filled:
-            self._jump(length - filled)
+            self._scanned = self._window.end + length - filled
+            self._window = Window(self._channels, self._scanned)
         if length >= self._long_gap:
             yield from self._end_watch()
             self._rest, self._early, self._frozen = None, [], False
-
-    def _note_hole(self, start: int, end: int) -> None:
-        """Store a range of missing samples; join it with the previous one if they almost touch."""
-        if self._holes and start - self._holes[-1][1] < self._confirm:
-            start = self._holes.pop()[0]
-        self._holes.append((start, end))
 
     def _missing(self, start: int, end: int) -> int:
         return sum(max(0, min(end, last) - max(start, first)) for first, last in self._holes)
@@ -290,11 +285,6 @@ class Detector:
         return any(
             min(end, last) - max(start, first) >= self._hides_pulse for first, last in self._holes
         )
-
-    def _jump(self, length: int) -> None:
-        end = self._window.end + length
-        self._window = Window(self._channels, end)
-        self._scanned = end
 
     def _scan(self) -> Iterator[DetectedItem]:
         quantum = self._quantum

@@ -43,7 +43,6 @@ from pfwd_device.wire.messages import (
     DropOffer,
     Hello,
     HostMessage,
-    InstrumentMessage,
     Shunt,
     Start,
     Status,
@@ -365,7 +364,11 @@ class Driver:
             if link_event is not None:
                 self._handle(link_event)
                 continue
-            self._attend()
+            # Only while the queue is empty: otherwise a missing response may wait in the queue.
+            now = time.monotonic()
+            self._conversation.tick(now)
+            self._items += self._decoder.idle(now)
+            self._conclude()
             if remaining is not None and remaining <= 0 and not self._items:
                 return None
         return None
@@ -402,16 +405,6 @@ class Driver:
         waits = [_MAX_WAIT_S, remaining, *(None if due is None else due - now for due in dues)]
         return max(0.0, min(seconds for seconds in waits if seconds is not None))
 
-    def _attend(self) -> None:
-        """Repeat messages and give up missing samples.
-
-        Call it while the queue is empty: otherwise a missing response may wait in the queue.
-        """
-        now = time.monotonic()
-        self._conversation.tick(now)
-        self._items += self._decoder.idle(now)
-        self._conclude()
-
     def _handle(self, link_event: LinkEvent) -> None:
         match link_event:
             case Chunk():
@@ -437,18 +430,15 @@ class Driver:
 
     def _take(self, chunk: Chunk) -> None:
         for message in self._decoder.dialect.feed(chunk.data):
-            self._take_message(message, chunk)
+            action = self._conversation.receive(message, time.monotonic())
+            if action is SampleAction.SUSPEND:
+                self._decoder.suspend()
+            self._items += self._decoder.take(message, chunk.received, chunk.time_utc)
+            if action in (SampleAction.ACCEPT, SampleAction.ACCEPT_NEW_SETTINGS):
+                if action is SampleAction.ACCEPT_NEW_SETTINGS:
+                    self._decoder.drop_early()
+                self._accept(self._decoder.accept(chunk.time_utc))
         self._items += self._decoder.idle(chunk.received)
-
-    def _take_message(self, message: InstrumentMessage, chunk: Chunk) -> None:
-        action = self._conversation.receive(message, time.monotonic())
-        if action is SampleAction.SUSPEND:
-            self._decoder.suspend()
-        self._items += self._decoder.take(message, chunk.received, chunk.time_utc)
-        if action in (SampleAction.ACCEPT, SampleAction.ACCEPT_NEW_SETTINGS):
-            if action is SampleAction.ACCEPT_NEW_SETTINGS:
-                self._decoder.drop_early()
-            self._accept(self._decoder.accept(chunk.time_utc))
 
     def _accept(self, items: list[Item]) -> None:
         if self._lost_since is not None:

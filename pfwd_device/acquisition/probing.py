@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pfwd_device.errors import DeviceError
 from pfwd_device.identity import Identity
 from pfwd_device.transport.base import Transport
-from pfwd_device.transport.opening import BAUD_RATE, open_transport
+from pfwd_device.transport.opening import open_transport
 from pfwd_device.wire.messages import Hello
 from pfwd_device.wire.registry import DeclaredLink, DialectEntry
 
@@ -39,7 +39,6 @@ def probe(
     url: str,
     dialects: Sequence[DialectEntry],
     timeout: float = PROBE_TIMEOUT_S,
-    baud_rate: int = BAUD_RATE,
 ) -> Probe:
     """Search for an instrument at one port.
 
@@ -52,8 +51,6 @@ def probe(
         request.
     timeout : float, s
         Longest wait for a response after the port was opened.
-    baud_rate : int
-        Baud rate of a serial port.
 
     Returns
     -------
@@ -61,7 +58,7 @@ def probe(
         The result for a port that cannot be opened has the error as its `reason`.
     """
     try:
-        transport = open_transport(url, baud_rate)
+        transport = open_transport(url)
     except DeviceError as err:
         return Probe(url, None, None, str(err))
     try:
@@ -106,11 +103,9 @@ def _request(
 class _ProbeThread(threading.Thread):
     """Thread that probes one port; it is abandoned if the port never opens."""
 
-    def __init__(
-        self, url: str, dialects: Sequence[DialectEntry], timeout: float, rate: int
-    ) -> None:
+    def __init__(self, url: str, dialects: Sequence[DialectEntry], timeout: float) -> None:
         super().__init__(name=f"pfwd-probe {url}", daemon=True)
-        self._arguments = (url, dialects, timeout, rate)
+        self._arguments = (url, dialects, timeout)
         self.result = Probe(url, None, None, "did not open in time; maybe a wireless port")
 
     def run(self) -> None:
@@ -118,10 +113,7 @@ class _ProbeThread(threading.Thread):
 
 
 def probe_all(
-    urls: Sequence[str],
-    dialects: Sequence[DialectEntry],
-    timeout: float = PROBE_TIMEOUT_S,
-    baud_rate: int = BAUD_RATE,
+    urls: Sequence[str], dialects: Sequence[DialectEntry], timeout: float = PROBE_TIMEOUT_S
 ) -> list[Probe]:
     """Search several ports for instruments at the same time; return the results in their order.
 
@@ -133,10 +125,8 @@ def probe_all(
         Dialects to try.
     timeout : float, s
         Longest wait for a response at one port.
-    baud_rate : int
-        Baud rate of serial ports.
     """
-    threads = [_ProbeThread(url, dialects, timeout, baud_rate) for url in urls]
+    threads = [_ProbeThread(url, dialects, timeout) for url in urls]
     for thread in threads:
         thread.start()
     deadline = time.monotonic() + timeout + _OPENING_TIMEOUT_S

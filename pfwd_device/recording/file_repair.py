@@ -188,7 +188,9 @@ class FileRepair:
         elif path.suffix != ".pfwdc":
             return
         facts = file_facts(self._layout, path)
-        self._list(facts | {"number": _number_of(path.name)})
+        parts = path.name.split("-")  # the name of a drop's result contains its number
+        of_drop = len(parts) == 3 and parts[1].isdecimal()
+        self._list(facts | {"number": int(parts[1]) if of_drop else None})
         self.sound.add(facts["path"])
         self.actions.append(f"{facts['path']} listed in the journal")
 
@@ -196,9 +198,3 @@ class FileRepair:
         data = facts | {"time_utc": now()}
         self._index.add(self._log.append(RecordKind.FILE, data), data)
         self.sound.add(facts["path"])
-
-
-def _number_of(name: str) -> int | None:
-    """Return the number of the drop that the name of a result contains; None without a number."""
-    parts = name.split("-")
-    return int(parts[1]) if len(parts) == 3 and parts[1].isdecimal() else None

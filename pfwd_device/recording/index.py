@@ -7,6 +7,7 @@ number. A drop has a survey-wide number and a number within its point.
 
 import contextlib
 import gc
+import itertools
 import os
 import re
 import zlib
@@ -36,6 +37,9 @@ EDITS = (*_OF_OPERATOR, "rate_deviation")
 NUMBER_LIMIT = 10**9
 """Limit of the numbers of drops and of kinds of record; record numbers may be a million times
 larger. A larger number means damage."""
+
+_MAX_GAPS = 1000
+"""Number of missing record numbers that are listed; a crafted journal may have billions."""
 
 _PUBLISHED_PATH = re.compile(r"(drops|results|captures)/\w[\w.-]*", re.ASCII)
 
@@ -372,7 +376,12 @@ def build_index(layout: Layout, *, parse_drops: bool = True) -> Index:
     for sequence in sorted(chosen):
         record = chosen[sequence]
         if record.entry.kind == RecordKind.SURVEY:
-            _check_version(layout, record.data)
+            version = record.data.get("format_version")
+            if version != FORMAT_VERSION:
+                raise RecordingError(
+                    f"{layout.folder}: expected a survey of format version {FORMAT_VERSION}, got "
+                    f"{str(version)[:20]}"
+                )
         try:
             index.add(record.entry, record.data)
         except RecordingError as err:
@@ -383,7 +392,8 @@ def build_index(layout: Layout, *, parse_drops: bool = True) -> Index:
     index.unacknowledged = [number for number in index.entries if number not in acknowledged]
     numbers = index.entries.keys() | index.lost.keys()
     if len(numbers) < max(numbers, default=0):
-        index.gaps = missing_numbers(numbers)
+        missing = (number for number in range(1, max(numbers)) if number not in numbers)
+        index.gaps = list(itertools.islice(missing, _MAX_GAPS))
     return index
 
 
@@ -467,27 +477,6 @@ def complete_keys(layout: Layout, index: Index) -> None:
                 drop.key = key
                 index.keys[key] = drop.number
     index.has_all_keys = True
-
-
-def _check_version(layout: Layout, data: Mapping[str, Any]) -> None:
-    version = data.get("format_version")
-    if version != FORMAT_VERSION:
-        raise RecordingError(
-            f"{layout.folder}: expected a survey of format version {FORMAT_VERSION}, got "
-            f"{str(version)[:20]}"
-        )
-
-
-def missing_numbers(numbers: set[int] | Any, limit: int = 1000) -> list[int]:
-    """Return the numbers between 1 and the largest number that are missing, at most `limit`."""
-    gaps: list[int] = []
-    expected = 1
-    for number in sorted(numbers):
-        gaps.extend(range(expected, min(number, expected + limit - len(gaps))))
-        if len(gaps) >= limit:
-            break
-        expected = number + 1
-    return gaps
 
 
 def damage_key(layout: Layout, stretch: Stretch) -> tuple[int, int, int, int]:

@@ -154,10 +154,8 @@ class PublishingThread:
         self,
         publisher: Publisher,
         published: Callable[[Mapping[str, Any], dict[str, Any]], None],
-        failed: Callable[[int, str], None] = lambda number, reason: None,
+        failed: Callable[[int, str], None],
     ) -> None:
-        self.failures: dict[int, str] = {}
-        """Reasons why drops have no file yet, by survey-wide number; a recovery tries again."""
         self._publisher = publisher
         self._published = published
         self._failed = failed
@@ -197,12 +195,10 @@ class PublishingThread:
             try:
                 self._published(request, self._publisher.ask(request))
             except Exception as err:  # any error is only reported: the drop is safe in the journal
-                self.failures[number] = str(err)
                 _log.warning("the file of drop %d is not made yet: %s", number, err)
                 self._failed(number, str(err))
                 pause = min(MAX_RETRY_PAUSE_S, max(0.5, 2 * pause))
             else:
-                self.failures.pop(number, None)
                 pause = 0.0
                 _log.debug("file of drop %d made in %.3f s", number, time.monotonic() - started)
 

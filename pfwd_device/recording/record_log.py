@@ -422,7 +422,9 @@ class RecordLog:
         assert self._failure is not None
         if self.spare is None:
             raise self._failure
-        states = self._states_at_home()
+        states: FileStates | None = None
+        with contextlib.suppress(OSError):
+            states = file_states(self.layout)
         try:
             is_open = self.part is not None and self._files[-1].problem() is None
             if is_open and states == self._home_states:
@@ -510,12 +512,6 @@ class RecordLog:
         if index.survey != self.survey:
             return set()
         return {(number, entry.check) for number, entry in index.entries.items()}
-
-    def _states_at_home(self) -> FileStates | None:
-        try:
-            return file_states(self.layout)
-        except OSError:
-            return None
 
     def _refused_twice(self, err: OSError | RecordingError) -> RecordingError:
         assert self._failure is not None

@@ -230,11 +230,13 @@ def begin(
     try:
         actions = merge_spare_records(log, index, spare)
         if not index.info:
+            from pfwd_device.recording.drop_file import software_version
+
             data: dict[str, Any] = {
                 "format_version": FORMAT_VERSION,
                 "survey_id": log.survey.hex(),
                 "created_utc": now(),
-                "software": _software(),
+                "software": f"pfwd {software_version()}",
             }
             index.add(log.append(RecordKind.SURVEY, data), data)
             if identity is None:
@@ -528,9 +530,3 @@ def _settle(log: RecordLog, index: Index, *, files_listed: bool, restored: set[i
     if settled or fresh:
         data = {"event": "recovery", "settled": settled, "damage": fresh, "time_utc": now()}
         index.add(log.append(RecordKind.EVENT, data), data)
-
-
-def _software() -> str:
-    from pfwd_device.recording.drop_file import software_version
-
-    return f"pfwd {software_version()}"

@@ -54,7 +54,8 @@ def records_only_in_spare(
             entries = [
                 entry
                 for number, entry in sorted(away.entries.items())
-                if not _is_home(entry, index) and (number, entry.check) not in renumbered
+                if (number not in index.entries or index.entries[number].check != entry.check)
+                and (number, entry.check) not in renumbered
             ]
             if entries:
                 parts_with_records.append((part, entries))
@@ -147,11 +148,6 @@ def merge_spare_records(log: RecordLog, index: Index, spare: SpareFolder | None)
         store_renumbered_records(part, log.storage, renumbered)
         actions.append(f"{drops} drops moved to the survey from the spare folder {part.folder}")
     return actions
-
-
-def _is_home(entry: Entry, index: Index) -> bool:
-    entry_at_home = index.entries.get(entry.sequence)
-    return entry_at_home is not None and entry_at_home.check == entry.check
 
 
 def _is_free(entry: Entry, index: Index) -> bool:

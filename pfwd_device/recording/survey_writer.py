@@ -214,14 +214,6 @@ class SurveyWriter:
         with self._lock:
             return len(self._index.drops)
 
-    @property
-    def publishing_failures(self) -> dict[int, str]:
-        """Reasons why drops have no HDF5 file yet, by survey-wide number.
-
-        The drops themselves are safe in the journal.
-        """
-        return dict(self._thread.failures) if self._thread else {}
-
     def take_reports(self) -> list[StorageReport]:
         """Return the reports on the safety of the data since the last call, in order."""
         reports = []
@@ -488,19 +480,15 @@ class SurveyWriter:
             self._captures.append(capture)
             return capture
 
-    def free_drops(self, size_estimate: int | None = None) -> int:
-        """Return the number of further drops for which the disk has room.
-
-        Parameters
-        ----------
-        size_estimate : int, optional
-            Size of a drop in journal and file, bytes; by default that of the last saved drop.
+    def free_drops(self) -> int:
+        """Return the number of further drops of the size of the last one for which the disk has
+        room.
         """
         try:
             free = self._storage.free_bytes(self.folder)
         except OSError:
             return 0
-        return int(free // max(size_estimate or self._drop_bytes, 1))
+        return int(free // max(self._drop_bytes, 1))
 
     def scarce_drops(self) -> int | None:
         """Return the number of drops for which the disk has room, if the operator must be warned.

@@ -266,10 +266,6 @@ def _read_hello(payload: bytes) -> Hello:
     return Hello(oldest, newest)
 
 
-def _read_shunt(payload: bytes) -> Shunt:
-    return Shunt(bool(Reader(payload).fields(BYTE)[0]))
-
-
 def _read_trigger(payload: bytes) -> Trigger:
     on, *settings = Reader(payload).fields(_TRIGGER)
     return Trigger(bool(on), *settings)
@@ -332,7 +328,7 @@ _FROM_HOST: dict[int, Callable[[bytes], HostMessage]] = {
     CONFIGURE: lambda payload: Configure(*Reader(payload).fields(_RATE)),
     START: lambda payload: Start(),
     STOP: lambda payload: Stop(),
-    SHUNT: _read_shunt,
+    SHUNT: lambda payload: Shunt(bool(Reader(payload).fields(BYTE)[0])),
     ARM: lambda payload: Arm(_read_trigger(payload)),
     FETCH: lambda payload: Fetch(*Reader(payload).fields(_FETCH)),
     ACKNOWLEDGE: lambda payload: Acknowledge(*Reader(payload).fields(_DROP_NAME)),

@@ -45,15 +45,11 @@ def pack_identity(identity: Identity) -> bytes:
     names = (identity.serial_number, identity.model, identity.firmware)
     channels = map(_pack_channel, identity.channels)
     version = BYTE.pack(identity.protocol_version)
-    buffers = _pack_buffers(identity)
-    return b"".join([version, *map(text, names), converter, *channels, buffers])
-
-
-def _pack_buffers(identity: Identity) -> bytes:
     flags = _LASTING * identity.lasting + _STREAMS * identity.streams
     flags += _OTHER_SPEED * (not identity.real_time)
     slots = identity.drop_slots
-    return _BUFFERS.pack(identity.ring_samples, identity.drop_samples, slots, flags)
+    buffers = _BUFFERS.pack(identity.ring_samples, identity.drop_samples, slots, flags)
+    return b"".join([version, *map(text, names), converter, *channels, buffers])
 
 
 def _pack_channel(channel: ChannelIdentity) -> bytes:

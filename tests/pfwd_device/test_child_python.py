@@ -2,7 +2,6 @@
 
 import os
 import signal
-import subprocess
 import sys
 
 import pytest
@@ -21,14 +20,14 @@ def test_what_is_said_comes_back_and_nothing_is_printed_between() -> None:
 
 def test_text_that_is_no_utf_8_does_not_end_it() -> None:
     code = "import sys; sys.stdout.buffer.write(b'a\\xff\\n'); sys.exit('why')"
-    child = start_text_child("-c", code, stdin=subprocess.DEVNULL)
+    child = start_text_child("-c", code)
     out, err = child.communicate(timeout=30)
     assert (out.strip(), err.strip(), child.returncode) == ("a\ufffd", "why", 1)
 
 
 @pytest.mark.posix
 def test_ctrl_c_does_not_reach_it() -> None:
-    child = start_text_child("-c", SAYS_IT, str(os.getpgid(0)), stdin=subprocess.DEVNULL)
+    child = start_text_child("-c", SAYS_IT, str(os.getpgid(0)))
     out, _ = child.communicate(timeout=30)
     assert out.split() == ["True", "True"]
 

@@ -149,7 +149,7 @@ def test_a_failed_drop_is_published_later(tmp_path: Path, new_record: NewRecord)
         for number in (1, 2):
             writer.publish(writer.save_drop(new_record(number)))
         writer.close()
-        assert writer.publishing_failures == {1: "planted"}
+        assert [report.reason for report in writer.take_reports()] == ["planted"]
     report = check(tmp_path)
     assert report.ok
     assert (report.drops_acknowledged, report.drops_published) == (2, 1)
@@ -210,10 +210,8 @@ def test_what_the_disk_gives_back_is_compared(tmp_path: Path, new_record: NewRec
     with SurveyWriter.open(tmp_path, publisher=InlinePublisher(Lying()), reserve_bytes=0) as writer:
         writer.save_drop(new_record(1))
         writer.close()
-        assert (
-            "expected the content that was written, got other content"
-            in writer.publishing_failures[1]
-        )
+        (report,) = writer.take_reports()
+        assert "expected the content that was written, got other content" in report.reason
     assert not (tmp_path / "drops" / "drop-000001.h5").exists()
 
 
@@ -235,7 +233,7 @@ def test_a_file_of_another_drop_is_not_taken_for_this_one(
 
 
 def test_a_thread_that_is_closed_twice_ends_once(tmp_path: Path) -> None:
-    thread = PublishingThread(Failing(0), lambda request, answer: None)
+    thread = PublishingThread(Failing(0), lambda request, answer: None, lambda number, reason: None)
     assert thread.close(1.0)
     assert thread.close(0.0)
 
@@ -268,11 +266,16 @@ class Waits(list[float]):
 def test_after_each_failure_the_pause_is_longer(monkeypatch: pytest.MonkeyPatch) -> None:
     waits = Waits()
     monkeypatch.setattr(publishing, "MAX_RETRY_PAUSE_S", 3.0)
-    thread = PublishingThread(Unable(1, 2, 3, 4, 6), lambda request, answer: None)
+    failed: list[int] = []
+    thread = PublishingThread(
+        Unable(1, 2, 3, 4, 6),
+        lambda request, answer: None,
+        lambda number, reason: failed.append(number),
+    )
     thread._hurry = waits  # type: ignore[assignment]
     for number in range(1, 9):
         thread.submit({"number": number})
     assert thread.close(30.0)
     # After 1 to 4; the fifth is published; after 6; none after 7.
     assert waits == [0.5, 1.0, 2.0, 3.0, 0.5]
-    assert sorted(thread.failures) == [1, 2, 3, 4, 6]
+    assert failed == [1, 2, 3, 4, 6]
