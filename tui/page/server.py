@@ -114,10 +114,6 @@ def is_local(host: str) -> bool:
         return host.lower() == "localhost"
 
 
-def _code() -> str:
-    return "".join(secrets.choice("0123456789") for _ in range(CODE_DIGITS))
-
-
 class SurveyServer(ThreadingHTTPServer):
     """HTTP server of one survey.
 
@@ -155,7 +151,8 @@ class SurveyServer(ThreadingHTTPServer):
         self.folder = os.fspath(survey.folder)
         self.photos = photos
         self._report = report
-        self.code = "" if is_local(host) else _code()
+        digits = (secrets.choice("0123456789") for _ in range(CODE_DIGITS))
+        self.code = "" if is_local(host) else "".join(digits)
         """Code that gives one browser access; empty: no code is needed, or it was used."""
         self.needs_code = bool(self.code)
         self.only_this_computer = is_local(host)

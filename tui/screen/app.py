@@ -149,7 +149,7 @@ class PfwdApp(App[int]):
         self.runner.add_listener(log_event)
         self.edits = SurveyEdits(source, self.runner, self.show_message, self._in_thread)
         self.fits = DropFits(source, self.runner, self.state, self.show_message, self._in_thread)
-        self.slips = SlipWriter(source, self.runner, self.state, self.show_message, self._in_thread)
+        self.slips = SlipWriter(source, self.state, self.show_message, self._in_thread)
         self.diagnoses = RequestedDiagnoses(source, self.runner, self.state, self.show_message)
         self.glyphs = glyphs or glyphs_of_terminal()
         self.drawn = 0
@@ -261,17 +261,26 @@ class PfwdApp(App[int]):
             return
         self._in_thread(lambda: self._read(folder), "contents")
 
-    def _in_thread(self, work: Callable[[], None], group: str) -> None:
-        self.run_worker(work, thread=True, group=group, exit_on_error=False)
+    def _in_thread(self, work: Callable[[], ScreenEvent | None], group: str) -> None:
+        """Run slow work in a thread, and take the event that it returns, or its error."""
 
-    def _read(self, folder: Path) -> None:
+        def run() -> None:
+            try:
+                event = work()
+            except (SurveyError, DeviceError, OSError) as err:
+                event = SessionNotice(str(err), serious=True)
+            if event is not None:
+                self.runner.put(event)
+
+        self.run_worker(run, thread=True, group=group, exit_on_error=False)
+
+    def _read(self, folder: Path) -> SurveyRead | None:
         try:
-            points = read_points(folder)
-        except (SurveyError, DeviceError, OSError) as err:
+            return SurveyRead(read_points(folder), drops=self.source.writes)
+        except (SurveyError, DeviceError, OSError):
             if self.state.session is None and not self.source.writes:
-                self.runner.put(SessionNotice(str(err), serious=True))
-            return
-        self.runner.put(SurveyRead(points, drops=self.source.writes))
+                raise
+            return None  # the session reports it
 
     def _tick(self) -> None:
         new_events = self.runner.take()
@@ -512,23 +521,21 @@ class PfwdApp(App[int]):
             return
         if self._asking:
             return
-        danger = self._danger()
-        if not danger:
+        question = str(getattr(self.screen, "unsaved", "") or "")
+        if self.state.n_unsaved:
+            count = self.state.n_unsaved
+            question = f"{count} drop(s) are only in memory and would be lost. Leave?"
+        if not question:
             self._end_by_signal()
             return
+
+        def answered(sure: bool | None) -> None:
+            self._asking = False
+            if sure:
+                self._end_by_signal()
+
         self._asking = True
-        self.push_screen(Question(danger, "leave", "stay"), self._answered)
-
-    def _answered(self, sure: bool | None) -> None:
-        self._asking = False
-        if sure:
-            self._end_by_signal()
-
-    def _danger(self) -> str:
-        """Return the question to ask because leaving would lose data; empty: it loses none."""
-        if self.state.n_unsaved:
-            return f"{self.state.n_unsaved} drop(s) are only in memory and would be lost. Leave?"
-        return str(getattr(self.screen, "unsaved", "") or "")
+        self.push_screen(Question(question, "leave", "stay"), answered)
 
     async def _leave(self) -> None:
         self._leaving = True

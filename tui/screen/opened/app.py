@@ -241,10 +241,13 @@ class OpenApp(App[int]):
             self.call_from_thread(function, *values)
 
     def _show_all(self) -> None:
+        from tui.job_lines import job_lines
+
         self.ready = True
         self._counts = ""
         self._show_rows()
-        self._draw_job()
+        lines = [line(cell(f" {clean(text)}")) for text in job_lines(self.opened.job)]
+        self._show(self.query_one("#job-lines", LinesView), lines)
         remarks = self.opened.remarks
         if remarks:
             more = f" ({len(remarks)} remarks; all are listed when you leave)"
@@ -642,12 +645,6 @@ class OpenApp(App[int]):
             if drop.number in point.progress.used[-1:]
         ]
         self._overlay("#compare-plot", drops)
-
-    def _draw_job(self) -> None:
-        from tui.job_lines import job_lines
-
-        lines = [line(cell(f" {clean(text)}")) for text in job_lines(self.opened.job)]
-        self._show(self.query_one("#job-lines", LinesView), lines)
 
     # Files.
 

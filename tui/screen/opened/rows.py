@@ -258,7 +258,13 @@ def judged_row(row: PointRow, point: "PointView") -> PointRow:
     low, high = (None, None) if value is None or value.interval is None else value.interval
     other = point.job.quantity.other_fitted
     fitted, ends = (None, None) if modulus is None else modulus.in_quantity(other)
-    use, unexplained = _use_and_unexplained(point)
+    use, unexplained = "", ""
+    diagnosis = point.diagnosis_in_force
+    if diagnosis is not None and diagnosis.after is not None:
+        from tui.diagnosis_lines import point_cells
+
+        cells = point_cells(point.shown_name, diagnosis, modulus)
+        use, unexplained = cells.use, cells.unexplained
     return dataclasses.replace(
         row,
         judged=True,
@@ -281,17 +287,6 @@ def judged_row(row: PointRow, point: "PointView") -> PointRow:
         use=use,
         unexplained=unexplained,
     )
-
-
-def _use_and_unexplained(point: "PointView") -> tuple[str, str]:
-    """Return the use of the diagnosed modulus and what is unexplained, as in ``pfwd diagnose``."""
-    from tui.diagnosis_lines import point_cells
-
-    diagnosis = point.diagnosis_in_force
-    if diagnosis is None or diagnosis.after is None:
-        return "", ""
-    cells = point_cells(point.shown_name, diagnosis, point.progress.modulus)
-    return cells.use, cells.unexplained
 
 
 ORDERS: tuple[str, ...] = ("measured", "title", "value", "verdict", "modulus", "chainage_m")

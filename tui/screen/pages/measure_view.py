@@ -108,7 +108,8 @@ class MeasureView:
 
 def measure_lines(view: MeasureView, width: int, height: int) -> list[Line]:
     """Return the measure page as exactly `height` lines of at most `width` columns."""
-    foot = [_mean_line(view, width), key_line(view.keys, width)]
+    summary = point_summary(view.state, view.state.current, view.units, width - 1)
+    foot = [line(" ", *summary), key_line(view.keys, width)]
     top = [*head_lines(view, width), *_word_lines(view, width), *_procedure_lines(view, width)]
     room = height - len(top) - len(foot)
     full = width >= FULL_WIDTH and height >= FULL_HEIGHT
@@ -347,7 +348,14 @@ def _full(view: MeasureView, width: int, room: int) -> list[Line]:
     table_rows = min(len(view.drops) + 1, max(5, room // 4))
     live_rows = max(4, min(8, room // 6))
     rows = room - table_rows - live_rows - 1
-    live = _live_lines(view, width, live_rows)
+    load, motion = live_figures(view.envelope, view.units, WINDOW)
+    half = (width - 3) // 2
+    live = join_blocks(
+        plot_lines(load, half, live_rows, view.glyphs),
+        plot_lines(motion, width - 3 - half, live_rows, view.glyphs),
+        half,
+        live_rows,
+    )
     result_width = max(44, min(76, width * 2 // 5))
     plot_width = width - result_width - 3
     plots = _stacked(_figures(view), plot_width, rows, view.glyphs)
@@ -422,17 +430,6 @@ def _large(view: MeasureView, width: int, room: int) -> list[Line] | None:
     lines += [line(" ", *row) for row in verdict]
     lines = [*pad_rows(lines, room - table_rows - 1), model_line(drop, view, width)]
     return [*lines, *drop_table(view, width, table_rows)]
-
-
-def _live_lines(view: MeasureView, width: int, rows: int) -> list[Line]:
-    load, motion = live_figures(view.envelope, view.units, WINDOW)
-    half = (width - 3) // 2
-    return join_blocks(
-        plot_lines(load, half, rows, view.glyphs),
-        plot_lines(motion, width - 3 - half, rows, view.glyphs),
-        half,
-        rows,
-    )
 
 
 def _figures(view: MeasureView) -> list[Figure]:
@@ -593,8 +590,3 @@ def drop_table(view: MeasureView, width: int, rows: int) -> list[Line]:
         return pad_rows([line(cell(" no drops at this point yet", "dim"))], rows)
     columns = drop_columns(view.state.job.quantity, view.units)
     return pad_rows(table_lines(columns, table, width), rows)
-
-
-def _mean_line(view: MeasureView, width: int) -> Line:
-    state = view.state
-    return line(" ", *point_summary(state, state.current, view.units, width - 1))

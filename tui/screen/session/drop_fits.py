@@ -3,7 +3,6 @@
 import dataclasses
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from pfwd.analysis import tasks
@@ -11,13 +10,13 @@ from pfwd.analysis.options import AnalysisOptions, with_layers_of
 from pfwd.analysis.results import DropResult
 from pfwd.analysis.tasks import Urgency
 from pfwd.errors import DeviceError, SurveyError
-from pfwd.jobs import Jobs, Task, TaskProgress
-from pfwd.session.events import SavedDrop, SessionNotice, TableBuilding
+from pfwd.jobs import Jobs, Task
+from pfwd.session.events import SavedDrop, TableBuilding
 from pfwd.session.stored_drops import add_result, recorded_drop, stored_results
 from pfwd.units import Units
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
-from tui.screen.session.screen_events import DropRead, Refit
+from tui.screen.session.screen_events import DropRead, Refit, ScreenEvent
 from tui.screen.session.sources import SessionSource
 from tui.screen.session.state import SessionState
 
@@ -43,7 +42,7 @@ class DropFits:
         runner: SessionRunner,
         state: SessionState,
         show_message: Callable[[str], None],
-        in_thread: Callable[[Callable[[], None], str], None],
+        in_thread: Callable[[Callable[[], ScreenEvent | None], str], None],
     ) -> None:
         self._source, self._runner, self._state = source, runner, state
         self._show_message, self._in_thread = show_message, in_thread
@@ -74,20 +73,15 @@ class DropFits:
         if folder is None or record is None or key in self._reading:
             return
         self._reading.add(key)
-        self._in_thread(lambda: self._read_drop(folder, record), "drop")
+
+        def read() -> ScreenEvent:
+            return DropRead(recorded_drop(folder, record), tuple(stored_results(folder, record)))
+
+        self._in_thread(read, "drop")
 
     def on_read(self, saved: SavedDrop) -> None:
         """Allow a drop to be read again, after its traces have come."""
         self._reading.discard(f"{saved.point}/{saved.number}")
-
-    def _read_drop(self, folder: Path, record: int) -> None:
-        try:
-            recorded = recorded_drop(folder, record)
-            results = tuple(stored_results(folder, record))
-        except (SurveyError, DeviceError, OSError) as err:
-            self._runner.put(SessionNotice(str(err), serious=True))
-            return
-        self._runner.put(DropRead(recorded, results))
 
     def refit(self, saved: SavedDrop, options: AnalysisOptions, label: str) -> None:
         """Fit a drop with other settings; the result in force stays."""
@@ -104,12 +98,11 @@ class DropFits:
             options,
             saved.file,
             priority=Urgency.FULL if label else Urgency.QUICK,
-            on_progress=self._show_progress,
+            on_progress=lambda progress: self._runner.put(
+                TableBuilding(progress.item, progress.count / progress.total)
+            ),
             on_finish=partial(self._take, saved, label),
         )
-
-    def _show_progress(self, progress: TaskProgress) -> None:
-        self._runner.put(TableBuilding(progress.item, progress.count / progress.total))
 
     def _take(self, saved: SavedDrop, label: str, task: Task[Any]) -> None:
         if task.is_stopped:
@@ -136,31 +129,23 @@ class DropFits:
         modulus = result.effective_modulus_pa if is_effective else result.modulus_pa
         text = ("effective " if is_effective else "") + units.with_unit("modulus", modulus)
         self._show_message(f"drop {number}, {label}: {text}; m goes through the results")
-        drop = next(
-            (
-                candidate
-                for candidate in self._state.drops_in_order()
-                if _has_refit(candidate, number, result)
-            ),
-            None,
+        records = (
+            drop.record
+            for drop in self._state.drops_in_order()
+            if drop.number == number and any(refit.result is result for refit in drop.refits)
         )
-        record = drop.record if drop is not None else None
+        record = next(records, None)
         if record is None:
             return
         if self._source.writes and self._runner.request(lambda it: it.keep_result(record, result)):
             return
         folder = self._source.survey
         if folder is not None:
-            self._in_thread(lambda: self._keep_result(folder, record, result), "result")
 
-    def _keep_result(self, folder: Path, record: int, result: DropResult) -> None:
-        try:
-            add_result(folder, record, result)
-        except (SurveyError, DeviceError, OSError) as err:
-            self._runner.put(
-                SessionNotice(f"the new result could not be stored: {err}", serious=True)
-            )
+            def store() -> None:
+                try:
+                    add_result(folder, record, result)
+                except (SurveyError, DeviceError, OSError) as err:
+                    raise SurveyError(f"the new result could not be stored: {err}") from err
 
-
-def _has_refit(drop: DropState, number: int, result: DropResult) -> bool:
-    return drop.number == number and any(refit.result is result for refit in drop.refits)
+            self._in_thread(store, "result")

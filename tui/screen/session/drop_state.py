@@ -8,7 +8,7 @@ from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState, Time
 from pfwd.analysis.sensor_fits import sensor_fits
 from pfwd.judging import DropView
 from pfwd.procedures import Quantity
-from pfwd.session.events import DropAnalysed, DropSaved, Edited, SavedDrop
+from pfwd.session.events import DropAnalysed, DropSaved, SavedDrop
 from tui.screen.session.screen_events import DropRead, Refit
 
 
@@ -241,12 +241,6 @@ def excluded_sensor_numbers(drop: DropState) -> tuple[int, ...]:
     if drop.curves is not None and len(drop.curves.offsets) > 1:
         excluded |= {channel.offset for channel in channels} - set(map(float, drop.curves.offsets))
     return tuple(number for number, channel in enumerate(channels, 1) if channel.offset in excluded)
-
-
-def edit_drop(drop: DropState, event: Edited) -> None:
-    """Reset the reason of a restored drop, which may be that it was moved."""
-    if event.what == "restore":
-        drop.reason = "" if drop.saved is None else drop.saved.screening.reason or ""
 
 
 def sensor_residuals(drop: DropState) -> dict[int, float]:

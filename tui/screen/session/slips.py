@@ -7,7 +7,7 @@ from pfwd.export.surveys import safe_name
 from pfwd.judging import PointView
 from pfwd.session.events import SessionNotice
 from tui.screen.command_process import run_command
-from tui.screen.session.runner import SessionRunner
+from tui.screen.session.screen_events import ScreenEvent
 from tui.screen.session.sources import SessionSource
 from tui.screen.session.state import SessionState
 
@@ -28,24 +28,21 @@ class SlipWriter:
     ----------
     source : SessionSource
         Its survey has the drops and gives the folder its name.
-    runner : SessionRunner
-        Receives the path of the file, or the error, as a notice.
     state : SessionState
     show_message : callable
         Shows one line to the operator.
     in_thread : callable
-        Runs slow work in a thread, in a named group.
+        Runs slow work in a thread, in a named group; the notice that it returns is shown.
     """
 
     def __init__(
         self,
         source: SessionSource,
-        runner: SessionRunner,
         state: SessionState,
         show_message: Callable[[str], None],
-        in_thread: Callable[[Callable[[], None], str], None],
+        in_thread: Callable[[Callable[[], ScreenEvent | None], str], None],
     ) -> None:
-        self._source, self._runner, self._state = source, runner, state
+        self._source, self._state = source, state
         self._show_message, self._in_thread = show_message, in_thread
         self._is_running = False
 
@@ -80,10 +77,10 @@ class SlipWriter:
         self._show_message(f"writing the slip of point {point.shown_name}; measuring goes on")
         self._in_thread(lambda: self._run(survey, point, signature.strip()), "slip")
 
-    def _run(self, survey: Path, point: PointView, signature: str) -> None:
+    def _run(self, survey: Path, point: PointView, signature: str) -> SessionNotice:
         try:
             text, serious = self._outcome(survey, point, signature)
-            self._runner.put(SessionNotice(text, serious=serious))
+            return SessionNotice(text, serious=serious)
         finally:
             self._is_running = False
 

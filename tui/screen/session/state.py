@@ -47,7 +47,6 @@ from tui.screen.session.drop_state import (
     add_refit,
     add_result,
     add_stored,
-    edit_drop,
     excluded_sensor_numbers,
     saved_drop,
     sensor_residuals,
@@ -290,8 +289,11 @@ class SessionState:
                 for text in differences:
                     self._on_notice(SessionNotice(text, serious=True))
             case InstrumentReady():
-                self._on_ready(event)
-            case CalibrationChanged():
+                self.device = device_of(event, self.device)
+                self.setup = event.setup
+                for text in self.device.warnings:
+                    self._on_notice(SessionNotice(text))
+            case CalibrationChanged() | DropNotPublished():
                 self._on_notice(SessionNotice(event.text, serious=True))
             case InstrumentLost(reason):
                 self.device.connected = self.device.ready = False
@@ -308,24 +310,28 @@ class SessionState:
                 self.device.check_faults = faults
             case DropSaved():
                 self._on_saved(event)
-            case DropNotSaved():
-                self._on_not_saved(event)
+            case DropNotSaved(point, number, reason):
+                drop = self._drop(point, number)
+                drop.safe, drop.reason = False, reason
+                self.point, self.last = point, drop
             case SurveyFilesChanged(text):
                 self.files_trouble = text
                 self._on_notice(SessionNotice(text, serious=True))
-            case DropNotPublished():
-                self._on_notice(SessionNotice(event.text, serious=True))
             case DropAnalysed():
-                self._on_analysed(event)
+                add_result(self._drop(event.saved.point, event.saved.number), event)
             case PointDiagnosed(name, result):
                 self.diagnosed[name] = result
             case Rebounded():
-                self._on_rebound(event)
+                self._drop(event.point, event.number).rebounds.append(event.peak_load)
             case PointBegan(name):
                 self._begin_point(name)
                 self.last = self._newest()
-            case Edited():
-                self._on_edited(event)
+            case Edited(number=record):
+                edited = None if record is None else self.drop_of_record(record)
+                if edited is not None and event.what == "restore":
+                    # The reason of a moved drop is that it was moved.
+                    screening = None if edited.saved is None else edited.saved.screening
+                    edited.reason = "" if screening is None else screening.reason or ""
             case TableBuilding():
                 self.building = event if event.fraction < 1 else None
             case BatteryLow():
@@ -340,17 +346,27 @@ class SessionState:
             case SessionNotice():
                 self._on_notice(event)
             case SessionStarted():
-                self._on_began(event)
+                self.session, self.ended, self.drops_waiting = event.session, None, ""
+                self.device.lost_reason = ""
+                if event.point:
+                    self._begin_point(event.point)
+                self.last = self._newest()
             case SessionEnded():
                 self.session, self.ended = None, event
                 self.device.connected = self.device.ready = False
                 self.building = None
             case SurveyRead():
                 self._on_contents(event)
-            case DropRead():
-                self._on_read(event)
-            case Refit():
-                self._on_refitted(event)
+            case DropRead(saved):
+                drop = self._drop(saved.point, saved.number)
+                add_read(drop, event)
+                self._remember(drop)
+            case Refit(fault=fault):
+                drop = self._drop(event.point, event.number)
+                if fault:
+                    self._on_notice(SessionNotice(f"drop {event.number}: {fault}", serious=True))
+                else:
+                    add_refit(drop, event)
             case DiagnosisFinished(file, _, error):
                 self.diagnoses[file] = event
                 if error:
@@ -374,19 +390,6 @@ class SessionState:
         for point in self.points.values():
             yield from self.drops_of(point).values()
 
-    def _on_began(self, event: SessionStarted) -> None:
-        self.session, self.ended, self.drops_waiting = event.session, None, ""
-        self.device.lost_reason = ""
-        if event.point:
-            self._begin_point(event.point)
-        self.last = self._newest()
-
-    def _on_ready(self, event: InstrumentReady) -> None:
-        self.device = device_of(event, self.device)
-        self.setup = event.setup
-        for text in self.device.warnings:
-            self._on_notice(SessionNotice(text))
-
     def _on_status(self, event: InstrumentStatus) -> None:
         self.device.battery = event.status.battery_v
         self.device.temperature = event.status.temperature_c
@@ -396,8 +399,7 @@ class SessionState:
         self.device.lost_samples = lost_samples(event.counters, before)
 
     def _on_notice(self, event: SessionNotice) -> None:
-        now = datetime.datetime.now()
-        self.notices.append((now, event))
+        self.notices.append((datetime.datetime.now(), event))
 
     def _drop(self, point: str, number: int) -> DropState:
         self._add_point(point)
@@ -418,35 +420,6 @@ class SessionState:
             old = self._with_traces.popleft()
             if old is not self.last and old.record is not None:
                 old.saved = old.curves = None
-
-    def _on_not_saved(self, event: DropNotSaved) -> None:
-        drop = self._drop(event.point, event.number)
-        drop.safe, drop.reason = False, event.reason
-        self.point, self.last = event.point, drop
-
-    def _on_analysed(self, event: DropAnalysed) -> None:
-        add_result(self._drop(event.saved.point, event.saved.number), event)
-
-    def _on_rebound(self, event: Rebounded) -> None:
-        drop = self._drop(event.point, event.number)
-        drop.rebounds.append(event.peak_load)
-
-    def _on_read(self, event: DropRead) -> None:
-        drop = self._drop(event.saved.point, event.saved.number)
-        add_read(drop, event)
-        self._remember(drop)
-
-    def _on_refitted(self, event: Refit) -> None:
-        drop = self._drop(event.point, event.number)
-        if event.fault:
-            self._on_notice(SessionNotice(f"drop {event.number}: {event.fault}", serious=True))
-        else:
-            add_refit(drop, event)
-
-    def _on_edited(self, event: Edited) -> None:
-        drop = None if event.number is None else self.drop_of_record(event.number)
-        if drop is not None:
-            edit_drop(drop, event)
 
     def _on_contents(self, event: SurveyRead) -> None:
         self.view = with_stored(self.view, event.points, is_replayed=not event.drops)

@@ -2,15 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
-from pfwd.errors import DeviceError, SurveyError
 from pfwd.files.editing import Edit, add_events, edit_survey
 from pfwd.judging import JobRequest
 from pfwd.judging.view import job_of_folder
-from pfwd.session.events import Edited, JobReported, SessionNotice
+from pfwd.session.events import Edited, JobReported
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
+from tui.screen.session.screen_events import ScreenEvent
 from tui.screen.session.sources import SessionSource
 
 
@@ -35,7 +34,7 @@ class SurveyEdits:
     show_message : callable
         Shows one line to the operator.
     in_thread : callable
-        Runs slow work in a thread, in a named group.
+        Runs slow work in a thread, in a named group; its event or its error is shown.
     """
 
     def __init__(
@@ -43,7 +42,7 @@ class SurveyEdits:
         source: SessionSource,
         runner: SessionRunner,
         show_message: Callable[[str], None],
-        in_thread: Callable[[Callable[[], None], str], None],
+        in_thread: Callable[[Callable[[], ScreenEvent | None], str], None],
     ) -> None:
         self._source, self._runner = source, runner
         self._show_message, self._in_thread = show_message, in_thread
@@ -82,7 +81,12 @@ class SurveyEdits:
         if folder is None:
             self._show_message("there is no survey that could be edited")
             return False
-        self._in_thread(lambda: self._edit_folder(folder, edit, drop, point), "edit")
+
+        def store() -> ScreenEvent:
+            edit_survey(folder, [edit], point if drop is None else drop.point, number)
+            return Edited(edit.what, edit.value, None if drop else point, number)
+
+        self._in_thread(store, "edit")
         return True
 
     def move(self, drop: DropState | None, to: str) -> None:
@@ -118,25 +122,9 @@ class SurveyEdits:
         if folder is None:
             self._show_message("there is no survey to store it in")
             return
-        self._in_thread(lambda: self._store_job(folder, request), "job")
 
-    def _store_job(self, folder: Path, request: JobRequest) -> None:
-        try:
+        def store() -> ScreenEvent:
             add_events(folder, request.events())
-            job = job_of_folder(folder)
-        except (SurveyError, DeviceError, OSError) as err:
-            self._runner.put(SessionNotice(str(err), serious=True))
-            return
-        self._runner.put(JobReported(job))
+            return JobReported(job_of_folder(folder))
 
-    def _edit_folder(
-        self, folder: Path, edit: Edit, drop: DropState | None, point: str | None
-    ) -> None:
-        name = drop.point if drop is not None else point
-        try:
-            edit_survey(folder, [edit], name, None if drop is None else drop.number)
-        except (SurveyError, DeviceError, OSError) as err:
-            self._runner.put(SessionNotice(str(err), serious=True))
-            return
-        record = None if drop is None else drop.record
-        self._runner.put(Edited(edit.what, edit.value, None if drop else point, record))
+        self._in_thread(store, "job")
