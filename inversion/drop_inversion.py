@@ -20,6 +20,7 @@ from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.forward.layered import LayeredGround, LayeredPlateModel, Medium
 from inversion.forward.layered.statics import effective_depth
 from inversion.forward.library import SurrogateLibrary
+from inversion.forward.model import Synthesis
 from inversion.inference.base import MAX_LAYERS, BaseFit, fit_base
 from inversion.inference.modulus import NORMAL_95, ground_of
 from inversion.inference.published import fit_published
@@ -32,12 +33,7 @@ from inversion.measured.half_sine import (
 )
 from inversion.measured.peak_method import PeakModulus, peak_modulus
 from inversion.measured.record import PreparedDrop, Record, prepare
-from inversion.measured.weighted_drop import (
-    DropHistory,
-    WeightedDrop,
-    count_distances,
-    transform_of,
-)
+from inversion.measured.weighted_drop import WeightedDrop, count_distances
 from inversion.notices import Notice, Value
 from inversion.records import known
 from inversion.result import HalfSinePulse, InversionResult, TimeHistories, is_open
@@ -177,55 +173,40 @@ def invert_joint(
     ModelError
         If a parameter is outside of its range.
     """
-    with single_threaded_blas():
-        return _invert_joint(
-            records, settings or Settings(), library or SurrogateLibrary(), preceding
-        )
-
-
-def _invert_joint(
-    records: Sequence[Record],
-    settings: Settings,
-    library: SurrogateLibrary,
-    preceding: InversionResult | None,
-) -> tuple[InversionResult, ...]:
+    settings, library = settings or Settings(), library or SurrogateLibrary()
     _check_same_point(records)
     used = [_selected(record, settings) for record in records]
-    # Loaded before the clock starts: building a table is not part of the stated time.
-    if settings.homogeneous:
-        library.get(*tables_of(used[0], settings))
-    start = clock.perf_counter()
-    declared = [replace(record, bedrock_depth=settings.depth_of(record)) for record in used]
-    _check_thickness(settings, declared[0].bedrock_depth)
-    numbers = tuple(range(1, len(declared) + 1))
-    of_point = PointRecords("", tuple(declared), numbers, settings.elastic, settings.load)
-    point = Point(of_point, library, settings.plate, layered=not settings.homogeneous)
-    peaks = [_peak(model.drop, record) for model, record in zip(point.drops, used, strict=True)]
     rng = np.random.default_rng(settings.seed)
-    if settings.method == "published":
-        base = fit_published(point, rng)
-    else:
-        base = fit_base(
-            point,
-            rng if settings.method == "mpga" else None,
-            priors=settings.priors,
-            layers=settings.layers,
-            thickness=settings.thickness,
-            preceding=preceding
-            if settings.method == "posterior" and settings.layers == 1
-            else None,
-        )
-    reports = [_report(base, place, peak, settings) for place, peak in enumerate(peaks)]
-    elapsed = clock.perf_counter() - start
-    return tuple(replace(report, elapsed_s=elapsed) for report in reports)
-
-
-def _check_thickness(settings: Settings, rock_depth: float | None) -> None:
-    above = sum(settings.thickness or ())
-    if rock_depth is not None and not above < rock_depth:
-        raise ModelError(
-            f"thickness: expected layers above the rock at {rock_depth:g} m, got {above:g} m"
-        )
+    with single_threaded_blas():
+        # Loaded before the clock starts: building a table is not part of the stated time.
+        if settings.homogeneous:
+            library.get(*tables_of(used[0], settings))
+        start = clock.perf_counter()
+        declared = [replace(record, bedrock_depth=settings.depth_of(record)) for record in used]
+        above, rock_depth = sum(settings.thickness or ()), declared[0].bedrock_depth
+        if rock_depth is not None and not above < rock_depth:
+            raise ModelError(
+                f"thickness: expected layers above the rock at {rock_depth:g} m, got {above:g} m"
+            )
+        numbers = tuple(range(1, len(declared) + 1))
+        of_point = PointRecords("", tuple(declared), numbers, settings.elastic, settings.load)
+        point = Point(of_point, library, settings.plate, layered=not settings.homogeneous)
+        peaks = [_peak(model.drop, record) for model, record in zip(point.drops, used, strict=True)]
+        if settings.method == "published":
+            base = fit_published(point, rng)
+        else:
+            is_continued = settings.method == "posterior" and settings.layers == 1
+            base = fit_base(
+                point,
+                rng if settings.method == "mpga" else None,
+                priors=settings.priors,
+                layers=settings.layers,
+                thickness=settings.thickness,
+                preceding=preceding if is_continued else None,
+            )
+        reports = [_report(base, place, peak, settings) for place, peak in enumerate(peaks)]
+        elapsed = clock.perf_counter() - start
+        return tuple(replace(report, elapsed_s=elapsed) for report in reports)
 
 
 def _check_same_point(records: Sequence[Record]) -> None:
@@ -417,9 +398,9 @@ def histories(
     """Return the traces of a drop for a transfer function, (n_sensors, n), m/N, and a drift, m."""
     drop = item.drop
     time = drop.time[1:]
-    transform = transform_of(item, float(time[-1]), FULL_BAND_HZ)
+    synthesis = Synthesis(item.instrument, drop.time, item.model_load, time, FULL_BAND_HZ)
     predicted = np.zeros_like(drop.displacement)
-    predicted[:, 1:] = DropHistory(item, transform, time).of(transfer(transform.s))
+    predicted[:, 1:] = synthesis.histories(transfer(synthesis.s))
     predicted += drift
     return TimeHistories(
         time=np.asarray(drop.time + drop.start, np.float64),

@@ -27,7 +27,8 @@ from inversion.diagnosis.flat_tops import (
 from inversion.diagnosis.ground_response import GroundResponse
 from inversion.diagnosis.rest import PreTriggerNoise, estimate_pre_trigger_noise
 from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
-from inversion.forward.laplace import DampedTransform, band_of_load
+from inversion.forward.laplace import band_of_load
+from inversion.forward.model import Synthesis
 from inversion.forward.nonlinear_stiffness import (
     NonlinearStiffness,
     convolve_rows,
@@ -205,21 +206,15 @@ class DropModel:
 
     def _prepare_transform(self, band: float) -> None:
         """Set the matrices from compliances to the motion under load and hat responses."""
-        load = self._load
         time = self.drop.time[self.rows]
-        band = min(band, 0.5 / self.drop.step)
-        if self.record.instrument.load_filter is not None:
-            band = min(band, 2.0 * self.record.instrument.load_filter)
-        transform = DampedTransform(self._duration or float(time[-1]), band)
-        s = transform.s
+        synthesis = Synthesis(
+            self._instrument, self.drop.time, self._load, time, band, self._duration
+        )
+        s, self._synthesis = synthesis.s, synthesis.matrix
         # The last variable represents static load: zero for layered ground, and a small value for
         # homogeneous ground, whose solution is singular at zero.
         self.s, self._s_layered = (np.append(s, still) for still in (_AT_REST_S, 0.0))
-        spectrum = transform.of_samples(self.drop.time, load)
-        spectrum = spectrum * self._instrument.response(s)
-        synthesis = spectrum[:, None] * transform.synthesis(time)
-        self._synthesis = np.vstack([synthesis.real, -synthesis.imag])
-        ramp = transform.synthesis(time) / s[:, None] ** 2
+        ramp = synthesis.transform.synthesis(time) / s[:, None] ** 2
         # Response to a hat function of 1 N over one sample, see `hat_response`.
         self._hats = hat_response(np.vstack([ramp.real, -ramp.imag]), float(time[1] - time[0]))
 

@@ -114,6 +114,46 @@ class Grounds:
     loss_exponent: FloatArray | None = None
 
 
+class Synthesis:
+    """Sum of frequencies that gives the displacement histories under the load of one drop.
+
+    Parameters
+    ----------
+    instrument : Instrument
+    time : (n,) ndarray of float, s, uniform samples of the load
+    load : (n,) ndarray of float, N, without its offset
+    times : (m,) ndarray of float, s, times of the displacement, >= 0
+    band : float, Hz, highest frequency; the samples and a filter in the load channel may limit it
+    duration : float, s, of the transform; by default up to the last of ``times``
+    """
+
+    def __init__(
+        self,
+        instrument: Instrument,
+        time: FloatArray,
+        load: FloatArray,
+        times: FloatArray,
+        band: float,
+        duration: float | None = None,
+    ) -> None:
+        if instrument.load_filter is not None:
+            # Above twice its corner frequency the filter leaves too little signal for a comparison.
+            band = min(band, 2.0 * instrument.load_filter)
+        band = min(band, 0.5 / float(time[1] - time[0]))
+        self.transform = DampedTransform(duration or float(times[-1]), band)
+        self.s = self.transform.s
+        spectrum = self.transform.of_samples(time, load) * instrument.response(self.s)
+        synthesis = spectrum[:, None] * self.transform.synthesis(times)
+        self.matrix = np.vstack([synthesis.real, -synthesis.imag])
+        """Factor of transfer functions as [Re W, Im W], so that Re(W @ M) is one real product."""
+
+    def histories(self, transfer: ComplexArray) -> FloatArray:
+        """Return histories (..., n_times) from transfer functions (..., n_frequencies)."""
+        parts = np.concatenate([transfer.real, transfer.imag], axis=-1)
+        flat = parts.reshape(-1, parts.shape[-1]) @ self.matrix
+        return np.asarray(flat.reshape(*transfer.shape[:-1], -1))
+
+
 class ForwardModel:
     """Displacement histories of one drop for many homogeneous grounds at once.
 
@@ -142,15 +182,8 @@ class ForwardModel:
         self.surrogate = surrogate
         self.instrument = instrument
         self.single = single
-        if instrument.load_filter is not None:
-            # Above twice its corner frequency the filter leaves too little signal for a comparison.
-            band = min(band, 2.0 * instrument.load_filter)
-        transform = DampedTransform(float(times[-1]), min(band, 0.5 / (time[1] - time[0])))
-        self.s = transform.s
-        spectrum = transform.of_samples(time, load) * instrument.response(self.s)
-        synthesis = spectrum[:, None] * transform.synthesis(times)
-        # Re(W @ M) as one real product: [Re W, Im W] @ [Re M; -Im M].
-        self._synthesis = np.vstack([synthesis.real, -synthesis.imag])
+        self._synthesis = Synthesis(instrument, time, load, times, band)
+        self.s = self._synthesis.s
 
     def transfer(self, grounds: Grounds) -> ComplexArray:
         """Return displacement over load at every sensor, (m, n_sensors, n_frequencies), m/N."""
@@ -158,28 +191,7 @@ class ForwardModel:
 
     def displacement(self, grounds: Grounds) -> FloatArray:
         """Return the displacement at ``times``, (m, n_sensors, n_times), m."""
-        return self._in_time(self.transfer(grounds))
-
-    def displacement_slopes(
-        self, grounds: Grounds, fields: Sequence[str]
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return :meth:`displacement` and its derivatives with respect to fields of the grounds.
-
-        Returns
-        -------
-        (m, n_sensors, n_times) and (m, len(fields), n_sensors, n_times), m and m over the unit of
-            the field
-        """
-        transfer, slopes = transfer_slopes(self.surrogate, self.instrument, self.s, grounds, fields)
-        both = np.concatenate([transfer[:, None], slopes], axis=1)
-        histories = self._in_time(both)
-        return histories[:, 0], histories[:, 1:]
-
-    def _in_time(self, transfer: ComplexArray) -> FloatArray:
-        """Return histories (..., n_times) from transfer functions (..., n_frequencies)."""
-        parts = np.concatenate([transfer.real, transfer.imag], axis=-1)
-        flat = parts.reshape(-1, parts.shape[-1]) @ self._synthesis
-        return flat.reshape(*transfer.shape[:-1], -1)
+        return self._synthesis.histories(self.transfer(grounds))
 
 
 def transfer_function(

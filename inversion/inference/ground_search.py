@@ -25,15 +25,10 @@ import numpy as np
 from inversion.arrays import FloatArray, IntArray
 from inversion.effects.layer import Layer
 from inversion.forward.laplace import SEARCH_BAND_HZ
+from inversion.forward.model import Synthesis
 from inversion.inference.levenberg_marquardt import Optima, minimise
 from inversion.inference.point_model import GROUND_EFFECT, STIFFNESS, PointModel
-from inversion.measured.weighted_drop import (
-    DropHistory,
-    WeightedDrop,
-    even_rows,
-    independent_errors,
-    transform_of,
-)
+from inversion.measured.weighted_drop import WeightedDrop, even_rows, independent_errors
 from inversion.search.multi_population import MultiPopulationSearch, SearchSettings
 
 _ROCK, _LAYER = "bedrock", "layer"
@@ -134,9 +129,9 @@ class GroundDensity:
         self.n_independent, self.error_level = n_independent, 1.0
         rows = even_rows(item.drop.window, max_samples)
         time = item.drop.time[rows]
-        transform = transform_of(item, float(time[-1]), band)
-        self._s = transform.s
-        self._history = DropHistory(item, transform, time)
+        drop, load = item.drop, item.model_load
+        self._synthesis = Synthesis(item.instrument, drop.time, load, time, band)
+        self._s = self._synthesis.s
         self._weight = 1.0 / item.scale[:, None]
         self._observed = item.drop.displacement[:, rows]
         self._movable = np.ones(self._places.size, dtype=bool)
@@ -161,7 +156,7 @@ class GroundDensity:
         """Return the mean square of the weighted residuals, (m,)."""
         self.solves += len(points)
         grounds = self._grounds(points)
-        residual = self._history.of(
+        residual = self._synthesis.histories(
             self._response.batch_compliances(grounds, self._s, single=single)
         )
         residual -= self._observed
@@ -185,7 +180,7 @@ class GroundDensity:
             stepped[:, column] += steps[:, place]
             moved.append(self._grounds(stepped))
         responses = self._response.batch_compliances_nearby(self._grounds(points), moved, self._s)
-        histories = self._history.of(responses) * self._weight
+        histories = self._synthesis.histories(responses) * self._weight
         shape = len(points), 1 + columns.size, -1
         histories[:, 0] -= self._observed * self._weight
         histories[:, 1:] /= steps[:, :, None, None]

@@ -294,7 +294,9 @@ def prepare(record: Record) -> PreparedDrop:
     peak = int(np.argmax(load))
     if not load[peak] > 0.0:
         raise RecordError("load: expected a positive pulse (downward is positive), got none")
-    first = _start_index(load, peak, step)
+    below = np.flatnonzero(load[: peak + 1] < _ONSET_FRACTION * load[peak])
+    onset = int(below[-1]) if below.size else 0
+    first = max(0, onset - int(np.ceil(_MARGIN_BEFORE_ONSET_S / step)))
     if baseline:
         first = min(
             [first, *(_start_of_motion(s.values, baseline, first, step) for s in record.sensors)]
@@ -384,12 +386,6 @@ def _baseline_samples(time: FloatArray, load: FloatArray) -> int:
     before = int(np.searchsorted(time, 0.0))
     quiet = before // 2
     return quiet if quiet >= _MIN_BASELINE_SAMPLES else 0
-
-
-def _start_index(load: FloatArray, peak: int, step: float) -> int:
-    below = np.flatnonzero(load[: peak + 1] < _ONSET_FRACTION * load[peak])
-    onset = int(below[-1]) if below.size else 0
-    return max(0, onset - int(np.ceil(_MARGIN_BEFORE_ONSET_S / step)))
 
 
 def _displacement(sensor: Sensor, baseline: int, first: int, step: float) -> FloatArray:

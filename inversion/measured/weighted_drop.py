@@ -1,4 +1,4 @@
-"""Prepared drop with the weights of its residuals, and its displacement from transfer functions.
+"""Prepared drop with the weights of its residuals.
 
 A residual is predicted minus observed displacement, over the expected error of model and data.
 """
@@ -12,8 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from inversion.arrays import ComplexArray, FloatArray
-from inversion.forward.laplace import DampedTransform
+from inversion.arrays import FloatArray
 from inversion.forward.model import Instrument
 from inversion.measured.record import PreparedDrop
 
@@ -110,37 +109,3 @@ def even_rows(window: slice, max_samples: int) -> NDArray[np.intp]:
     """Return the indices of at most max_samples evenly spaced samples of a window."""
     stride = max(1, -(-(window.stop - window.start) // max_samples))
     return np.arange(window.start, window.stop)[::-stride][::-1]
-
-
-def transform_of(item: WeightedDrop, duration: float, band: float) -> DampedTransform:
-    """Return the transform of a drop's histories up to ``duration``, s, and ``band``, Hz.
-
-    Above twice the corner of a filter in the load channel, the load has lost what the model needs.
-    """
-    if item.instrument.load_filter is not None:
-        band = min(band, 2.0 * item.instrument.load_filter)
-    return DampedTransform(duration, min(band, 0.5 / item.drop.step))
-
-
-class DropHistory:
-    """Displacement of one drop at given times, computed from transfer functions.
-
-    Parameters
-    ----------
-    item : WeightedDrop
-    transform : DampedTransform
-    time : (n_times,) ndarray of float, s
-    """
-
-    def __init__(self, item: WeightedDrop, transform: DampedTransform, time: FloatArray) -> None:
-        spectrum = transform.of_samples(item.drop.time, item.model_load)
-        spectrum = spectrum * item.instrument.response(transform.s)
-        synthesis = spectrum[:, None] * transform.synthesis(time)
-        # Re(W @ M) as one real product: [Re W, Im W] @ [Re M; -Im M].
-        self._synthesis = np.vstack([synthesis.real, -synthesis.imag])
-
-    def of(self, transfer: ComplexArray) -> FloatArray:
-        """Return histories (..., n_times), m, from transfer functions (..., n_frequencies), m/N."""
-        parts = np.concatenate([transfer.real, transfer.imag], axis=-1)
-        flat = parts.reshape(-1, parts.shape[-1]) @ self._synthesis
-        return np.asarray(flat.reshape(*transfer.shape[:-1], -1))

@@ -203,7 +203,8 @@ class MultiPopulationSearch:
         settings = self.settings
         self._run_round()
         for _ in range(settings.rounds - 1):
-            if self._remaining() < self._cost_of_a_round():
+            batches = settings.sample_factor + _MIN_GENERATIONS_PER_ROUND
+            if self._remaining() < batches * settings.individuals:
                 break
             self._collapsed.append(self._individuals())
             self._run_round()
@@ -217,8 +218,15 @@ class MultiPopulationSearch:
     def _run_round(self) -> None:
         """Evaluate a sample, and breed generations until the populations have collapsed."""
         settings = self.settings
-        sample = stratified_sample(self._sample_size(), self._lower.size, self._rng)
-        self._create_populations(sample, self._evaluate(sample))
+        size = min(settings.sample_factor * settings.individuals, self._remaining() // 4)
+        size = max(settings.individuals, size)
+        sample = stratified_sample(size, self._lower.size, self._rng)
+        misfit = self._evaluate(sample)
+        # The best sampled points are distributed to the populations at random.
+        founders = np.argsort(misfit, kind="stable")[: settings.individuals]
+        founders = self._rng.permutation(founders)
+        self._genes = sample[founders].reshape(self._genes.shape)
+        self._misfit = misfit[founders].reshape(self._misfit.shape)
         generation = 0
         while self._remaining() >= settings.individuals:
             generation += 1
@@ -251,29 +259,8 @@ class MultiPopulationSearch:
             self._genes, self._misfit, children, child_misfit.reshape(self._misfit.shape)
         )
 
-    # Numbers of evaluations on which the plan is based.
-
     def _remaining(self) -> int:
         return self.settings.evaluations - self._evaluations
-
-    def _sample_size(self) -> int:
-        """Return the size of the first sample, at most a quarter of the remaining evaluations."""
-        individuals = self.settings.individuals
-        return max(
-            individuals, min(self.settings.sample_factor * individuals, self._remaining() // 4)
-        )
-
-    def _cost_of_a_round(self) -> int:
-        settings = self.settings
-        batches = settings.sample_factor + _MIN_GENERATIONS_PER_ROUND
-        return batches * settings.individuals
-
-    def _create_populations(self, sample: FloatArray, misfit: FloatArray) -> None:
-        """Distribute the best sampled points to the populations at random."""
-        founders = np.argsort(misfit, kind="stable")[: self.settings.individuals]
-        founders = self._rng.permutation(founders)
-        self._genes = sample[founders].reshape(self._genes.shape)
-        self._misfit = misfit[founders].reshape(self._misfit.shape)
 
     def _widths(self) -> FloatArray:
         """Return the range of each population in its widest gene, (p,)."""

@@ -1,11 +1,10 @@
 """Layered ground under a plate: any number of Kelvin-Voigt media over rock or a half-space.
 
-=============  ==================================================================== `ground`
-media, grounds, many of them as arrays, parameters of a fit `kernel`       compliance of the surface
-at one wavenumber, and its derivatives `quadrature`   nodes of the wavenumber integrals: `CONVERGED`
-and, for a search, `FAST` `plate`        the plate on layered ground: displacement per force at the
-sensors `model`        displacement histories of one drop =============
-====================================================================
+- `ground`: media and grounds, many of them as arrays, and the parameters of a fit
+- `kernel`: compliance of the surface at one wavenumber, and its derivatives
+- `quadrature`: nodes of the wavenumber integrals, `CONVERGED` and, for a search, `FAST`
+- `plate`: the plate on layered ground, displacement per force at the sensors
+- `model`: displacement histories of one drop
 """
 
 from inversion.forward.layered.ground import (

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inversion.arrays import ComplexArray, FloatArray
-from inversion.forward.laplace import DampedTransform
 from inversion.forward.layered.ground import LayeredGrounds, MediumParameter
 from inversion.forward.layered.plate import (
     LayeredPlateModel,
@@ -25,7 +24,7 @@ from inversion.forward.layered.plate import (
     displacement_slopes,
 )
 from inversion.forward.layered.quadrature import FAST, NodeLayout, WavenumberRule, nodes
-from inversion.forward.model import Instrument
+from inversion.forward.model import Instrument, Synthesis
 
 # Largest ratio of the number of wavenumbers of grounds that are solved together.
 _MAX_NODE_RATIO = 1.4
@@ -60,15 +59,8 @@ class LayeredForwardModel:
         self.setup = PlateSetup(plate, instrument.plate_radius, tuple(map(float, offsets)))
         self.instrument = instrument
         self.rule = rule
-        if instrument.load_filter is not None:
-            # Above twice its corner frequency the filter leaves too little signal for a comparison.
-            band = min(band, 2.0 * instrument.load_filter)
-        transform = DampedTransform(float(times[-1]), min(band, 0.5 / (time[1] - time[0])))
-        self.s = transform.s
-        spectrum = transform.of_samples(time, load) * instrument.response(self.s)
-        synthesis = spectrum[:, None] * transform.synthesis(times)
-        # Re(W @ M) as one real product: [Re W, Im W] @ [Re M; -Im M].
-        self._synthesis = np.vstack([synthesis.real, -synthesis.imag])
+        self._synthesis = Synthesis(instrument, time, load, times, band)
+        self.s = self._synthesis.s
 
     def transfer(self, grounds: LayeredGrounds) -> ComplexArray:
         """Return displacement over load at every sensor, (m, n_sensors, n_frequencies), m/N."""
@@ -76,7 +68,7 @@ class LayeredForwardModel:
 
     def displacement(self, grounds: LayeredGrounds) -> FloatArray:
         """Return the displacement at ``times``, (m, n_sensors, n_times), m."""
-        return self._in_time(self.transfer(grounds))
+        return self._synthesis.histories(self.transfer(grounds))
 
     def displacement_slopes(
         self, grounds: LayeredGrounds, parameters: Sequence[MediumParameter]
@@ -91,14 +83,8 @@ class LayeredForwardModel:
         transfer, slopes = layered_transfer_slopes(
             self.setup, self.instrument.plate_mass, self.s, grounds, parameters, self.rule
         )
-        histories = self._in_time(np.concatenate([transfer[:, None], slopes], axis=1))
+        histories = self._synthesis.histories(np.concatenate([transfer[:, None], slopes], axis=1))
         return histories[:, 0], histories[:, 1:]
-
-    def _in_time(self, transfer: ComplexArray) -> FloatArray:
-        """Return histories (..., n_times) from transfer functions (..., n_frequencies)."""
-        parts = np.concatenate([transfer.real, transfer.imag], axis=-1)
-        flat = parts.reshape(-1, parts.shape[-1]) @ self._synthesis
-        return flat.reshape(*transfer.shape[:-1], -1)
 
 
 def layered_transfer(
