@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.output import Reporter, parse_options
-from inversion.diagnosis import PointDiagnosis
+from inversion.diagnosis.findings import PointDiagnosis
 from inversion.records import known
 from pfwd.analysis.diagnosis.diagnose import diagnose_entries
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint, entries_of

@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.measured import find_points
 from benchmarks.output import Proportion, Reporter, parse_options
-from inversion.diagnosis import PointDiagnosis
+from inversion.diagnosis.findings import PointDiagnosis
 from inversion.records import known
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint, with_unique_names
 from pfwd.analysis.diagnosis.points import Workers, successful

@@ -21,11 +21,7 @@ if TYPE_CHECKING:
     from inversion.forward.library import SurrogateLibrary
     from inversion.forward.model import ForwardModel, Grounds, Instrument
     from inversion.measured.half_sine import HalfSineFit, fit_half_sine, fit_half_sine_equal_area
-    from inversion.measured.peak_method import (
-        PLATE_FACTORS,
-        PeakModulus,
-        peak_modulus,
-    )
+    from inversion.measured.peak_method import PLATE_FACTORS, PeakModulus, peak_modulus
     from inversion.measured.record import Record, Sensor
     from inversion.result import HalfSinePulse, InversionResult, LayerResult, TimeHistories
 
@@ -57,35 +53,19 @@ __all__ = [
     "plate_compliance",
 ]
 
-_HOMES = {
-    "ForwardModel": "inversion.forward.model",
-    "Grounds": "inversion.forward.model",
-    "HalfSineFit": "inversion.measured.half_sine",
-    "HalfSinePulse": "inversion.result",
-    "Instrument": "inversion.forward.model",
-    "InversionError": "inversion.errors",
-    "InversionResult": "inversion.result",
-    "LayerResult": "inversion.result",
-    "ModelError": "inversion.errors",
-    "PLATE_FACTORS": "inversion.measured.peak_method",
-    "PLATE_MODELS": "inversion.forward.contact",
-    "PeakModulus": "inversion.measured.peak_method",
-    "PlateProblem": "inversion.forward.contact",
-    "Record": "inversion.measured.record",
-    "RecordError": "inversion.errors",
-    "Sensor": "inversion.measured.record",
-    "Settings": "inversion.drop_inversion",
-    "SurrogateLibrary": "inversion.forward.library",
-    "TimeHistories": "inversion.result",
-    "fit_half_sine": "inversion.measured.half_sine",
-    "fit_half_sine_equal_area": "inversion.measured.half_sine",
-    "invert": "inversion.drop_inversion",
-    "invert_joint": "inversion.drop_inversion",
-    "peak_modulus": "inversion.measured.peak_method",
-    "plate_compliance": "inversion.forward.contact",
+_NAMES_BY_MODULE = {
+    "inversion.drop_inversion": ("Settings", "invert", "invert_joint"),
+    "inversion.errors": ("InversionError", "ModelError", "RecordError"),
+    "inversion.forward.contact": ("PLATE_MODELS", "PlateProblem", "plate_compliance"),
+    "inversion.forward.library": ("SurrogateLibrary",),
+    "inversion.forward.model": ("ForwardModel", "Grounds", "Instrument"),
+    "inversion.measured.half_sine": ("HalfSineFit", "fit_half_sine", "fit_half_sine_equal_area"),
+    "inversion.measured.peak_method": ("PLATE_FACTORS", "PeakModulus", "peak_modulus"),
+    "inversion.measured.record": ("Record", "Sensor"),
+    "inversion.result": ("HalfSinePulse", "InversionResult", "LayerResult", "TimeHistories"),
 }
 
-__getattr__ = lazy_getattr(globals(), _HOMES)
+__getattr__ = lazy_getattr(globals(), _NAMES_BY_MODULE)
 
 
 def __dir__() -> list[str]:

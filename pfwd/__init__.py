@@ -44,30 +44,19 @@ __all__ = [
     "read",
 ]
 
-_HOMES = {
-    "Diagnoses": "pfwd.scripting.diagnosing",
-    "Diagnosis": "pfwd.scripting.diagnosing",
-    "Drop": "pfwd.scripting.measured",
-    "InversionError": "inversion.errors",
-    "OptionError": "pfwd.errors",
-    "Point": "pfwd.scripting.measured",
-    "Points": "pfwd.scripting.measured",
-    "Result": "pfwd.scripting.results",
-    "Results": "pfwd.scripting.results",
-    "Survey": "pfwd.scripting.surveys",
-    "SurveyError": "pfwd.errors",
-    "__version__": "pfwd.version",
-    "diagnose": "pfwd.scripting.diagnosing",
-    "drop": "pfwd.scripting.measured",
-    "example": "pfwd.scripting.surveys",
-    "invert": "pfwd.scripting.results",
-    "open": "pfwd.scripting.surveys",
-    "read": "pfwd.scripting.measured",
+_NAMES_BY_MODULE = {
+    "inversion.errors": ("InversionError",),
+    "pfwd.errors": ("OptionError", "SurveyError"),
+    "pfwd.scripting.diagnosing": ("Diagnoses", "Diagnosis", "diagnose"),
+    "pfwd.scripting.measured": ("Drop", "Point", "Points", "drop", "read"),
+    "pfwd.scripting.results": ("Result", "Results", "invert"),
+    "pfwd.scripting.surveys": ("Survey", "example", "open"),
+    "pfwd.version": ("__version__",),
 }
 
 notices.register("pfwd")
 
-__getattr__ = lazy_getattr(globals(), _HOMES)
+__getattr__ = lazy_getattr(globals(), _NAMES_BY_MODULE)
 
 
 def __dir__() -> list[str]:

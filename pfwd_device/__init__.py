@@ -15,4 +15,4 @@ if TYPE_CHECKING:
 
 __all__ = ["Channel", "Drop"]
 
-__getattr__ = lazy_getattr(globals(), dict.fromkeys(__all__, "pfwd_device.drop"))
+__getattr__ = lazy_getattr(globals(), {"pfwd_device.drop": __all__})

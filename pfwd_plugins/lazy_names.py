@@ -3,20 +3,24 @@
 All packages use this, so it stands in the lowest of them.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
 
-def lazy_getattr(package: dict[str, Any], homes: Mapping[str, str]) -> Callable[[str], Any]:
+def lazy_getattr(
+    package: dict[str, Any], names_by_module: Mapping[str, Sequence[str]]
+) -> Callable[[str], Any]:
     """Return the ``__getattr__`` of a package.
 
     Parameters
     ----------
     package : dict
         Globals of the package.
-    homes : mapping of name to module
+    names_by_module : mapping of str to sequence of str
+        Names that the package imports from each module.
     """
+    homes = {name: module for module, names in names_by_module.items() for name in names}
 
     def getattr_of_package(name: str) -> Any:
         if name not in homes:

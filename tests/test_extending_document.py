@@ -207,7 +207,7 @@ def test_an_export_format_is_written(folder: Path, survey: Path) -> None:
 CLICK = """
 import numpy as np
 from inversion import Instrument, Record, Sensor
-from inversion.diagnosis import PointRecords
+from inversion.diagnosis.model import PointRecords
 from inversion.inference.diagnose import diagnose_point
 from inversion.effects import BY_NAME
 from simulators.demo import DEMO_PLATE, demo_simulations

@@ -14,6 +14,4 @@ if TYPE_CHECKING:
 
 __all__ = ["BY_NAME", "CATALOGUE", "DropContext", "Effect", "Ground", "Parameter"]
 
-__getattr__ = lazy_getattr(
-    globals(), dict.fromkeys(("BY_NAME", "CATALOGUE"), "inversion.effects.catalogue")
-)
+__getattr__ = lazy_getattr(globals(), {"inversion.effects.catalogue": ("BY_NAME", "CATALOGUE")})

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from inversion import InversionError
-from inversion.diagnosis import Channel, LeaveOut, PointDiagnosis, largest_values
+from inversion.diagnosis.findings import LeaveOut, PointDiagnosis
+from inversion.diagnosis.flat_tops import Channel, largest_values
 from inversion.inference.held_out import Allow
 from inversion.inference.instrument import InstrumentKnowledge
 from inversion.inference.population import without_error_budget

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
-from inversion.diagnosis import PointRecords
+from inversion.diagnosis.model import PointRecords
 from inversion.notices import Notice, codes
 from pfwd.analysis.analyse import record_of
 from pfwd.analysis.options import AnalysisOptions

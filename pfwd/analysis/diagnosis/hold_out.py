@@ -10,8 +10,14 @@ from typing import Any
 import numpy as np
 
 from inversion import InversionError
-from inversion.diagnosis import HeldOutPart, LeaveOut, PointDiagnosis, PointRecords
-from inversion.diagnosis.findings import HeldOut, PointSummary
+from inversion.diagnosis.findings import (
+    HeldOut,
+    HeldOutPart,
+    LeaveOut,
+    PointDiagnosis,
+    PointSummary,
+)
+from inversion.diagnosis.model import PointRecords
 from inversion.effects.base import Values
 from inversion.inference.held_out import (
     Allow,

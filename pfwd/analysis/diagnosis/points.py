@@ -17,10 +17,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from inversion import InversionError
-from inversion.diagnosis import (
-    PointDiagnosis,
-    PointRecords,
-)
+from inversion.diagnosis.findings import PointDiagnosis
+from inversion.diagnosis.model import PointRecords
 from inversion.forward.library import default_cache_folder
 from inversion.inference.diagnose import diagnose_point
 from inversion.inference.instrument import InstrumentKnowledge

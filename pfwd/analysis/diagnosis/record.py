@@ -7,7 +7,7 @@ import numpy as np
 
 from inversion import InversionError
 from inversion.calibration import Rig, RigDrop, estimate_rig
-from inversion.diagnosis import PointDiagnosis
+from inversion.diagnosis.findings import PointDiagnosis
 from inversion.effects import BY_NAME
 from inversion.notices import Notice, Value, text_notice
 from inversion.records import known

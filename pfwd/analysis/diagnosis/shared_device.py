@@ -14,8 +14,15 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import median
 
-from inversion.diagnosis import DeviceFindings, LeaveOut, PointDiagnosis
-from inversion.diagnosis.findings import EffectParameter, HeldOut, HeldOutPart, effect_result
+from inversion.diagnosis.findings import (
+    DeviceFindings,
+    EffectParameter,
+    HeldOut,
+    HeldOutPart,
+    LeaveOut,
+    PointDiagnosis,
+    effect_result,
+)
 from inversion.effects import BY_NAME
 from inversion.inference.instrument import InstrumentKnowledge, shared_effects
 from inversion.inference.population import without_error_budget

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from inversion import Record, Sensor, SurrogateLibrary
-from inversion.diagnosis import PointDiagnosis, PointRecords
 from inversion.diagnosis.declarations import (
     SuspectDeclaration,
     contradiction,
     find_suspect_declarations,
 )
+from inversion.diagnosis.findings import PointDiagnosis
+from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.errors import RecordError
 from inversion.forward.model import Instrument

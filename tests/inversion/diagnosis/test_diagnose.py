@@ -9,7 +9,8 @@ from scipy.stats import norm
 
 from inversion import Record, Sensor, SurrogateLibrary
 from inversion.arrays import FloatArray
-from inversion.diagnosis import PointDiagnosis, PointRecords
+from inversion.diagnosis.findings import PointDiagnosis
+from inversion.diagnosis.model import PointRecords
 from inversion.errors import RecordError
 from inversion.forward.model import Instrument
 from inversion.inference import diagnose as module

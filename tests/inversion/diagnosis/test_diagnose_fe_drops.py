@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from inversion import SurrogateLibrary
-from inversion.diagnosis import PointRecords
+from inversion.diagnosis.model import PointRecords
 from inversion.inference.diagnose import diagnose_point
 from pfwd.analysis.analyse import record_of
 from pfwd.files.traces import TracePoint, read_traces

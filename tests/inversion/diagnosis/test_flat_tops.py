@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from inversion.diagnosis import PointRecords
 from inversion.diagnosis.flat_tops import (
     flat_level,
     flat_load_level,
@@ -13,6 +12,7 @@ from inversion.diagnosis.flat_tops import (
     flat_velocity,
     largest_values,
 )
+from inversion.diagnosis.model import PointRecords
 from inversion.forward.model import Instrument
 from inversion.measured.record import Record, Sensor
 

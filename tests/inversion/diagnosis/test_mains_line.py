@@ -5,8 +5,8 @@ import pytest
 from scipy.signal import lfilter
 
 from inversion import Record, Sensor
-from inversion.diagnosis import PointRecords
 from inversion.diagnosis.mains_line import Hum, find_line, hum_before
+from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.rest import estimate_pre_trigger_noise
 from inversion.forward.model import Instrument
 from inversion.inference.diagnose import diagnose_point

@@ -10,7 +10,7 @@ import pytest
 
 from inversion import Record, Sensor, SurrogateLibrary
 from inversion.arrays import FloatArray
-from inversion.diagnosis import PointRecords
+from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.forward.model import Instrument
 from inversion.inference.point_model import PointModel

@@ -11,8 +11,8 @@ import pytest
 
 from inversion import Record, Sensor, SurrogateLibrary
 from inversion.arrays import FloatArray
-from inversion.diagnosis import HeldOutPart, PointRecords
-from inversion.diagnosis.findings import HeldOut
+from inversion.diagnosis.findings import HeldOut, HeldOutPart
+from inversion.diagnosis.model import PointRecords
 from inversion.forward import model
 from inversion.inference.held_out import (
     count_held_out,

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from inversion import SurrogateLibrary
-from inversion.diagnosis import HeldOutPart, PointRecords
+from inversion.diagnosis.findings import HeldOutPart
+from inversion.diagnosis.model import PointRecords
 from inversion.inference.held_out import held_out_error, without_held_out
 from inversion.inference.instrument import summarise_point
 from inversion.inference.population import PointSummary

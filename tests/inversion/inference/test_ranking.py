@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from inversion import Record, Sensor, SurrogateLibrary
-from inversion.diagnosis import PointRecords
+from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.effects.base import DropContext
 from inversion.forward.model import Instrument

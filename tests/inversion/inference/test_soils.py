@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from inversion import Record, Sensor, SurrogateLibrary
-from inversion.diagnosis import PointDiagnosis, PointRecords
+from inversion.diagnosis.findings import PointDiagnosis
+from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.forward.model import Instrument
 from inversion.inference.diagnose import diagnose_point

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from inversion import Record, Sensor, SurrogateLibrary, invert
-from inversion.diagnosis import PointRecords
+from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.effects.catalogue import BY_NAME
 from inversion.forward.model import Instrument

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from inversion.diagnosis import LeaveOut
+from inversion.diagnosis.findings import LeaveOut
 from inversion.notices import text_notice
 from pfwd.analysis.diagnosis.diagnose import Diagnosed
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inversion.diagnosis import PointDiagnosis, PointRecords
+from inversion.diagnosis.findings import PointDiagnosis
+from inversion.diagnosis.model import PointRecords
 from inversion.inference.diagnose import diagnose_point
 from inversion.inference.population import InstrumentKnowledge
 from pfwd.files.header import PointSetup

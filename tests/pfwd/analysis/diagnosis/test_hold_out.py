@@ -10,7 +10,8 @@ import pytest
 
 from inversion import Record, Sensor
 from inversion.arrays import FloatArray
-from inversion.diagnosis import LeaveOut, PointDiagnosis, PointRecords
+from inversion.diagnosis.findings import LeaveOut, PointDiagnosis
+from inversion.diagnosis.model import PointRecords
 from inversion.errors import RecordError
 from inversion.forward.model import Instrument
 from inversion.inference import structures

@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 from matplotlib.figure import Figure
 
-from inversion.diagnosis import EffectResult, PointDiagnosis
-from inversion.diagnosis.findings import FittedState
+from inversion.diagnosis.findings import EffectResult, FittedState, PointDiagnosis
 from pfwd.analysis.diagnosis.diagnose import Diagnosed
 from pfwd.analysis.diagnosis.plots import _draw_ladder, _draw_traces
 from pfwd.analysis.results import DiagnosisResult

@@ -9,7 +9,7 @@ from threading import Event
 
 import pytest
 
-from inversion.diagnosis import PointRecords
+from inversion.diagnosis.model import PointRecords
 from pfwd.analysis.diagnosis import points
 from pfwd.analysis.diagnosis.diagnose import diagnose_entries
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint, with_unique_names

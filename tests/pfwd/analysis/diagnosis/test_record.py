@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from inversion import InversionError
-from inversion.diagnosis import EffectResult, PointDiagnosis
-from inversion.diagnosis.findings import FittedState
+from inversion.diagnosis.findings import EffectResult, FittedState, PointDiagnosis
 from inversion.inference.instrument import InstrumentKnowledge
 from inversion.notices import Notice
 from pfwd.analysis.diagnosis import points

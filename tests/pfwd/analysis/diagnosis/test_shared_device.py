@@ -10,8 +10,7 @@ from typing import Any
 
 import pytest
 
-from inversion.diagnosis import DeviceFindings, PointDiagnosis
-from inversion.diagnosis.findings import PointSummary
+from inversion.diagnosis.findings import DeviceFindings, PointDiagnosis, PointSummary
 from inversion.inference.instrument import InstrumentKnowledge
 from pfwd.analysis.diagnosis import shared_device
 from pfwd.analysis.diagnosis.points import DiagnosisFailure, Workers
