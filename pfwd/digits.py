@@ -142,6 +142,17 @@ def significant(value: float | None, digits: int = FEW_DIGITS) -> str:
     return f"{value:.{min(6, max(0, digits - 1 - top)) if value else 0}f}"
 
 
+def declared(value: float | None, unit: str = "") -> str:
+    """Return a declared number as text, with at most three digits and no zero behind the others.
+
+    Examples
+    --------
+    >>> declared(0.15, "m"), declared(0.35), declared(None, "m")
+    ('0.15 m', '0.35', '-')
+    """
+    return MISSING if value is None else f"{value:.{FEW_DIGITS}g} {unit}".rstrip()
+
+
 def _place(spread: float) -> int:
     """Return the exponent of the last digit that a spread supports."""
     if spread <= 0.0:

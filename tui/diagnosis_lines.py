@@ -20,7 +20,7 @@ from pfwd.analysis.results import (
     HeldOut,
     HeldOutPart,
 )
-from pfwd.digits import MISSING, modulus_at_100_kpa, rounded, significant
+from pfwd.digits import MISSING, declared, modulus_at_100_kpa, rounded, significant
 from pfwd.export.json_text import json_text
 from pfwd.facts import UNEXPLAINED, facts_of_state
 from pfwd.message_groups import as_ranges, group_messages
@@ -96,9 +96,8 @@ def diagnosis_lines(
     lines = [f"{clean(result.file)}{point}{device}, drops {drops}", f"  {_verdict(result)}"]
     if result.before is not None and result.after is not None:
         lines.append(
-            f"  {word(PLATE_WORDS, result.plate)}, radius "
-            f"{SI.with_unit('depth', result.plate_radius_m)}; "
-            f"Poisson's ratio {significant(result.poisson_ratio)}"
+            f"  {word(PLATE_WORDS, result.plate)}, radius {declared(result.plate_radius_m, 'm')}; "
+            f"Poisson's ratio {declared(result.poisson_ratio)}"
         )
         lines.append(f"  before  {_state(result.before)}")
         lines.append(f"  after   {_state(result.after)}")
@@ -228,10 +227,10 @@ def _conditions(results: Sequence[DiagnosisResult]) -> list[str]:
     """Return the assumptions under which the moduli of a table are valid; empty: rigs only."""
     used = [result for result in results if result.plate_radius_m is not None]
     plates = dict.fromkeys(
-        f"{word(PLATE_WORDS, result.plate)}, radius {SI.with_unit('depth', result.plate_radius_m)}"
+        f"{word(PLATE_WORDS, result.plate)}, radius {declared(result.plate_radius_m, 'm')}"
         for result in used
     )
-    ratios = dict.fromkeys(significant(result.poisson_ratio) for result in used)
+    ratios = dict.fromkeys(declared(result.poisson_ratio) for result in used)
     if not used:
         return []
     return [

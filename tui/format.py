@@ -7,7 +7,7 @@ from typing import Literal
 
 from pfwd.analysis.options import METHOD_WORDS, PLATE_WORDS
 from pfwd.analysis.results import DropResult
-from pfwd.digits import MISSING, significant
+from pfwd.digits import MISSING, declared, significant
 from pfwd.export.json_text import json_text
 from pfwd.facts import UNEXPLAINED, fact_of_modulus, facts_of_drop
 from pfwd.message_groups import as_ranges, group_messages
@@ -117,10 +117,10 @@ def settings_lines(
         Models of all drops of the table, if they differ from drop to drop.
     """
     model = " or ".join(word(MODEL_WORDS, text) for text in models or [result.model])
-    radius = SI.with_unit("depth", result.plate_radius_m)
     return (
-        f"{word(PLATE_WORDS, result.plate)}, radius {radius}; "
-        f"Poisson's ratio {significant(result.poisson_ratio)}; "
+        f"{word(PLATE_WORDS, result.plate)}, "
+        f"radius {declared(result.plate_radius_m, 'm')}; "
+        f"Poisson's ratio {declared(result.poisson_ratio)}; "
         f"peak-method factor {significant(result.peak_factor)}",
         f"{model}; {_text(result.load)} load; "
         f"{word(METHOD_WORDS, result.method)}, seed {_text(result.seed)}",
@@ -322,7 +322,7 @@ def drop_line(point: str, number: int, result: DropResult) -> str:
         f"{name}  E {SI.show(facts['modulus'])}",
         *([] if equivalent == MISSING else [f"equivalent {equivalent}"]),
         f"{word(MODEL_WORDS, result.model)}, {word(PLATE_WORDS, result.plate)} "
-        f"{SI.with_unit('depth', result.plate_radius_m)}, ν {significant(result.poisson_ratio)}",
+        f"{declared(result.plate_radius_m, 'm')}, ν {declared(result.poisson_ratio)}",
         SI.show(facts["load"]),
         f"residual {percent(result.residual_rms_over_peak)}",
         word(METHOD_WORDS, result.method),

@@ -63,7 +63,7 @@ def drop_result(
         point=point,
         drop=analysis.drop.number,
         status=status,
-        reason=reason if status == "rejected" else None,
+        reason=str(reason) if status == "rejected" else None,
         peak_load_n=_peak_load(analysis.drop),
         **_deflections(analysis),
         warnings=tuple(warnings),

@@ -8,7 +8,7 @@ from functools import partial
 from statistics import fmean
 from typing import Any
 
-from pfwd.digits import significant
+from pfwd.digits import declared, significant
 from pfwd.errors import OptionError, refusal
 from pfwd.judging import PointView
 from pfwd.matplotlib_start import start_matplotlib
@@ -254,7 +254,8 @@ def _conditions(points: Sequence[PointView], texts: Texts) -> str:
     for key, unit in (("moisture", "%"), ("temperature", "°C")):
         values = [v for point in points if (v := getattr(point.setup, key)) is not None]
         if values:
-            conditions.append(f"{texts[key]}: {_range(values, 1.0)} {unit}")
+            ends = dict.fromkeys(declared(value) for value in (min(values), max(values)))
+            conditions.append(f"{texts[key]}: {' – '.join(ends)} {unit}")
     return "; ".join(conditions)
 
 

@@ -292,7 +292,7 @@ def test_below_the_table_stand_plate_and_poissons_ratio() -> None:
     assert below.startswith(
         "E: secant modulus of the ground at the peak stress of the largest drop"
     )
-    assert "radius 0.150 m, Poisson's ratio 0.350." in below
+    assert "radius 0.15 m, Poisson's ratio 0.35." in below
 
 
 def test_below_the_table_stands_each_advice_once() -> None:

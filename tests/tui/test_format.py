@@ -146,8 +146,8 @@ def test_drops_that_rest_on_other_settings_get_a_table_of_their_own() -> None:
     other = replace(RESULT, drop=2, poisson_ratio=0.25)
     text = "\n".join(result_lines([RESULT, other]))
     assert text.count("bedrock m") == 2
-    assert "Poisson's ratio 0.350" in text
-    assert "Poisson's ratio 0.250" in text
+    assert "Poisson's ratio 0.35" in text
+    assert "Poisson's ratio 0.25" in text
 
 
 def test_files_follow_each_other() -> None:

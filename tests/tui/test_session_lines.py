@@ -244,8 +244,8 @@ def test_that_no_drop_can_be_recorded(capsys: pytest.CaptureFixture[str]) -> Non
 def test_a_drop_on_one_line() -> None:
     assert drop_line("A", 3, DropResult.from_json(RESULT)) == (
         "A/3  E 40.0 MPa (39.0 to 41.0)  equivalent 40.0 MPa (39.0 to 41.0)  soil on bedrock, "
-        "rigid plate without slip 0.150 m, "
-        "ν 0.350  7.07 kN  residual 1.0 %  local fits"
+        "rigid plate without slip 0.15 m, "
+        "ν 0.35  7.07 kN  residual 1.0 %  local fits"
     )
     seating = RESULT | {"status": "seating", "explained": False, "at_bound": ["viscosity"]}
     assert drop_line("A", 3, DropResult.from_json(seating)).endswith(

@@ -114,7 +114,7 @@ def test_loads_pressures_and_conditions_are_said(survey: Path) -> None:
     wet = declared(first, moisture=5.5, temperature=12.0)
     dry = declared(second, moisture=4.0, material="gravel")
     said = rows_of(replace(report, points=(wet, dry)))["Conditions"]
-    assert said == "Material: gravel; Moisture: 4.00 – 5.50 %; Temperature: 12.0 °C"
+    assert said == "Material: gravel; Moisture: 4 – 5.5 %; Temperature: 12 °C"
 
 
 def test_names_of_documents_keep_their_points(survey: Path) -> None:

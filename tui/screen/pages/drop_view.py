@@ -9,7 +9,7 @@ import numpy as np
 
 from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
 from pfwd.analysis.screening.drops import channels_outward
-from pfwd.digits import MISSING, significant
+from pfwd.digits import MISSING, declared, significant
 from pfwd.facts import facts_of_drop, facts_of_state
 from pfwd.units import Units, percent
 from tui.diagnosis_lines import diagnosis_lines, diagnosis_sentence
@@ -276,7 +276,7 @@ def _diagnosed_ground(diagnosis: DiagnosisResult, units: Units, width: int) -> l
 
 def _fit_lines(view: DropPageState, result: DropResult, width: int) -> list[Line]:
     units = view.units
-    ratio = significant(result.poisson_ratio, 2)
+    ratio = declared(result.poisson_ratio)
     ground, plate, method, load = assumption_texts(result, units)
     lines = _heading("model and fit")
     text = (

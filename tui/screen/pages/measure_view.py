@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pfwd.digits import MISSING, significant
+from pfwd.digits import MISSING, declared
 from pfwd.facts import fact_of_value
 from pfwd.procedures import NO_PROCEDURE, PLAIN
 from pfwd.session.live_trace import WINDOW, Envelope
@@ -571,7 +571,7 @@ def model_line(drop: DropState | None, view: MeasureView, width: int) -> Line:
     pieces = [
         piece(0, cell(f" {ground}", "dim")),
         piece(0, cell(plate, "dim")),
-        piece(0, cell(f"Poisson's ratio {significant(result.poisson_ratio, 2)}", "dim")),
+        piece(0, cell(f"Poisson's ratio {declared(result.poisson_ratio)}", "dim")),
         piece(1, cell(method, "dim")),
         piece(2, cell(load, "dim")),
     ]
