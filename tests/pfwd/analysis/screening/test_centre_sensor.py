@@ -227,6 +227,7 @@ def test_a_point_of_such_drops_has_no_modulus(make_drop: Make) -> None:
         result = drop_result("f", analysis)
         assert (result.status, result.modulus_pa) == ("rejected", None)
         assert str(result.reason).startswith("centre sensor cannot be believed: it stops at 350 um")
+        assert result.to_json()["reason"] == result.reason, "a sentence also in JSON"
 
 
 # Real records
