@@ -85,7 +85,7 @@ def fact_of_value(value: PointValue | None) -> Fact:
         value.value,
         value.interval or value.drop_range,
         mark="" if value.not_supported is None else UNSUPPORTED_MARK,
-        note=f"range of {value.drops} drops" if not value.interval and value.drop_range else "",
+        note="drop_range" if not value.interval and value.drop_range else "",
     )
 
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+from inversion.notices import ENGLISH, Language, term_text
 from pfwd.digits import MISSING, MOST_DIGITS, rounded, significant, with_ends
 from pfwd_plugins.quantities import INCH_M, POUND_FORCE_N, Measurand, Unit
 
@@ -95,7 +96,7 @@ class Fact(NamedTuple):
     mark: str = ""
     """Mark of a value that the data do not support."""
     note: str = ""
-    """Origin of the value or of the interval."""
+    """Origin of the value or of the interval: a registered phrase."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +134,7 @@ class Units:
         text = self.text(quantity, si, digits)
         return text if text == MISSING else f"{text} {self.unit(quantity)}"
 
-    def value_and_ends(self, fact: Fact) -> tuple[str, str]:
+    def value_and_ends(self, fact: Fact, language: Language = ENGLISH) -> tuple[str, str]:
         """Return a value and the ends of its interval as text, without the unit.
 
         Returns
@@ -149,23 +150,29 @@ class Units:
         >>> SI.value_and_ends(Fact("density", 1990.0, deviation=12.3))
         ('1990 ± 12', '')
         """
+        value, ends = self._value_and_ends(fact)
+        texts = (text.replace(".", language.decimal) for text in (value, *ends))
+        return next(texts), f" {language.to} ".join(texts)
+
+    def _value_and_ends(self, fact: Fact) -> tuple[str, list[str]]:
+        """Return a value and the ends of its interval, in English."""
         value = self.value(fact.quantity, fact.value)
         low, high = (self.value(fact.quantity, end) for end in fact.interval or (None, None))
         if low is not None and high is not None:
             centre = math.sqrt(low * high) if low > 0.0 else (low + high) / 2.0
             text, *ends = with_ends(centre if value is None else value, (low, high))
-            return MISSING if value is None else f"{text}{fact.mark}", " to ".join(ends)
+            return MISSING if value is None else f"{text}{fact.mark}", ends
         deviation = self.value(fact.quantity, fact.deviation)
         if value is None or not deviation:
-            return f"{significant(value)}{'' if value is None else fact.mark}", ""
+            return f"{significant(value)}{'' if value is None else fact.mark}", []
         # More digits than MOST_DIGITS are not supported, however small the deviation is.
         minimum = 10.0 ** (math.floor(math.log10(abs(value))) + 2 - MOST_DIGITS) if value else 0.0
         spread = max(deviation, abs(value) * fact.spread, minimum)
         text, around = rounded(value, spread), rounded(deviation, spread)
-        return text if float(around) == 0.0 else f"{text} ± {around}", ""
+        return text if float(around) == 0.0 else f"{text} ± {around}", []
 
-    def show(self, fact: Fact, *, with_unit: bool = True) -> str:
-        """Return a value with unit, interval and note as one text.
+    def show(self, fact: Fact, language: Language = ENGLISH, *, with_unit: bool = True) -> str:
+        """Return a value with unit, interval and note as one text in a language.
 
         Examples
         --------
@@ -176,16 +183,17 @@ class Units:
         >>> SI.show(Fact("depth", 0.702, note="given"), with_unit=False)
         '0.702 (given)'
         """
-        value, ends = self.value_and_ends(fact)
+        value, ends = self.value_and_ends(fact, language)
         name = self.unit(fact.quantity)
         unit = f" {name}" if with_unit and name else ""
         if value != MISSING:
-            note = ": ".join(filter(None, (fact.note, ends)))
+            note = ": ".join(filter(None, (fact.note and term_text(fact.note, language), ends)))
             return f"{value}{unit}" + (f" ({note})" if note else "")
         low, high = fact.interval or (0.0, 0.0)
         if not ends:
             return MISSING
-        return f"left open ({ends}{unit})" if 0.0 < high < _MAX_PRINTED_RATIO * low else "left open"
+        text = term_text("left_open", language)
+        return f"{text} ({ends}{unit})" if 0.0 < high < _MAX_PRINTED_RATIO * low else text
 
 
 SI, US = Units("si"), Units("us")

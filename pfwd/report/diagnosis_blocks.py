@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any, TypeGuard
 
 from pfwd.analysis.results import DiagnosisResult, EffectResult
+from pfwd.facts import facts_of_state
 from pfwd.judging import PointView
 from pfwd.message_groups import group_messages
 from pfwd.report import formatting
@@ -14,7 +15,7 @@ from pfwd.report.drawing import COLOURS, finish, margins, number_log_axis
 from pfwd.report.formatting import percent
 from pfwd.report.point_facts import all_warnings, diagnosis_counts, diagnosis_of
 from pfwd.report.texts import Texts
-from pfwd.units import unit_of_effect
+from pfwd.units import Fact, unit_of_effect
 
 _VERDICTS = ("clean", "explained", "unexplained")
 
@@ -63,9 +64,9 @@ def _states(diagnosis: DiagnosisResult, texts: Texts, *, counts: bool) -> list[B
     rows = [
         (
             f"{texts[when]} ({texts['counts']})" if counts and when == "after" else texts[when],
-            formatting.in_megapascals(state.modulus_pa, state.modulus_interval_pa, texts),
-            formatting.in_megapascals(
-                state.equivalent_modulus_pa, state.equivalent_modulus_interval_pa, texts
+            *(
+                formatting.show(facts_of_state(state)[key], texts)
+                for key in ("modulus", "equivalent")
             ),
             texts.word(str(state.model)),
             formatting.percent(state.contact_residual_rms_over_peak),
@@ -94,7 +95,7 @@ def _states(diagnosis: DiagnosisResult, texts: Texts, *, counts: bool) -> list[B
 
 def _effect(effect: EffectResult, texts: Texts) -> str:
     unit = unit_of_effect(effect.unit or "")
-    value = formatting.with_deviation(effect.value, effect.sd, 1 / unit.scale, unit.name).strip()
+    value = formatting.show(Fact(unit, effect.value, deviation=effect.sd), texts)
     text = f"{texts.word(str(effect.name))}: {value}"
     alternatives = ", ".join(map(texts.word, effect.alternatives or ()))
     return f"{text} ({texts['effect_or']} {alternatives})" if alternatives else text

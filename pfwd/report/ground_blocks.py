@@ -10,12 +10,14 @@ import numpy as np
 from pfwd.analysis.results import DropResult, LayerResult
 from pfwd.analysis.sensor_fits import SensorFit, over_drops, sensor_fits
 from pfwd.digits import significant
+from pfwd.facts import facts_of_drop
 from pfwd.judging import DropView
 from pfwd.report import formatting
 from pfwd.report.blocks import Block, Heading, Paragraph, Picture, Table
 from pfwd.report.drawing import COLOURS, finish, margins, number_log_axis
 from pfwd.report.point_facts import drops_text
 from pfwd.report.texts import Texts
+from pfwd.units import Fact
 
 _LAYERS_HEIGHT, _BOWL_HEIGHT = 66.0, 42.0
 """Heights of the picture in mm: layers with deflection bowl, and the bowl alone."""
@@ -64,12 +66,10 @@ def ground_blocks(drops: Sequence[DropView], name: str, texts: Texts) -> list[Bl
 
 def effective_of(result: DropResult, texts: Texts) -> str:
     """Return the effective modulus with its interval and the depth that it stands for."""
-    modulus, depth = result.effective_modulus_pa, result.effective_depth_m
-    if modulus is None or depth is None:
+    depth = result.effective_depth_m
+    if result.effective_modulus_pa is None or depth is None:
         return formatting.NO_VALUE
-    ends = result.effective_modulus_interval_pa
-    interval = None if ends is None else [end / 1e6 for end in ends]
-    value = formatting.with_interval(modulus / 1e6, interval, "MPa", texts)
+    value = formatting.show(facts_of_drop(result)["effective"], texts)
     return texts.say("effective_text", value=value, depth=significant(depth, 2))
 
 
@@ -106,21 +106,16 @@ def _layers(drops: Sequence[DropView], texts: Texts) -> list[Block]:
 
 def _modulus(layer: LayerResult, texts: Texts) -> str:
     interval = layer.modulus_interval_pa
-    if layer.modulus_pa is None:
-        return formatting.NO_VALUE
-    ends = None if interval is None else [end / 1e6 for end in interval]
-    if ends is not None and not layer.modulus_known:
-        low, high = (significant(end, 2) for end in ends)
-        return texts.say("layer_open", low=low, high=high)
-    return formatting.with_interval(layer.modulus_pa / 1e6, ends, "", texts)
+    value = layer.modulus_pa if layer.modulus_known or interval is None else None
+    return formatting.show(Fact("modulus", value, interval), texts, with_unit=False)
 
 
 def _thickness(layer: LayerResult, texts: Texts) -> str:
     if layer.thickness_m is None:
         return texts["endless"]
-    if layer.thickness_sd_m is None:
-        return f"{layer.thickness_m:.3g} ({texts['given']})"
-    return formatting.with_interval(layer.thickness_m, layer.thickness_interval_m, "", texts)
+    note = "given" if layer.thickness_sd_m is None else ""
+    fact = Fact("depth", layer.thickness_m, layer.thickness_interval_m, note=note)
+    return formatting.show(fact, texts, with_unit=False)
 
 
 def _sensors(drops: Sequence[DropView], texts: Texts) -> list[Block]:

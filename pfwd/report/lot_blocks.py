@@ -14,6 +14,8 @@ from pfwd.report.drawing import draw_correlation, draw_lot
 from pfwd.report.lot import Lot, line_through, lot_of
 from pfwd.report.point_facts import verdict_of
 from pfwd.report.texts import Texts
+from pfwd.units import Fact
+from pfwd_plugins.quantities import Unit
 
 _HEIGHT, _CORRELATION_HEIGHT = 56.0, 48.0
 """mm."""
@@ -63,7 +65,7 @@ def _rows(
     low, high = lot.mean_interval
     ends = (max(0.0, low), high)
     return [
-        (texts["mean"], formatting.with_interval(lot.mean, ends, unit, texts)),
+        (texts["mean"], formatting.show(Fact(Unit(unit, 1.0), lot.mean, ends), texts)),
         (
             texts["spread_of_points"],
             f"s = {significant(lot.deviation, 2)} {unit}, "

@@ -5,7 +5,8 @@ from collections.abc import Collection, Hashable, Mapping
 from functools import partial
 from typing import Any
 
-from pfwd.analysis.results import DropResult, relative_spread
+from pfwd.analysis.results import DropResult
+from pfwd.facts import facts_of_drop
 from pfwd.files.photos import is_sound_photo, photos_of
 from pfwd.judging import DropView, PointView
 from pfwd.message_groups import as_ranges, group_messages
@@ -40,6 +41,7 @@ from pfwd.report.point_facts import (
 )
 from pfwd.report.point_result import result_rows
 from pfwd.report.texts import Texts
+from pfwd.units import Fact, unit_of_effect
 
 _NO_RESULT = DropResult()
 
@@ -236,7 +238,9 @@ def _stress(point: PointView, texts: Texts) -> str:
     deviation = stress.exponent_deviation
     if deviation is not None and abs(stress.exponent) < 2 * deviation:  # 95 %: it may be none
         return texts.say("stress_none", low=f"{low:.0f}", high=f"{high:.0f}")
-    exponent = formatting.with_deviation(stress.exponent, deviation, 1.0, "")
+    exponent = formatting.show(
+        Fact(unit_of_effect("-"), stress.exponent, deviation=deviation), texts
+    )
     return texts.say("stress_text", exponent=exponent, low=f"{low:.0f}", high=f"{high:.0f}")
 
 
@@ -268,7 +272,7 @@ def _results(point: PointView, texts: Texts) -> list[Block]:
     for drop, facts in zip(point.drops, point.facts, strict=True):
         result = drop.result or _NO_RESULT
         kind = str(kinds.get(drop.number, facts.kind))
-        blurred = relative_spread(result)
+        fitted = facts_of_drop(result)
         rows.append(
             (
                 str(drop.number),
@@ -278,21 +282,11 @@ def _results(point: PointView, texts: Texts) -> list[Block]:
                 formatting.scaled(facts.pulse_duration, 1e3, ""),
                 formatting.NO_VALUE
                 if is_diagnosed and not drop.has_layers
-                else formatting.modulus_of(drop.result, texts, unit=""),
-                formatting.in_megapascals(
-                    result.equivalent_modulus_pa,
-                    result.equivalent_modulus_interval_pa,
-                    texts,
-                    "",
-                    marked=result.not_supported is not None,
+                else formatting.show(fitted["modulus"], texts, with_unit=False),
+                *(
+                    formatting.show(fitted[key], texts, with_unit=False)
+                    for key in ("equivalent", "viscosity", "density", "bedrock")
                 ),
-                formatting.with_deviation(
-                    result.viscosity_pa_s, result.viscosity_sd_pa_s, 1e-3, "", blurred
-                ),
-                formatting.with_deviation(
-                    result.density_kg_m3, result.density_sd_kg_m3, 1.0, "", blurred
-                ),
-                formatting.depth_of(result, texts, ""),
                 formatting.scaled(result.residual_rms_over_peak, 1e2, "", 2),
                 formatting.scaled(result.peak_modulus_pa, 1e-6, ""),
             )

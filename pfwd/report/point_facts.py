@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from inversion.notices import without_drops
 from pfwd.analysis.results import DiagnosisResult
+from pfwd.facts import fact_of_modulus
 from pfwd.files.header import IMPORTED, declared_values
 from pfwd.judging import DropView, PointView
 from pfwd.judging.stations import chainage_of_point
@@ -162,11 +163,7 @@ def equivalent_text(point: PointView, texts: Texts) -> str:
 
 
 def _fitted_text(point: PointView, quantity: Quantity, texts: Texts) -> str:
-    modulus = point.progress.modulus
-    if modulus is None:
-        return formatting.NO_VALUE
-    marked = modulus.not_supported is not None
-    return formatting.in_megapascals(*modulus.in_quantity(quantity), texts, marked=marked)
+    return formatting.show(fact_of_modulus(point.progress.modulus, quantity), texts)
 
 
 def diagnosis_counts(point: PointView) -> bool:

@@ -1,9 +1,11 @@
 """The result of a point: modulus, model, depth and permitted use, all from one stored result."""
 
 import math
+from collections.abc import Iterator, Mapping
 
-from pfwd.analysis.results import DiagnosisResult, DropResult, relative_spread
+from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.digits import modulus_at_100_kpa
+from pfwd.facts import facts_of_drop, facts_of_state
 from pfwd.judging import PointView
 from pfwd.report import formatting
 from pfwd.report.ground_blocks import effective_of
@@ -16,6 +18,7 @@ from pfwd.report.point_facts import (
     used_drops,
 )
 from pfwd.report.texts import Texts
+from pfwd.units import Fact
 
 _USE_KEYS = {"design": "use_design", "with-care": "use_with_care", "do-not-use": "do_not_use"}
 
@@ -48,14 +51,15 @@ def _basis_of_diagnosis(diagnosis: DiagnosisResult, point: PointView, texts: Tex
     """Return the drops, the ground and the plate of a diagnosis."""
     after = diagnosis.after
     assert after is not None  # its modulus counts
-    model = formatting.on_rock(texts.word(str(after.model)), _bedrock_depth(diagnosis), texts)
+    model = formatting.on_rock(
+        texts.word(str(after.model)), _bedrock_depth(diagnosis, texts), texts
+    )
     plate = f"{texts.word(diagnosis.plate or 'rigid-rough')} {diagnosis.plate_radius_m or 0.0:g} m"
     parts = [
         model,
         plate,
         f"ν {diagnosis.poisson_ratio or 0.0:g}",
-        _with_symbol("η", _rounded(after.viscosity_pa_s, 1e-3, "kPa s")),
-        _with_symbol("ρ", _rounded(after.density_kg_m3, 1.0, "kg/m³")),
+        *_ground(facts_of_state(after), texts),
     ]
     order = [str(drop.number) for drop in point.drops]
     drops = drops_text([str(number) for number in diagnosis.drops or ()], order, texts)
@@ -63,13 +67,13 @@ def _basis_of_diagnosis(diagnosis: DiagnosisResult, point: PointView, texts: Tex
     return f"{texts.say('from_diagnosis', drops=drops)}: {text}"
 
 
-def _bedrock_depth(diagnosis: DiagnosisResult) -> str:
+def _bedrock_depth(diagnosis: DiagnosisResult, texts: Texts) -> str:
     """Return the depth of the rock in the model of a diagnosis; empty: no rock, or not stored."""
     for effect in diagnosis.effects or ():
         if effect.name == "bedrock":
-            return formatting.with_deviation(effect.value, effect.sd, 1.0, "m")
+            return formatting.show(Fact("depth", effect.value, deviation=effect.sd), texts)
     depth = None if diagnosis.after is None else diagnosis.after.bedrock_depth_m
-    return "" if depth is None else formatting.scaled(depth, 1.0, "m")
+    return "" if depth is None else formatting.show(Fact("depth", depth), texts)
 
 
 def _averaged_fits(point: PointView) -> list[tuple[int, DropResult]]:
@@ -96,31 +100,15 @@ def _basis_of_fits(fits: list[tuple[int, DropResult]], point: PointView, texts: 
         declared = result.bedrock_depth_sd_m is None  # a fitted depth differs from drop to drop
         text = formatting.basis_of(result, texts, with_depth=declared)
         return f"{texts.say('from_fits', drops=drops)}: {text}"
-    spread = relative_spread(result)
-    viscosity, density = (
-        formatting.with_deviation(value, deviation, scale, unit, spread)
-        for value, deviation, scale, unit in (
-            (result.viscosity_pa_s, result.viscosity_sd_pa_s, 1e-3, "kPa s"),
-            (result.density_kg_m3, result.density_sd_kg_m3, 1.0, "kg/m³"),
-        )
-    )
-    parts = [
-        formatting.basis_of(result, texts),
-        _with_symbol("η", viscosity),
-        _with_symbol("ρ", density),
-    ]
-    return f"{texts.say('from_fit', drops=drops)}: {', '.join(filter(None, parts))}"
+    parts = [formatting.basis_of(result, texts), *_ground(facts_of_drop(result), texts)]
+    return f"{texts.say('from_fit', drops=drops)}: {', '.join(parts)}"
 
 
-def _rounded(value: float | None, scale: float, unit: str) -> str:
-    """Return a number of unknown deviation with two significant digits; a dash for none."""
-    if value is None or not math.isfinite(value):
-        return formatting.NO_VALUE
-    return f"{float(f'{value * scale:.2g}'):g} {unit}"
-
-
-def _with_symbol(symbol: str, value: str) -> str:
-    return "" if value == formatting.NO_VALUE else f"{symbol} {value}"
+def _ground(facts: Mapping[str, Fact], texts: Texts) -> Iterator[str]:
+    """Yield viscosity and density with their symbols, where a fit has them."""
+    for symbol, key in (("η", "viscosity"), ("ρ", "density")):
+        if facts[key].value is not None:
+            yield f"{symbol} {formatting.show(facts[key], texts)}"
 
 
 def _effective(fits: list[tuple[int, DropResult]], texts: Texts) -> str:

@@ -225,7 +225,13 @@ def _values_in_force(report: Report, texts: Texts) -> list[Block]:
             shown = titles[first : first + _DROPS_OF_A_TABLE]
             keys = dict.fromkeys(key for title in shown for key in results[title])
             rows = [
-                (key, *(results[title].get(key, formatting.NO_VALUE) for title in shown))
+                (
+                    key,
+                    *(
+                        with_decimals(results[title].get(key, formatting.NO_VALUE), texts)
+                        for title in shown
+                    ),
+                )
                 for key in keys
             ]
             right = tuple(range(1, len(shown) + 1))

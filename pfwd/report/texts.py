@@ -4,11 +4,12 @@ import re
 import string
 import tomllib
 from collections.abc import Collection
+from dataclasses import replace
 from functools import cache
 from importlib import resources
 from typing import Any
 
-from inversion.notices import ENGLISH, Language, term_text, text_of
+from inversion.notices import ENGLISH, RANGE_DASH, Language, term_text, text_of
 from pfwd.analysis.options import METHOD_WORDS, PLATE_WORDS
 from pfwd.errors import OptionError, quote, refusal
 from pfwd.procedures import Procedure
@@ -48,6 +49,11 @@ class Texts:
     def decimal(self) -> str:
         """Decimal sign of the language."""
         return self._table["decimal_sign"]
+
+    @property
+    def figures(self) -> Language:
+        """Language of numbers: an interval has a dash between its ends."""
+        return replace(self._language, to=RANGE_DASH)
 
     def __getitem__(self, key: str) -> str:
         return self._table[key]

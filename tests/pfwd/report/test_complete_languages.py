@@ -56,7 +56,8 @@ def catalogue(name: str) -> dict[str, Any]:
 
 
 def words_of(text: str) -> set[str]:
-    return {word.lower() for word in re.findall(r"[A-Za-z]{3,}", text)}
+    without_checksums = re.sub(r"\b[0-9a-f]{32,}\b", "", text)
+    return {word.lower() for word in re.findall(r"[A-Za-z]{3,}", without_checksums)}
 
 
 @cache

@@ -74,7 +74,8 @@ def diagnosed_report(survey: Path, verdict: str, **after: Any) -> Report:
 
 
 def rows_of(point: PointView, language: str = "en") -> dict[str, str]:
-    return {label: value for label, value in result_rows(point, load_texts(language)) if value}
+    rows = result_rows(point, load_texts(language))
+    return {label: value.replace("\N{NO-BREAK SPACE}", " ") for label, value in rows if value}
 
 
 def text_of(report: Report) -> str:
@@ -99,7 +100,7 @@ def test_numbers_of_a_diagnosed_point_are_those_of_its_diagnosis(survey: Path) -
     assert rows["Modulus E"].replace("\xa0", " ") == "51.2 MPa (48.6 – 53.9)"
     assert rows["Basis"] == (
         "Drops 2 – 4, diagnosis: layer on rock at 0.887 m, rigid plate without slip 0.15 m, "
-        "ν 0.35, η 12 kPa s, ρ 1900 kg/m³"
+        "ν 0.35, η 12.3 kPa s, ρ 1911 kg/m³"
     )
     assert rows["Use"] == (
         "design value: the record is explained and the interval is narrow; secant modulus at "
@@ -167,7 +168,7 @@ def test_a_single_fit_has_its_depth_and_viscosity(survey: Path) -> None:
     single.__dict__["progress"] = progress
     basis = rows_of(single)["Basis"]
     assert basis.startswith(
-        "Drop 3, fit: layer on rock at 6.7 – 8.9 m, rigid plate without slip 0.15 m, ν 0.35"
+        "Drop 3, fit: layer on rock at 7.8 m (6.7 – 8.9), rigid plate without slip 0.15 m, ν 0.35"
     )
     assert "η 33" in basis
     assert "Use" not in rows_of(single)

@@ -555,10 +555,11 @@ def test_a_diagnosis_is_shown_with_its_point(survey: Path, monkeypatch: pytest.M
     text, page, report = page_of(survey, diagnose=True)
     assert report.points[0].diagnosis is not None
     assert report.points[0].diagnosis.verdict == "explained"
-    assert "geophone response: 11.00 ± 0.20 Hz (or: lag)" in " ".join(page.texts)
+    texts = [part.replace("\N{NO-BREAK SPACE}", " ") for part in page.texts]
+    assert "geophone response: 11.00 ± 0.20 Hz (or: lag)" in " ".join(texts)
     assert "clean: the base model explains the record" in text
-    assert "stress dependence: 0.43 ± 0.13" in page.texts
-    assert "sensor lag: 2.10 ± 0.10 ms" in page.texts
+    assert "stress dependence: 0.43 ± 0.13" in texts
+    assert "sensor lag: 2.10 ± 0.10 ms" in texts
     assert text.count("design value: the record is explained and the interval is narrow") == 1
 
 

@@ -14,6 +14,7 @@ from pfwd.procedures import PointValue, Quantity
 from pfwd.report import formatting
 from pfwd.report.fonts import Letters
 from pfwd.report.texts import _catalogues, languages, load_texts, placeholders
+from pfwd.units import Fact
 
 EN = load_texts("en")
 
@@ -94,27 +95,25 @@ def test_every_text_that_is_asked_for_is_there() -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "interval", "expected"),
+    ("fact", "expected"),
     [
-        (45.0312, (44.7731, 45.2934), "45.03 MPa (44.77 – 45.29)"),
-        (45.0, (30.0, 62.0), "45 MPa (30 – 62)"),
-        (150.2, (149.9999, 150.4001), "150.2 MPa (150.0 – 150.4)"),
-        (45.0, None, "45.0 MPa (uncertainty not known)"),
-        (45.0, (math.nan, 50.0), "45.0 MPa (uncertainty not known)"),
-        (45.0, (45.0, 45.0), "45.0 MPa (45.0 – 45.0)"),
+        (Fact("modulus", 45.0312e6, (44.7731e6, 45.2934e6)), "45.03 MPa (44.77 – 45.29)"),
+        (Fact("modulus", 45e6, (30e6, 62e6), mark="*"), "45* MPa (30 – 62)"),
+        (Fact("modulus", 45e6, (math.nan, 50e6)), "45.0 MPa"),
+        (Fact("modulus", None, (17e6, 180e6)), "left open (17 – 180 MPa)"),
+        (Fact("density", 1903.0, deviation=6.4), "1903 ± 6 kg/m³"),
+        (Fact("depth", None), "–"),
     ],
 )
-def test_a_modulus_comes_with_its_interval(
-    value: float, interval: tuple[float, float] | None, expected: str
-) -> None:
-    assert plain(formatting.with_interval(value, interval, "MPa", EN)) == expected
+def test_a_fact_breaks_only_before_its_interval(fact: Fact, expected: str) -> None:
+    text = formatting.show(fact, EN)
+    assert plain(text) == expected
+    assert text.count(" ") == expected.count(" (") + ("left open" in text)
 
 
-def test_a_deviation_decides_the_digits_up_to_four() -> None:
-    assert formatting.with_deviation(0.70081, 1e-6, 1.0, "m") == "0.7008 m"
-    assert formatting.with_deviation(1903.0, 6.4, 1.0, "kg/m³") == "1903 ± 6 kg/m³"
-    assert formatting.with_deviation(1.2, None, 1.0, "m") == "1.20 m"
-    assert formatting.with_deviation(None, None, 1.0, "m") == "–"
+def test_a_fact_has_the_words_and_the_sign_of_its_language() -> None:
+    fact = Fact("depth", 0.702, note="given")
+    assert plain(formatting.show(fact, load_texts("de"))) == "0,702 m (angegeben)"
 
 
 def test_one_drop_has_no_interval_and_says_so() -> None:
