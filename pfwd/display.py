@@ -12,7 +12,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Self, SupportsIndex, TypeVar, overload
 
 from pfwd.errors import OptionError, refusal
+from pfwd.units import SI, Fact, QuantityName
 from pfwd_device.text import clean
+from pfwd_plugins.quantities import Unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,20 +31,20 @@ MAX_TEXT_CHARACTERS = 200
 
 NOTEBOOK_COLUMNS = (
     *("point", "drop", "status", "state", "drops_measured", "effects", "peak_load_n"),
-    *("peak_displacement_m", "modulus_pa", "modulus_interval_low_pa", "modulus_interval_high_pa"),
-    *("model", "plate", "plate_radius_m", "poisson_ratio", "residual_rms_over_peak", "in_force"),
+    *("peak_displacement_m", "modulus_pa", "model", "plate", "plate_radius_m", "poisson_ratio"),
+    *("residual_rms_over_peak", "in_force"),
     *("modulus_in_force_pa", "use", "verdict", "discarded", "reason", "warnings", "note"),
 )
 """Columns of a table in a notebook, in their order; those without any value are omitted."""
 
-_NOTEBOOK_UNITS = {
-    "_pa": (1e-6, "MPa"),
-    "_n": (1e-3, "kN"),
-    "displacement_m": (1e6, "µm"),
-    "radius_m": (1.0, "m"),
-    "": (1.0, ""),
+_NOTEBOOK_QUANTITIES: Mapping[str, QuantityName | Unit] = {
+    "_pa": "modulus",
+    "_n": "load",
+    "displacement_m": "deflection",
+    "radius_m": "depth",
+    "": Unit("", 1.0),
 }
-"""Factor and unit in which a column is shown, by the end of its name."""
+"""Quantity of a column by the end of its name."""
 
 COLOURS = ("#0b3c5d", "#b8500f", "#3d7a2a", "#7b3f8c", "#8a6d00", "#444444")
 """Colours of sensors, distinguishable without colour vision."""
@@ -152,7 +154,7 @@ def html_table(caption: str, rows: Iterable[Mapping[str, Any]]) -> str:
     for row in flat:
         row["point"] = row.get("point") or os.path.basename(str(row.get("file") or ""))
     columns = [key for key in NOTEBOOK_COLUMNS if any(r.get(key) not in (None, "") for r in flat)]
-    cells = [[_cell(row.get(key), _unit(key)[0]) for key in columns] for row in flat]
+    cells = [[_cell(row, key) for key in columns] for row in flat]
     head = _html_row("th", map(_heading, columns))
     body = "".join(_html_row("td", line) for line in cells[:MAX_NOTEBOOK_ROWS])
     more = f"<p>first {MAX_NOTEBOOK_ROWS} rows</p>" if len(flat) > MAX_NOTEBOOK_ROWS else ""
@@ -166,20 +168,23 @@ def _html_row(tag: str, cells: Iterable[str]) -> str:
     return f"<tr>{''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in cells)}</tr>"
 
 
-def _unit(key: str) -> tuple[float, str]:
-    return next(unit for end, unit in _NOTEBOOK_UNITS.items() if key.endswith(end))
+def _quantity(key: str) -> QuantityName | Unit:
+    return next(name for end, name in _NOTEBOOK_QUANTITIES.items() if key.endswith(end))
 
 
 def _heading(key: str) -> str:
-    unit = _unit(key)[1]
+    unit = SI.unit(_quantity(key))
     return f"{key.rpartition('_')[0]}, {unit}".replace("_", " ") if unit else key.replace("_", " ")
 
 
-def _cell(value: Any, factor: float) -> str:
+def _cell(row: Mapping[str, Any], key: str) -> str:
+    value = row.get(key)
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return "" if math.isnan(value) else f"{factor * value:.4g}"
+        low, high = (row.get(f"modulus_interval_{end}_pa") or math.nan for end in ("low", "high"))
+        fact = Fact(_quantity(key), value, (low, high) if key == "modulus_pa" else None)
+        return "" if math.isnan(value) else SI.show(fact, with_unit=False)
     return "" if value is None else text_of(value)
 
 

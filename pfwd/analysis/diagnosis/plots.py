@@ -12,13 +12,12 @@ import numpy as np
 from inversion.diagnosis.findings import FittedState
 from inversion.records import known
 from pfwd.analysis.diagnosis.diagnose import Diagnosed
-from pfwd.digits import significant
 from pfwd.display import AFTER_COLOUR, BEFORE_COLOUR, draw_residual
 from pfwd.errors import SurveyError, refusal
 from pfwd.facts import facts_of_state
 from pfwd.files.output_path import require_writable
 from pfwd.matplotlib_start import start_matplotlib
-from pfwd.units import SI
+from pfwd.units import SI, percent
 
 _DATA = "#222222"
 
@@ -116,7 +115,7 @@ def _draw_ladder(axis: Any, diagnosed: Diagnosed) -> None:
     before, after = diagnosed.diagnosis.before, diagnosed.diagnosis.after
     axis.set_title(
         "\n".join(
-            f"{when} {_modulus(state)}, {significant(100 * state.residual_over_peak, 2)} % left"
+            f"{when} {_modulus(state)}, residual {percent(state.residual_over_peak)}"
             for when, state in (("base model", before), ("all effects", after))
         ),
         fontsize=9,

@@ -73,7 +73,7 @@ def test_a_ladder_tells_moduli_with_their_intervals_and_what_is_left(
         axis, diagnosed(left, "A", effect("rebound", 50.0), effect("sensor_lag", math.nan))
     )
     first, second = axis.get_title().split("\n")
-    assert first == f"base model {modulus}, 104 % left"
-    assert second == "all effects E 45 MPa (41 to 50), 1.7 % left"
+    assert first == f"base model {modulus}, residual 104 %"
+    assert second == "all effects E 45 MPa (41 to 50), residual 1.7 %"
     names = [label.get_text() for label in axis.get_yticklabels()]
     assert names == ["rebound", "sensor lag (shared by the points)"]
