@@ -224,8 +224,10 @@ def _campaign(
 def diagnosed(files: Sequence[Path], jobs: int) -> dict[str, DiagnosisRecord]:
     """Return the diagnoses as JSON by file name; invalid files are omitted."""
     from pfwd.analysis.diagnosis.diagnose import diagnose_files
+    from pfwd.analysis.diagnosis.entries import DiagnosisRequest
 
-    diagnoses = diagnose_files([str(file) for file in files], jobs=jobs)
+    request = DiagnosisRequest(jobs=jobs)
+    diagnoses = diagnose_files([str(file) for file in files], request=request)
     return {Path(item.file).name: item.result.to_json() for item in diagnoses if item.result}
 
 

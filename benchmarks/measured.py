@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks.output import Reporter, parse_options
-from inversion.diagnosis.findings import PointDiagnosis
 from inversion.records import known
 from pfwd.analysis.diagnosis.diagnose import diagnose_entries
-from pfwd.analysis.diagnosis.entries import DiagnosisPoint, entries_of
+from pfwd.analysis.diagnosis.entries import DiagnosisPoint, DiagnosisRequest, entries_of
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.results import HeldOut
+from pfwd.analysis.results import DiagnosisResult, HeldOut
 from pfwd.errors import SurveyError
 
 
@@ -49,15 +48,12 @@ def run(arguments: list[str]) -> int:
         return 1
     for name, points in surveys.items():
         start = time.perf_counter()
-        diagnoses = diagnose_entries(
-            points, None, options.jobs, options.leave_out, allow=options.allow
+        request = DiagnosisRequest(
+            leave_out=options.leave_out, allow=options.allow, jobs=options.jobs
         )
-        points_held_out = [
-            (item.diagnosis, item.result.held_out)
-            for item in diagnoses
-            if item.diagnosis is not None and item.result is not None
-        ]
-        _report_survey(report, name, points_held_out, time.perf_counter() - start)
+        diagnosed = [item.result for item in diagnose_entries(points, request)]
+        results = [result for result in diagnosed if result is not None and result.curves]
+        _report_survey(report, name, results, time.perf_counter() - start)
     return 0
 
 
@@ -82,20 +78,19 @@ def find_points(paths: Sequence[Path], options: AnalysisOptions) -> dict[str, li
 def _report_survey(
     report: Reporter,
     name: str,
-    diagnoses: Sequence[tuple[PointDiagnosis, HeldOut | None]],
+    points: Sequence[DiagnosisResult],
     seconds: float,
 ) -> None:
     """Report every point of a survey, then the medians of the errors, %, and of the effects."""
-    report.title(f"{name}: {len(diagnoses)} points; rms over the peak in %, E in MPa")
-    points = [point for point, _ in diagnoses]
-    rows = [_row(point, held_out) for point, held_out in diagnoses]
+    report.title(f"{name}: {len(points)} points; rms over the peak in %, E in MPa")
+    rows = [_row(point) for point in points]
     for point, row in zip(points, rows, strict=True):
-        report.record(device=name, point=point.name, **row)
+        report.record(device=name, point=point.point or point.file, **row)
     keys = [key for key in rows[0] if key.endswith(("_whole", "_contact"))]
     medians = {key: _median([row[key] for row in rows]) for key in keys}
     report.record(device=name, what="median", seconds=seconds, **medians)
-    for effect in sorted({effect.key for point in points for effect in point.effects}):
-        named = [e for point in points for e in point.effects if e.key == effect]
+    for effect in sorted({effect.key for point in points for effect in point.effects or ()}):
+        named = [e for point in points for e in point.effects or () if e.key == effect]
         if named[0].scope != "device":
             report.record(device=name, effect=effect, points=len(named))
             continue
@@ -106,16 +101,17 @@ def _report_survey(
         report.record(device=name, effect=effect, points=len(named), **values)
 
 
-def _row(point: PointDiagnosis, held_out: HeldOut | None) -> dict[str, Any]:
-    low, high = known(point.after.modulus_interval_pa)
-    held = held_out or HeldOut()
+def _row(point: DiagnosisResult) -> dict[str, Any]:
+    before, after = known(point.before), known(point.after)
+    low, high = known(after.modulus_interval_pa)
+    held = point.held_out or HeldOut()
     return {
         "verdict": point.verdict,
-        "corrected": int(point.corrected),
-        "before_whole": 100 * point.before.residual_over_peak,
-        "before_contact": 100 * known(point.before.contact_residual_rms_over_peak),
-        "after_whole": 100 * point.after.residual_over_peak,
-        "after_contact": 100 * known(point.after.contact_residual_rms_over_peak),
+        "corrected": int(known(point.corrected)),
+        "before_whole": 100 * before.residual_over_peak,
+        "before_contact": 100 * known(before.contact_residual_rms_over_peak),
+        "after_whole": 100 * after.residual_over_peak,
+        "after_contact": 100 * known(after.contact_residual_rms_over_peak),
         "held_out": held.mode,
         "fitted": len(held.fitted or ()),
         "base_held_out_whole": _percent(held.before),
@@ -124,8 +120,8 @@ def _row(point: PointDiagnosis, held_out: HeldOut | None) -> dict[str, Any]:
         "held_out_contact": _percent(held.contact_after),
         "scaled_record_whole": _percent(held.scaled_record),
         "scaled_record_contact": _percent(held.contact_scaled_record),
-        "modulus_before": 1e-6 * point.before.fitted_modulus,
-        "modulus_after": 1e-6 * point.after.fitted_modulus,
+        "modulus_before": 1e-6 * before.fitted_modulus,
+        "modulus_after": 1e-6 * after.fitted_modulus,
         "low": 1e-6 * low,
         "high": 1e-6 * high,
     }

@@ -20,8 +20,8 @@ from benchmarks.output import Proportion, Reporter, parse_options
 from inversion.diagnosis.findings import PointDiagnosis
 from inversion.records import known
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint, with_unique_names
-from pfwd.analysis.diagnosis.points import Workers, successful
-from pfwd.analysis.diagnosis.shared_device import Phases, diagnose_device
+from pfwd.analysis.diagnosis.shared_device import Phases, diagnose_device, successful
+from pfwd.analysis.diagnosis.workers import Workers
 from pfwd.analysis.options import AnalysisOptions
 
 _PART = 4

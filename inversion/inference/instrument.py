@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -13,6 +15,7 @@ from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.effects.base import Values
 from inversion.effects.catalogue import BY_NAME
+from inversion.errors import InversionError
 from inversion.forward.library import SurrogateLibrary
 from inversion.inference.next_drop import DropPredictor
 from inversion.inference.point_model import PointModel
@@ -31,9 +34,13 @@ from inversion.threads import single_threaded_blas
 
 # Number of points on which the structure is chosen. More points do not change the choice.
 MAX_RANKED_POINTS = 5
+# Number of neighbours on either side of a point whose summaries are used.
+_MAX_NEIGHBOURS = 50
 # Largest log evidence that one point contributes for or against an effect, and smallest sum over
 # all points for a shared effect.
 _MAX_POINT_EVIDENCE, _MIN_TOTAL_EVIDENCE = 10.0, 3.0
+
+_R = TypeVar("_R")
 
 
 def rank_at_point(
@@ -150,24 +157,46 @@ def shared_effects(gains: Sequence[Mapping[str, float]]) -> tuple[Structure, Str
     return frozenset(shared), frozenset(candidates - shared)
 
 
+def _attempt(
+    function: Callable[..., _R], records: PointRecords, library: SurrogateLibrary
+) -> _R | None:
+    """Return the result of a function for a point; None: the fits failed."""
+    try:
+        return function(records, library=library)
+    except (InversionError, np.linalg.LinAlgError):
+        return None
+
+
 class InstrumentPoints:
-    """Points of one instrument, at each of which the next drop can be predicted.
+    """Points of one instrument: their common structure, their fits, prediction of further drops.
+
+    A structure is the set of effects in the model. The summary of a point is its fit with one
+    structure.
 
     Parameters
     ----------
     points : sequence of PointRecords
     declared_effects : declared values of effects, by effect and parameter
+    library : SurrogateLibrary, optional
+    compute : callable, optional
+        Returns the results of a function of records and library for the first points. Its
+        arguments are the kind of work, the function and the number of points.
     """
 
     def __init__(
-        self, points: Sequence[PointRecords], declared_effects: Mapping[str, Values] | None = None
+        self,
+        points: Sequence[PointRecords],
+        declared_effects: Mapping[str, Values] | None = None,
+        library: SurrogateLibrary | None = None,
+        compute: Callable[[str, Callable[..., Any], int], list[Any]] | None = None,
     ) -> None:
         self._points = tuple(points)
         self._declared_effects = declared_effects or {}
-        self._library = SurrogateLibrary()
+        self._library = library or SurrogateLibrary()
+        self._compute = compute or self._compute_in_turn
+        self._rankings: list[Ranking | None] = []
+        self._summaries: dict[Structure, list[PointSummary | None]] = {}
         self._predictors: dict[int, DropPredictor] = {}
-        self._structure: Structure | None = None
-        self._summaries: list[PointSummary] = []
 
     def predict_next(self, place: int, time: FloatArray, load: FloatArray) -> FloatArray:
         """Return the displacements of a drop that follows those of a point, (n_sensors, n), m.
@@ -181,32 +210,70 @@ class InstrumentPoints:
         silent = tuple(replace(sensor, values=np.zeros_like(load)) for sensor in last.sensors)
         record = replace(last, time=time, load=load, sensors=silent)
         with single_threaded_blas():
-            return self._predictor(place).predict(record, self._library)
+            if place not in self._predictors:
+                structure = self._best_structure(None)
+                if structure is None:
+                    raise InversionError("no point of the instrument could be fitted")
+                several = len(self._points) > 1
+                summaries = self._summaries_with(structure) if several else []
+                self._predictors[place] = drop_predictor(
+                    self._points[place],
+                    structure,
+                    [s for i, s in enumerate(summaries) if i != place and s is not None],
+                    self._declared_effects,
+                    self._library,
+                )
+            return self._predictors[place].predict(record, self._library)
 
-    def _evidence(self, place: int, structure: Structure) -> float | None:
-        """Return the log evidence of a structure at a point, see `structure_evidence`."""
-        records = self._points[place]
-        return structure_evidence(records, structure, self._declared_effects, self._library)
+    def structure_without(self, place: int) -> Structure | None:
+        """Return the structure that the points other than one support best; None: there is none."""
+        return self._best_structure(place) if len(self._points) > 1 else None
 
-    def _predictor(self, place: int) -> DropPredictor:
-        if self._structure is None:
-            rankings = [
-                rank_at_point(records, self._declared_effects, self._library)
-                for records in self._points[:MAX_RANKED_POINTS]
-            ]
-            self._structure = choose_structure(rankings, self._evidence)
-            if len(self._points) > 1:
-                self._summaries = [
-                    summarise_point(records, self._structure, self._declared_effects, self._library)
-                    for records in self._points
-                ]
-        if place not in self._predictors:
-            peer_points = [s for i, s in enumerate(self._summaries) if i != place]
-            self._predictors[place] = drop_predictor(
-                self._points[place],
-                self._structure,
-                peer_points,
-                self._declared_effects,
-                self._library,
+    def neighbour_summaries(self, place: int) -> dict[int, PointSummary]:
+        """Return the summaries, by index, of up to 50 points before and after a point.
+
+        The point itself is not used, neither for the structure nor for the summaries.
+        """
+        structure = self.structure_without(place)
+        if structure is None:
+            return {}
+        first = max(0, place - _MAX_NEIGHBOURS)
+        summaries = self._summaries_with(structure)[first : place + _MAX_NEIGHBOURS + 1]
+        return {i: s for i, s in enumerate(summaries, first) if i != place and s is not None}
+
+    def _best_structure(self, excluded: int | None) -> Structure | None:
+        """Return the structure that the points support best; None: no point could be fitted.
+
+        Parameters
+        ----------
+        excluded : int or None
+            Index of a point that is not used.
+        """
+        if not self._rankings:
+            # One more than needed, because a point is not used in the choice of its own structure.
+            n_ranked = min(len(self._points), MAX_RANKED_POINTS + 1)
+            self._rankings = self._computed("candidate models", rank_at_point, n_ranked)
+        ranked = {i: of for i, of in enumerate(self._rankings) if i != excluded and of is not None}
+        places = list(ranked)[:MAX_RANKED_POINTS]
+
+        def evidence_at(i: int, structure: Structure) -> float | None:
+            evidence = partial(
+                structure_evidence, structure=structure, declared_effects=self._declared_effects
             )
-        return self._predictors[place]
+            return _attempt(evidence, self._points[places[i]], self._library)
+
+        return choose_structure([ranked[i] for i in places], evidence_at) if places else None
+
+    def _summaries_with(self, structure: Structure) -> list[PointSummary | None]:
+        if structure not in self._summaries:
+            summarise = partial(summarise_point, structure=structure)
+            summaries = self._computed("points by themselves", summarise, len(self._points))
+            self._summaries[structure] = summaries
+        return self._summaries[structure]
+
+    def _computed(self, kind: str, function: Callable[..., _R], count: int) -> list[_R | None]:
+        function = partial(function, declared_effects=self._declared_effects)
+        return self._compute(kind, partial(_attempt, function), count)
+
+    def _compute_in_turn(self, kind: str, function: Callable[..., _R], count: int) -> list[_R]:
+        return [function(records, library=self._library) for records in self._points[:count]]

@@ -90,11 +90,11 @@ def diagnose_single(
         units.
     """
     from pfwd.analysis.diagnosis.diagnose import diagnose_entries
-    from pfwd.analysis.diagnosis.entries import entry_of
+    from pfwd.analysis.diagnosis.entries import DiagnosisRequest, entry_of
 
     entry = entry_of(point.file, point, options)
     values = {name: dict(parameters) for name, parameters in device.items()}
-    (diagnosed,) = diagnose_entries([entry], values or None)
+    (diagnosed,) = diagnose_entries([entry], DiagnosisRequest(device=values or None))
     if diagnosed.result is None:
         raise SurveyError(str(diagnosed.error))
     return diagnosed.result
@@ -109,12 +109,14 @@ def diagnose_file(file: str) -> tuple[DiagnosisResult, ...]:
         If no point could be diagnosed.
     """
     from pfwd.analysis.diagnosis.diagnose import diagnose_files
+    from pfwd.analysis.diagnosis.entries import DiagnosisRequest
     from pfwd.analysis.result_store import store_diagnoses
 
     def progress(work: str, point: str, count: int, total: int) -> None:
         report(TaskProgress(work, point, count, total))
 
-    points = list(diagnose_files([file], use_stored=True, progress=progress))
+    request = DiagnosisRequest(use_stored=True, progress=progress)
+    points = list(diagnose_files([file], request=request))
     if os.path.isdir(file):
         new = [(p.number, p.result) for p in points if p.number is not None and p.result]
         store_diagnoses(file, new)

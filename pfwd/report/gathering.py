@@ -641,7 +641,7 @@ def _diagnose(
     names the points that are diagnosed; None: all.
     """
     from pfwd.analysis.diagnosis.diagnose import diagnose_entries
-    from pfwd.analysis.diagnosis.entries import entries_of
+    from pfwd.analysis.diagnosis.entries import DiagnosisRequest, entries_of
     from pfwd.analysis.result_store import store_diagnoses
 
     folder = str(survey.folder)
@@ -659,9 +659,8 @@ def _diagnose(
         entries = [entry for entry in entries if entry.point == only.title]
     if waiting is not None:
         entries = [entry for entry in entries if entry.point in waiting]
-    diagnosed_points = list(
-        diagnose_entries(entries, jobs=options.jobs, use_stored=not options.refit)
-    )
+    request = DiagnosisRequest(jobs=options.jobs, use_stored=not options.refit)
+    diagnosed_points = list(diagnose_entries(entries, request))
     for diagnosed in diagnosed_points:
         if diagnosed.error is not None:
             tell(f"diagnosis: {diagnosed.error}")

@@ -21,8 +21,8 @@ from pfwd.scripting.measured import Data, Drop, Point, points_of, requested
 from pfwd.scripting.options import DIAGNOSE_OPTIONS
 
 if TYPE_CHECKING:
+    from inversion.diagnosis.findings import DeviceValues
     from pfwd.analysis.diagnosis.entries import DiagnosisPoint
-    from pfwd.analysis.diagnosis.points import DeviceValues
 
 
 class Diagnoses(display.DisplayableList[Diagnosis]):
@@ -91,7 +91,7 @@ def diagnose(
     """
     from pfwd.analysis.diagnosis.device_file import read_device
     from pfwd.analysis.diagnosis.diagnose import diagnose_entries
-    from pfwd.analysis.diagnosis.entries import entry_of
+    from pfwd.analysis.diagnosis.entries import DiagnosisRequest, entry_of
 
     if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
         raise OptionError(refusal("jobs", "a whole number >= 1", repr(jobs)))
@@ -99,13 +99,13 @@ def diagnose(
     points = points_of(data, header, settings.overrides())
     device_values, spread = (None, None) if device is None else read_device(device)
     entries = [entry_of(point.file, point, settings) for point in points]
-    outcomes = diagnose_entries(entries, device_values, jobs, use_stored=not refit, spread=spread)
+    request = DiagnosisRequest(device=device_values, spread=spread, use_stored=not refit, jobs=jobs)
+    outcomes = diagnose_entries(entries, request)
     results = []
     for outcome, predictor in zip(outcomes, _predictors(entries, device_values), strict=True):
         if outcome.result is None:
             raise SurveyError(outcome.error or refusal(outcome.file, "a diagnosis", "none"))
-        curves = () if outcome.diagnosis is None else outcome.diagnosis.curves
-        results.append(replace(outcome.result, curves=curves, predictor=predictor))
+        results.append(replace(outcome.result, predictor=predictor))
     diagnoses = Diagnoses(
         replace(result, point_modulus=modulus)
         for result, modulus in zip(results, moduli_in_force(results), strict=True)

@@ -84,25 +84,22 @@ def run(args: argparse.Namespace) -> int:
         return _over_archive(args, options)
     from pfwd.analysis.diagnosis.device_file import device_of, read_device, write_device_file
     from pfwd.analysis.diagnosis.diagnose import diagnose_files
+    from pfwd.analysis.diagnosis.entries import DiagnosisRequest
 
     device, spread = read_device(args.device) if args.device else (None, None)
-    # A plot and a device file need values that a survey does not store.
-    use_stored = not (args.refit or args.plot or args.write_device)
     try:
         with diagnosis_progress() as progress:
-            points = list(
-                diagnose_files(
-                    args.files,
-                    options,
-                    device,
-                    args.jobs,
-                    args.leave_out,
-                    use_stored=use_stored,
-                    progress=progress,
-                    spread=spread,
-                    allow=args.allow,
-                )
+            request = DiagnosisRequest(
+                device=device,
+                spread=spread,
+                leave_out=args.leave_out,
+                allow=args.allow,
+                # A plot and a device file need values that a survey does not store.
+                use_stored=not (args.refit or args.plot or args.write_device),
+                jobs=args.jobs,
+                progress=progress,
             )
+            points = list(diagnose_files(args.files, options, request))
     except KeyboardInterrupt:
         say("diagnose: finished points are stored; the same command continues with the others")
         raise
@@ -117,7 +114,7 @@ def run(args: argparse.Namespace) -> int:
     if args.plot:
         from pfwd.analysis.diagnosis.plots import plot_diagnoses
 
-        plot_diagnoses([point for point in points if point.diagnosis is not None], args.plot)
+        plot_diagnoses([point.result for point in points if point.result], args.plot)
         say(f"plot {args.plot}")
     return 1 if any(point.error for point in points) else 0
 

@@ -133,18 +133,11 @@ def _diagnose(
     if outcome.error is not None:
         return []
     from pfwd.analysis.diagnosis.diagnose import diagnose_files
+    from pfwd.analysis.diagnosis.entries import DiagnosisRequest
 
     with diagnosis_progress() as progress:
-        return list(
-            diagnose_files(
-                [outcome.file],
-                options,
-                None,
-                args.jobs,
-                use_stored=not args.refit,
-                progress=progress,
-            )
-        )
+        request = DiagnosisRequest(use_stored=not args.refit, jobs=args.jobs, progress=progress)
+        return list(diagnose_files([outcome.file], options, request))
 
 
 def _report_diagnoses(diagnosed: "list[Diagnosed]", *, as_json: bool, store: bool) -> None:

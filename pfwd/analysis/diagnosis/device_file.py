@@ -8,12 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from inversion.diagnosis.findings import EffectResult
+from inversion.diagnosis.findings import DeviceValues, EffectResult
 from inversion.effects import BY_NAME
 from inversion.inference.population import ERROR_BUDGET
 from inversion.records import known
 from pfwd.analysis.diagnosis.diagnose import Diagnosed
-from pfwd.analysis.diagnosis.points import DeviceValues
 from pfwd.errors import OptionError, refusal
 from pfwd.files.output_path import replaced_at_once, require_writable
 from pfwd.files.toml import toml_line
@@ -64,11 +63,11 @@ def write_device_file(
     effects: dict[str, list[EffectResult]] = {}
     drops: dict[str, int] = {}
     for point in diagnosed:
-        for effect in point.diagnosis.effects if point.diagnosis else ():
-            if effect.scope == "device" and point.diagnosis is not None:
+        for effect in (point.result and point.result.effects) or ():
+            if effect.scope == "device":
                 name = known(effect.name)
                 effects.setdefault(name, []).append(effect)
-                drops[name] = drops.get(name, 0) + len(point.diagnosis.numbers)
+                drops[name] = drops.get(name, 0) + len(known(known(point.result).drops))
     device_effects = []
     for name, found in effects.items():
         best = min(found, key=lambda effect: known(effect.numbers[0].sd))

@@ -5,11 +5,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
+from inversion.diagnosis.findings import DeviceValues, LeaveOut
 from inversion.diagnosis.model import PointRecords
+from inversion.inference.held_out import Allow
 from inversion.notices import Notice, codes
 from pfwd.analysis.analyse import record_of
+from pfwd.analysis.diagnosis.workers import Progress
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.result_store import basis_of, question_of, read_diagnosis, software_name
+from pfwd.analysis.result_store import basis_of, question_of, read_diagnosis
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.analysis.screening.bad_sensors import leave_out_bad_sensors
 from pfwd.analysis.screening.drops import duplicate_drops, screen_point, unbroken_part
@@ -46,6 +49,49 @@ class DiagnosisPoint:
     last: SurveyDrop | None = None
     """Last measured drop of a point in a survey, with which the diagnosis is stored; None: no
     survey."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnosisRequest:
+    """Known device effects, data to hold out, and the way to compute the diagnoses of points.
+
+    Parameters
+    ----------
+    device : mapping, optional
+        Known parameters of device effects, by effect and parameter, in SI units.
+    spread : mapping, optional
+        Standard deviations of the values in ``device``. A parameter with one is fitted to each
+        point with the value as its prior; others are fixed.
+    leave_out : "next", "drop", "sensor", "point" or None
+        Data that are held out and predicted. "next": the last drop of each point. "drop", "sensor":
+        each drop or sensor in turn. They are predicted from the remaining data of the point and
+        from the other points of the instrument. "point": each point is fitted with the device
+        effects of the other points. None: the last drop of each point is predicted from its other
+        drops.
+    allow : "stiffness" or None
+        "stiffness": a factor on the stiffness is fitted to a held-out drop.
+    use_stored : bool
+        True: a diagnosis that the survey stores for the same request is returned in place of a new
+        one.
+    jobs : int
+        Number of processes.
+    progress : callable, optional
+        Called with the kind of work, the name of the point, and the numbers of points done and in
+        all.
+    """
+
+    device: DeviceValues | None = None
+    spread: DeviceValues | None = None
+    leave_out: LeaveOut | None = None
+    allow: Allow | None = None
+    use_stored: bool = False
+    jobs: int = 1
+    progress: Progress | None = None
+
+    @property
+    def uses_all_points(self) -> bool:
+        """Whether held-out data are predicted from all points of the instrument."""
+        return self.leave_out in ("next", "drop", "sensor")
 
 
 def with_unique_names(entries: Iterable[DiagnosisPoint | _T]) -> list[DiagnosisPoint | _T]:
@@ -153,19 +199,7 @@ def instrument_of(point: DiagnosisPoint) -> tuple[object, ...]:
     return None, record.instrument.plate_radius, sensors
 
 
-# Modes that use all points of an instrument.
-_PREDICTIONS = frozenset({"next", "drop", "sensor"})
-
-DeviceEffects = Mapping[str, Mapping[str, float]]
-
-
-def questions_of(
-    work: Sequence[DiagnosisPoint],
-    device: DeviceEffects | None,
-    leave_out: str | None,
-    spread: DeviceEffects | None = None,
-    allow: str | None = None,
-) -> list[str]:
+def questions_of(work: Sequence[DiagnosisPoint], request: DiagnosisRequest) -> list[str]:
     """Return, for each point, an identifier of the request for its diagnosis.
 
     Points of one device have a common request, because effects detected at one are tried at all.
@@ -174,19 +208,19 @@ def questions_of(
     ----------
     work : sequence of DiagnosisPoint
         Points with records.
-    device, spread : mapping or None
-        Known parameters of device effects, and their standard deviations.
-    leave_out, allow : str or None
-        As for :func:`~pfwd.analysis.diagnosis.diagnose.diagnose_files`.
+    request : DiagnosisRequest
     """
-    predicts = leave_out in _PREDICTIONS
+    predicts = request.uses_all_points
     groups: dict[object, list[str]] = {}
     for place, point in enumerate(work):
         groups.setdefault(_group(place, point, predicts), []).append(point.question)
     questions = []
     for place, point in enumerate(work):
         group = sorted(groups[_group(place, point, predicts)])
-        parts: tuple[object, ...] = (point.question, group, device, leave_out, spread, allow)
+        parts = (
+            *(point.question, group, request.device),
+            *(request.leave_out, request.spread, request.allow),
+        )
         # "inference" makes predictions of an earlier method invalid.
         text = repr((*parts, "inference") if predicts else parts)
         questions.append(hashlib.sha256(text.encode()).hexdigest()[:32])
@@ -210,14 +244,3 @@ def stored_answers(
         if stored and stored.question == questions[point.name] and not stored.unreadable:
             answers[point.name] = replace(stored, file=point.file, point=point.point, stored=True)
     return answers
-
-
-def with_question(result: DiagnosisResult, point: DiagnosisPoint, question: str) -> DiagnosisResult:
-    """Return a result with the identifiers of its request, declarations and software."""
-    return replace(
-        result,
-        software=software_name(),
-        question=question,
-        basis=point.basis,
-        left_out=point.left_out,
-    )

@@ -11,7 +11,7 @@ import numpy as np
 
 from inversion.diagnosis.findings import FittedState
 from inversion.records import known
-from pfwd.analysis.diagnosis.diagnose import Diagnosed
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.display import AFTER_COLOUR, BEFORE_COLOUR, draw_residual
 from pfwd.errors import SurveyError, refusal
 from pfwd.facts import facts_of_state
@@ -22,13 +22,13 @@ from pfwd.units import SI, percent
 _DATA = "#222222"
 
 
-def plot_diagnoses(outcomes: Sequence[Diagnosed], path: str | os.PathLike[str]) -> Path:
+def plot_diagnoses(results: Sequence[DiagnosisResult], path: str | os.PathLike[str]) -> Path:
     """Write a picture of diagnoses, one row of four diagrams for each point.
 
     Parameters
     ----------
-    outcomes : sequence of Diagnosed
-        Outcomes without a diagnosis are skipped.
+    results : sequence of DiagnosisResult
+        Results without traces are skipped.
     path : path ending in .png, .svg or .pdf
 
     Returns
@@ -39,33 +39,31 @@ def plot_diagnoses(outcomes: Sequence[Diagnosed], path: str | os.PathLike[str]) 
     Raises
     ------
     SurveyError
-        If no outcome has a diagnosis, or the file cannot be written.
+        If no result has traces, or the file cannot be written.
     """
     start_matplotlib()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    rows = [diagnosed for diagnosed in outcomes if diagnosed.diagnosis is not None]
+    rows = [result for result in results if result.curves]
     if not rows:
         raise SurveyError(refusal("--plot", "at least one diagnosed point", "none"))
     figure = Figure(figsize=(15, 3.4 * len(rows)), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(len(rows), 4, squeeze=False)
-    for row, diagnosed in zip(axes, rows, strict=True):
-        _draw_traces(row[0], diagnosed)
-        assert diagnosed.diagnosis is not None
+    for row, result in zip(axes, rows, strict=True):
+        _draw_traces(row[0], result)
         title = "residual: base model (grey), with all effects (blue)"
-        draw_residual(row[1], diagnosed.diagnosis.curves, title)
-        _draw_spectrum(row[2], diagnosed)
-        _draw_ladder(row[3], diagnosed)
+        draw_residual(row[1], result.curves, title)
+        _draw_spectrum(row[2], result)
+        _draw_ladder(row[3], result)
     target = require_writable(path, "--plot")
     figure.savefig(target, dpi=110)
     return target
 
 
-def _draw_traces(axis: Any, diagnosed: Diagnosed) -> None:
-    assert diagnosed.diagnosis is not None
-    for curves in diagnosed.diagnosis.curves:
+def _draw_traces(axis: Any, result: DiagnosisResult) -> None:
+    for curves in result.curves:
         time = curves.time * 1e3
         for observed, before, after in zip(
             curves.observed, curves.before, curves.after, strict=True
@@ -73,7 +71,7 @@ def _draw_traces(axis: Any, diagnosed: Diagnosed) -> None:
             axis.plot(time, before * 1e6, color=BEFORE_COLOUR, lw=0.8, ls="--")
             axis.plot(time, observed * 1e6, color=_DATA, lw=1.2)
             axis.plot(time, after * 1e6, color=AFTER_COLOUR, lw=0.9)
-    axis.set_title(f"{_name(diagnosed)}: {diagnosed.diagnosis.verdict}", fontsize=9)
+    axis.set_title(f"{_name(result)}: {result.verdict}", fontsize=9)
     axis.set_ylabel("displacement, µm (down +)", fontsize=8)
     if axis.lines:
         names = ("base model", "recorded", "with all effects")
@@ -81,9 +79,8 @@ def _draw_traces(axis: Any, diagnosed: Diagnosed) -> None:
     axis.set_xlabel("ms", fontsize=8)
 
 
-def _draw_spectrum(axis: Any, diagnosed: Diagnosed) -> None:
-    assert diagnosed.diagnosis is not None
-    for curves in diagnosed.diagnosis.curves:
+def _draw_spectrum(axis: Any, result: DiagnosisResult) -> None:
+    for curves in result.curves:
         step = curves.time[1] - curves.time[0]
         taper = np.hanning(curves.time.size)
         for values, colour in ((curves.before, BEFORE_COLOUR), (curves.after, AFTER_COLOUR)):
@@ -97,9 +94,8 @@ def _draw_spectrum(axis: Any, diagnosed: Diagnosed) -> None:
     axis.set_ylabel("m s", fontsize=8)
 
 
-def _draw_ladder(axis: Any, diagnosed: Diagnosed) -> None:
-    assert diagnosed.diagnosis is not None
-    effects = diagnosed.diagnosis.effects
+def _draw_ladder(axis: Any, result: DiagnosisResult) -> None:
+    effects = known(result.effects)
     # Effects shared by the points of a device have no evidence at a single point.
     names = [
         effect.key.replace("_", " ")
@@ -112,7 +108,7 @@ def _draw_ladder(axis: Any, diagnosed: Diagnosed) -> None:
     axis.set_yticks(places, names, fontsize=8)
     axis.invert_yaxis()
     axis.set_xlabel("evidence (log Bayes factor)", fontsize=8)
-    before, after = diagnosed.diagnosis.before, diagnosed.diagnosis.after
+    before, after = known(result.before), known(result.after)
     axis.set_title(
         "\n".join(
             f"{when} {_modulus(state)}, residual {percent(state.residual_over_peak)}"
@@ -122,10 +118,9 @@ def _draw_ladder(axis: Any, diagnosed: Diagnosed) -> None:
     )
 
 
-def _name(diagnosed: Diagnosed) -> str:
+def _name(result: DiagnosisResult) -> str:
     """Return the name of a point, or of its file if the point has no name."""
-    point = None if diagnosed.result is None else diagnosed.result.point
-    return Path(diagnosed.file).name if point is None else point
+    return Path(known(result.file)).name if result.point is None else result.point
 
 
 def _modulus(state: FittedState) -> str:

@@ -13,6 +13,7 @@ from inversion.notices import Notice, Value, text_notice
 from inversion.records import known
 from pfwd.analysis.diagnosed_drop import DiagnosedDrop
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint
+from pfwd.analysis.result_store import software_name
 from pfwd.analysis.results import (
     DiagnosisResult,
     EffectParameter,
@@ -25,11 +26,20 @@ from pfwd.peaks.stiffness import stiffness_of
 from pfwd_device import Drop
 from pfwd_device.signals import remove_offset, velocity_of
 
-# Beginnings of the reasons by which the screening reports that no weight fell.
 
+def diagnosis_result(
+    entry: DiagnosisPoint, diagnosis: PointDiagnosis | None, question: str | None = None
+) -> DiagnosisResult:
+    """Return the result for one point.
 
-def diagnosis_result(entry: DiagnosisPoint, diagnosis: PointDiagnosis | None) -> DiagnosisResult:
-    """Return the result for one point; ``diagnosis`` is None if none of its drops was measured."""
+    Parameters
+    ----------
+    entry : DiagnosisPoint
+    diagnosis : PointDiagnosis or None
+        None: none of its drops was measured.
+    question : str or None
+        Identifier of the request; None: no drop was measured.
+    """
     if entry.rig is not None:
         return rig_result(entry, entry.rig)
     conditions: dict[str, Any] = {}
@@ -74,7 +84,12 @@ def diagnosis_result(entry: DiagnosisPoint, diagnosis: PointDiagnosis | None) ->
         held_out=diagnosis.held_out,
         elapsed_s=diagnosis.elapsed if math.isfinite(diagnosis.elapsed) else None,
         warnings=(*entry.warnings, *diagnosis.warnings, *_open_modulus_warning(diagnosis.after)),
+        software=software_name(),
+        question=question,
+        basis=entry.basis,
+        left_out=entry.left_out,
         fits=tuple(map(DiagnosedDrop.of, diagnosis.curves)),
+        curves=diagnosis.curves,
     )
 
 

@@ -1,4 +1,4 @@
-"""Diagnosis of the points of one device: first the effects of the device, then each point.
+"""Diagnosis of points, those of one device together: first the effects of the device, then each.
 
 All points, or a sample of many, are first diagnosed individually. An effect of the device is shared
 if the joint evidence of these points supports it. Then every point is diagnosed with the shared
@@ -8,14 +8,23 @@ the others is also diagnosed individually.
 
 from __future__ import annotations
 
+import contextlib
 import math
+import pickle
+import time
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
 from statistics import median
 
+import numpy as np
+
+from inversion import InversionError
 from inversion.diagnosis.findings import (
     DeviceFindings,
+    DeviceValues,
     EffectParameter,
     HeldOut,
     HeldOutPart,
@@ -23,31 +32,42 @@ from inversion.diagnosis.findings import (
     PointDiagnosis,
     effect_result,
 )
+from inversion.diagnosis.flat_tops import Channel, largest_values
+from inversion.diagnosis.model import PointRecords
 from inversion.effects import BY_NAME
+from inversion.inference.diagnose import diagnose_point
 from inversion.inference.instrument import InstrumentKnowledge, shared_effects
 from inversion.inference.population import without_error_budget
 from inversion.inference.selection import EXPLAINED_TO
 from inversion.notices import Notice, Value
 from inversion.records import known
-from pfwd.analysis.diagnosis.entries import DiagnosisPoint
-from pfwd.analysis.diagnosis.points import (
-    DeviceValues,
-    DiagnosisByPoint,
-    Progress,
-    ProgressCounter,
-    Workers,
-    diagnose_all,
-    successful,
-)
+from pfwd.analysis.diagnosis.entries import DiagnosisPoint, DiagnosisRequest
+from pfwd.analysis.diagnosis.workers import Progress, ProgressCounter, Workers
+from pfwd.analysis.response_tables import library_of_process
+from pfwd.files.output_path import replaced_at_once
 
-PREDICTED: tuple[LeaveOut, ...] = ("next", "drop", "sensor")
-"""Kinds of held-out data that are predicted without fitting anything to them."""
 # With this number of points or more, only a sample of this size is diagnosed individually first.
 _MIN_POINTS_FOR_SAMPLE, _SAMPLE_SIZE = 8, 4
 # A point is odd if its discrepancy exceeds this number of times the median. Its individual
 # diagnosis is reported if it lowers the discrepancy to this fraction of that with the shared
 # device.
 _ODD_RATIO, _IMPROVED_RATIO = 2.0, 2.0 / 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosisFailure:
+    """Reason why a point could not be diagnosed."""
+
+    reason: str
+
+
+DiagnosisByPoint = dict[str, PointDiagnosis | DiagnosisFailure]
+"""Diagnoses and failures of points, by `DiagnosisPoint.name`."""
+
+
+def successful(outcomes: DiagnosisByPoint) -> dict[str, PointDiagnosis]:
+    """Return the diagnoses without the failures, in the same order."""
+    return {name: d for name, d in outcomes.items() if isinstance(d, PointDiagnosis)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +92,132 @@ class Phases:
             ProgressCounter(progress, "each point by itself", points),
             ProgressCounter(progress, "with what other points show", 0),
         )
+
+
+def diagnose_points(
+    points: Sequence[DiagnosisPoint], request: DiagnosisRequest, workers: Workers
+) -> DiagnosisByPoint:
+    """Diagnose points that have records, those of one device together.
+
+    Points whose device has known effects are diagnosed individually.
+    """
+    points = _with_device_largest(points)
+    predict_last = request.leave_out is None
+    if request.device:
+        knowledge = InstrumentKnowledge.from_values(request.device, request.spread)
+        counter = ProgressCounter(request.progress, "each point with what is known", len(points))
+        outcomes = diagnose_all(
+            points, [knowledge] * len(points), workers, counter, predict_last=predict_last
+        )
+        declared = declared_device(request.device, request.spread)
+        complete = {name: with_device(d, declared) for name, d in successful(outcomes).items()}
+        return outcomes | complete
+    phases = Phases.of(request.progress, len(points))
+    outcomes = {}
+    diagnose = partial(diagnose_device, workers=workers, leave_out=request.leave_out, phases=phases)
+    for outcomes_of_device in workers.at_once(diagnose, _by_device(points)):
+        outcomes |= outcomes_of_device
+    return outcomes
+
+
+def _by_device(work: Sequence[DiagnosisPoint]) -> list[list[DiagnosisPoint]]:
+    """Return the points in groups of one device; the first group has those without a device."""
+    devices: dict[str | None, list[DiagnosisPoint]] = {}
+    for point in work:
+        devices.setdefault(point.device, []).append(point)
+    return [devices[key] for key in sorted(devices, key=lambda key: (key is not None, key or ""))]
+
+
+def _with_device_largest(entries: Sequence[DiagnosisPoint]) -> list[DiagnosisPoint]:
+    """Return points with the largest values of each channel at others of the device.
+
+    They disprove that a channel of the point was cut off at a lower level.
+    """
+    by_device: dict[str, dict[Channel, list[tuple[float, int]]]] = {}
+    for place, entry in enumerate(entries):
+        if entry.records and entry.device is not None:
+            of_device = by_device.setdefault(entry.device, {})
+            for channel, value in largest_values(entry.records.records).items():
+                # Keep two: where the largest value is of the point itself, the second one is used.
+                pairs = [*of_device.get(channel, []), (value, place)]
+                of_device[channel] = sorted(pairs, reverse=True)[:2]
+    completed: list[DiagnosisPoint] = []
+    for place, entry in enumerate(entries):
+        if entry.records and entry.device is not None:
+            largest = {
+                channel: next((value for value, owner in pairs if owner != place), 0.0)
+                for channel, pairs in by_device[entry.device].items()
+            }
+            records = replace(entry.records, device_largest=largest)
+            entry = replace(entry, records=records)
+        completed.append(entry)
+    return completed
+
+
+def diagnose_all(
+    points: Sequence[DiagnosisPoint],
+    instruments: Sequence[InstrumentKnowledge],
+    workers: Workers,
+    counter: ProgressCounter,
+    *,
+    predict_last: bool = True,
+    step: str = "individual",
+) -> DiagnosisByPoint:
+    """Diagnose points that have records, in order.
+
+    Parameters
+    ----------
+    points : sequence of DiagnosisPoint
+    instruments : sequence of InstrumentKnowledge
+        For each point, what is known of the device.
+    workers : Workers
+    counter : ProgressCounter
+    predict_last : bool
+        True: the last drop of each point is held out and predicted from the others.
+    step : str
+        Name of the step, unique within the request.
+    """
+    records = [point.records for point in points]
+    names = [point.name for point in points]
+    files = [workers.file_of(name, step) for name in names]
+    diagnose = partial(_diagnose_once, predict_last=predict_last)
+    outcomes = workers.map(diagnose, records, instruments, files)
+    return dict(zip(names, counter.counted(names, outcomes), strict=True))
+
+
+def _diagnose_once(
+    records: PointRecords, instrument: InstrumentKnowledge, file: Path | None, *, predict_last: bool
+) -> PointDiagnosis | DiagnosisFailure:
+    """Return the diagnosis that an interrupted run stored in the file, or diagnose and store."""
+    outcome: PointDiagnosis | DiagnosisFailure
+    if file is not None:
+        with contextlib.suppress(Exception):  # missing or damaged: unpickling may raise any error
+            outcome = pickle.loads(file.read_bytes())
+            return outcome
+    outcome = _diagnose(records, instrument, predict_last=predict_last)
+    if file is not None:
+        with contextlib.suppress(OSError):  # the result is valid without the file
+            file.parent.mkdir(parents=True, exist_ok=True)
+            with replaced_at_once(file) as draft:
+                draft.write_bytes(pickle.dumps(outcome))
+    return outcome
+
+
+def _diagnose(
+    records: PointRecords, instrument: InstrumentKnowledge, *, predict_last: bool
+) -> PointDiagnosis | DiagnosisFailure:
+    start = time.perf_counter()
+    try:
+        diagnosis = diagnose_point(
+            records, library_of_process(), instrument, predict_last=predict_last
+        )
+    except InversionError as err:
+        return DiagnosisFailure(str(err))
+    except np.linalg.LinAlgError as err:
+        # A record that breaks the fit must not stop the diagnosis of the other points.
+        reason = f"the fit broke down ({err}): check the header, and the unit of the times"
+        return DiagnosisFailure(reason)
+    return replace(diagnosis, elapsed=time.perf_counter() - start)
 
 
 def diagnose_device(

@@ -29,7 +29,7 @@ def test_ground_that_gives_way_when_it_is_pulled_is_no_other_effect(
     assert [case.sensors for case in cases] == [1, 2]
     truth = {case.file: case.modulus_pa for case in cases}
     files = [str(tmp_path / "traces" / name) for name in truth]
-    for found in diagnose_files(files, jobs=1):
+    for found in diagnose_files(files):
         assert found.result is not None
         point = found.result.to_json()
         (effect,) = point["effects"]

@@ -12,20 +12,18 @@ MODULES = (
         "modulus",
     )),
     *(f"inversion/diagnosis/{name}.py" for name in ("declarations", "findings")),
-    *(f"pfwd/analysis/{name}.py" for name in (
-        "diagnosis/shared_device", "diagnosis/points", "results",
-    )),
+    *(f"pfwd/analysis/{name}.py" for name in ("diagnosis/shared_device", "results")),
 )  # fmt: skip
 # Steps of derivatives, tolerances and largest numbers of iterations, halves, quantiles, a normal
 # distribution's deviation over its median one, the most layers of a request, the stress that moduli
-# are compared at, the length of a name, and factors of units: none of them decides anything.
-# Priors and bounds are those of the effects.
+# are compared at, the length of a name, the most neighbours of a point, and factors of units: none
+# of them decides anything. Priors and bounds are those of the effects.
 NO_DECISION = {
     "inversion/inference/selection.py": (8, 1e-2),
     "inversion/inference/structures.py": (8,),
     "inversion/inference/diagnose.py": (12,),
     "pfwd/analysis/diagnosis/shared_device.py": (1.4826,),
-    "pfwd/analysis/diagnosis/points.py": (32,),
+    "inversion/inference/instrument.py": (50,),
     "inversion/inference/effect_results.py": (1e-3, 1e-6, 2e5, 3),
     "inversion/inference/modulus.py": (
         1.96,

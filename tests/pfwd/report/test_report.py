@@ -571,7 +571,7 @@ def test_only_the_reported_point_is_diagnosed(
     edit_survey(survey, [Edit("name", "north")], point="B")
     requests: list[list[str | None]] = []
 
-    def diagnose(entries: Any, **_more: Any) -> Any:
+    def diagnose(entries: Any, _request: Any) -> Any:
         requests.append([entry.point for entry in entries])
         records = (
             {
@@ -615,7 +615,7 @@ def test_a_point_whose_fit_leaves_a_residual_is_diagnosed_first(
             writer.save_result(number, result_of(number) | more)
     requests: list[list[str | None]] = []
 
-    def diagnose(entries: Any, **_more: Any) -> Any:
+    def diagnose(entries: Any, _request: Any) -> Any:
         requests.append([entry.point for entry in entries])
         after = FITTED_STATE | {"modulus_interval_pa": [48e6, 52e6]}
         for entry in entries:

@@ -70,5 +70,5 @@ def computed_once(diagnoses: dict[bytes, PointDiagnosis]) -> Iterator[None]:
         return replace(diagnoses[key], name=records.name)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pfwd.analysis.diagnosis.points.diagnose_point", diagnose)
+        patch.setattr("pfwd.analysis.diagnosis.shared_device.diagnose_point", diagnose)
         yield

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from inversion.diagnosis.flat_tops import flat_load_level
-from pfwd.analysis.diagnosis.diagnose import _with_device_largest
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint, entry_of
+from pfwd.analysis.diagnosis.shared_device import _with_device_largest
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.files.header import PointSetup
 from pfwd.files.traces import TracePoint

@@ -18,6 +18,7 @@ from pfwd.analysis.diagnosis.device_file import (
     write_device_file,
 )
 from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_files
+from pfwd.analysis.diagnosis.entries import DiagnosisRequest
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.errors import OptionError
 from pfwd.export.json_text import json_text
@@ -33,7 +34,7 @@ BUDGET = "[error_budget]\ngain = 0.2\ntilt = 0.01\nclock = 0.02\nlinearity = 0\n
 
 @pytest.fixture(scope="module")
 def found(files: list[str], computed_once: None) -> list[Diagnosed]:
-    return list(diagnose_files(files, leave_out="point"))
+    return list(diagnose_files(files, request=DiagnosisRequest(leave_out="point")))
 
 
 def test_what_belongs_to_the_device_is_fitted_once(found: list[Diagnosed]) -> None:
@@ -80,7 +81,7 @@ def test_device_effects_are_kept_and_applied(
     write_device_file(path, found, "late unit")
     values = read_device(path)[0]
     assert values["sensor_lag"]["delay"] == pytest.approx(6e-4, abs=2e-5)
-    (again,) = diagnose_files(files[:1], device=values)
+    (again,) = diagnose_files(files[:1], request=DiagnosisRequest(device=values))
     assert again.result is not None
     assert again.result.after.modulus_pa == pytest.approx(40e6, rel=0.012)
     assert [effect.name for effect in again.result.effects or ()] == ["sensor_lag"]
@@ -137,8 +138,9 @@ def test_a_file_without_a_drop_says_so(tmp_path: Path) -> None:
 
 def test_what_is_given_of_the_device_may_move_by_its_deviation(files: list[str]) -> None:
     wrong = {"sensor_lag": {"delay": 4.5e-4}}
-    (held,) = diagnose_files(files[:1], device=wrong)
-    (moved,) = diagnose_files(files[:1], device=wrong, spread={"sensor_lag": {"delay": 1e-4}})
+    (held,) = diagnose_files(files[:1], request=DiagnosisRequest(device=wrong))
+    movable = DiagnosisRequest(device=wrong, spread={"sensor_lag": {"delay": 1e-4}})
+    (moved,) = diagnose_files(files[:1], request=movable)
     assert held.result is not None
     assert moved.result is not None
 
@@ -170,7 +172,7 @@ def test_the_interval_after_has_the_error_budget_of_the_device(
 ) -> None:
     path = tmp_path / "d.toml"
     path.write_text(BUDGET, encoding="utf-8")
-    (one,) = diagnose_files(files[:1], device=read_device(path)[0])
+    (one,) = diagnose_files(files[:1], request=DiagnosisRequest(device=read_device(path)[0]))
     states = known(one.result).after, known(one.result).before
     after, before = (
         math.log(high / low) / 2

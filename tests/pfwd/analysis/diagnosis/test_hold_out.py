@@ -20,8 +20,9 @@ from inversion.inference.structures import Structure
 from inversion.records import known
 from pfwd.analysis.diagnosis import hold_out
 from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_entries
-from pfwd.analysis.diagnosis.entries import DiagnosisPoint, instrument_of
-from pfwd.analysis.diagnosis.points import DiagnosisByPoint, Workers
+from pfwd.analysis.diagnosis.entries import DiagnosisPoint, DiagnosisRequest, instrument_of
+from pfwd.analysis.diagnosis.shared_device import DiagnosisByPoint, diagnose_points
+from pfwd.analysis.diagnosis.workers import Workers
 from pfwd.analysis.results import HeldOut
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Plate, SoilProfile
@@ -56,7 +57,7 @@ def point() -> DiagnosisPoint:
 
 
 def held_out(points: list[DiagnosisPoint], **options: Any) -> list[HeldOut | None]:
-    found: list[Diagnosed] = list(diagnose_entries(points, **options))
+    found: list[Diagnosed] = list(diagnose_entries(points, DiagnosisRequest(**options)))
     return [one.result.held_out for one in found if one.result is not None]
 
 
@@ -152,15 +153,14 @@ def test_without_the_option_the_last_drop_is_predicted_by_the_others_of_its_poin
 def test_a_point_that_cannot_be_predicted_without_a_part_says_so(
     point: DiagnosisPoint, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (one,) = diagnose_entries([point], leave_out="next")
-    assert one.diagnosis is not None
+    request = DiagnosisRequest(leave_out="drop")
+    found: DiagnosisByPoint = diagnose_points([point], request, Workers(1))
 
     def refuse(*arguments: Any) -> None:
         raise RecordError("no load")
 
     monkeypatch.setattr(hold_out, "held_out_error", refuse)
-    found: DiagnosisByPoint = {point.name: one.diagnosis}
-    (diagnosis,) = hold_out.with_predictions([point], found, "drop", Workers(1)).values()
+    (diagnosis,) = hold_out.with_predictions([point], found, request, Workers(1)).values()
     assert isinstance(diagnosis, PointDiagnosis)
     assert diagnosis.held_out is None
     assert diagnosis.warnings[-2:] == (

@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 from matplotlib.figure import Figure
 
-from inversion.diagnosis.findings import EffectResult, FittedState, PointDiagnosis
-from pfwd.analysis.diagnosis.diagnose import Diagnosed
+from inversion.diagnosis.findings import EffectResult, FittedState
 from pfwd.analysis.diagnosis.plots import _draw_ladder, _draw_traces
 from pfwd.analysis.results import DiagnosisResult
 from tests.inversion.diagnosis.found import effect_of, state_of
@@ -18,20 +17,15 @@ from tests.inversion.diagnosis.found import effect_of, state_of
 STATE = state_of("layer", 45.3e6, 2e6, (41e6, 50e6), 1e-6, 9.0, 0.017, 0.02, 1e5, 4e7)
 
 
-def diagnosed(before: FittedState, point: str | None, *effects: EffectResult) -> Diagnosed:
-    found = PointDiagnosis(
-        "A",
-        (1,),
-        "unexplained",
-        1e-6,
-        before,
-        STATE,
-        effects,
-        None,
-        (),
-        (),
+def diagnosed(before: FittedState, point: str | None, *effects: EffectResult) -> DiagnosisResult:
+    return DiagnosisResult(
+        file="folder/S",
+        point=point,
+        verdict="unexplained",
+        before=before,
+        after=STATE,
+        effects=effects,
     )
-    return Diagnosed("folder/S", DiagnosisResult(file="folder/S", point=point), found)
 
 
 def effect(name: str, evidence: float) -> EffectResult:

@@ -10,10 +10,11 @@ from threading import Event
 import pytest
 
 from inversion.diagnosis.model import PointRecords
-from pfwd.analysis.diagnosis import points
+from pfwd.analysis.diagnosis import shared_device
 from pfwd.analysis.diagnosis.diagnose import diagnose_entries
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint, with_unique_names
-from pfwd.analysis.diagnosis.points import DiagnosisFailure, ProgressCounter, Workers
+from pfwd.analysis.diagnosis.shared_device import DiagnosisFailure
+from pfwd.analysis.diagnosis.workers import ProgressCounter, Workers
 
 GROUPS = [[1.0, 4.0], [9.0], [], [16.0, 25.0, 36.0], [49.0], [64.0], [81.0]]
 
@@ -108,7 +109,7 @@ def test_each_of_two_points_of_one_name_has_its_own_outcome(
     def diagnose(records: PointRecords, _known: object, *, predict_last: bool) -> DiagnosisFailure:
         return DiagnosisFailure(f"drop {records.numbers[0]} has no load")
 
-    monkeypatch.setattr(points, "_diagnose", diagnose)
+    monkeypatch.setattr(shared_device, "_diagnose", diagnose)
     entries = [
         DiagnosisPoint("s", None, PointRecords("A", (), (number,)), point="A") for number in (1, 7)
     ]

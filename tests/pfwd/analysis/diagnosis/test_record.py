@@ -11,10 +11,10 @@ from inversion import InversionError
 from inversion.diagnosis.findings import EffectResult, FittedState, PointDiagnosis
 from inversion.inference.instrument import InstrumentKnowledge
 from inversion.notices import Notice
-from pfwd.analysis.diagnosis import points
+from pfwd.analysis.diagnosis import shared_device
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint
-from pfwd.analysis.diagnosis.points import DiagnosisFailure
 from pfwd.analysis.diagnosis.record import diagnosis_result
+from pfwd.analysis.diagnosis.shared_device import DiagnosisFailure
 from tests.inversion.diagnosis.found import effect_of, parameter_of, state_of
 
 STATE = state_of("layer", 4e7, 1e6, (3.8e7, 4.2e7), 1e-6, 9.0, 0.01, 0.01, 1e5, 3.9e7)
@@ -82,10 +82,10 @@ def test_a_fit_that_breaks_down_costs_its_own_point(monkeypatch: pytest.MonkeyPa
         assert isinstance(answer, PointDiagnosis)
         return answer
 
-    monkeypatch.setattr(points, "diagnose_point", diagnose_point)
+    monkeypatch.setattr(shared_device, "diagnose_point", diagnose_point)
     records: Any = object()
     broken, refused, whole = (
-        points._diagnose(records, InstrumentKnowledge(), predict_last=True) for _ in range(3)
+        shared_device._diagnose(records, InstrumentKnowledge(), predict_last=True) for _ in range(3)
     )
     assert isinstance(broken, DiagnosisFailure)
     assert "the fit broke down (Singular matrix)" in broken.reason

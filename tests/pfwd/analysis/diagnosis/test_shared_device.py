@@ -13,8 +13,8 @@ import pytest
 from inversion.diagnosis.findings import DeviceFindings, PointDiagnosis, PointSummary
 from inversion.inference.instrument import InstrumentKnowledge
 from pfwd.analysis.diagnosis import shared_device
-from pfwd.analysis.diagnosis.points import DiagnosisFailure, Workers
 from pfwd.analysis.diagnosis.shared_device import (
+    DiagnosisFailure,
     Phases,
     alternatives_of,
     contradictions,
@@ -22,6 +22,7 @@ from pfwd.analysis.diagnosis.shared_device import (
     diagnose_device,
     with_device,
 )
+from pfwd.analysis.diagnosis.workers import Workers
 from tests.inversion.diagnosis.found import effect_of, parameter_of, state_of
 
 LAG = ("sensor_lag", "device", "delay", "s", 6e-4)

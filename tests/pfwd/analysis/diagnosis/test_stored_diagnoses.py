@@ -9,9 +9,9 @@ import pytest
 
 import pfwd
 from inversion import InversionError
-from pfwd.analysis.diagnosis import points
+from pfwd.analysis.diagnosis import shared_device
 from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_files
-from pfwd.analysis.diagnosis.entries import entry_of, questions_of
+from pfwd.analysis.diagnosis.entries import DiagnosisRequest, entry_of, questions_of
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.result_store import last_diagnosis, store_diagnoses
 from pfwd.analysis.results import DiagnosisResult, TimeHistories
@@ -30,6 +30,7 @@ from pfwd.scripting.measured import points_of as points_of_data
 from pfwd_device.recording import read_survey
 
 pytestmark = pytest.mark.usefixtures("computed_once")
+STORED = DiagnosisRequest(use_stored=True)
 
 
 def told(found: list[Diagnosed]) -> list[tuple[int, DiagnosisResult]]:
@@ -59,8 +60,8 @@ def holding(folder: Path) -> list[DiagnosisResult | None]:
 def test_the_same_question_is_answered_from_the_survey(
     survey: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pfwd.analysis.diagnosis.points.diagnose_point", None)
-    found = list(diagnose_files([str(survey)], use_stored=True))
+    monkeypatch.setattr("pfwd.analysis.diagnosis.shared_device.diagnose_point", None)
+    found = list(diagnose_files([str(survey)], request=STORED))
     assert [it.result.stored for it in found if it.result] == [True, True]
     assert [it.result.verdict for it in found if it.result] == ["explained", "explained"]
     assert [it.result.file for it in found if it.result] == [str(survey)] * 2
@@ -100,7 +101,7 @@ def test_a_report_draws_the_fit_whose_residual_it_states(survey: Path) -> None:
 
 
 def test_a_script_gets_the_stored_diagnoses(survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pfwd.analysis.diagnosis.points.diagnose_point", None)
+    monkeypatch.setattr("pfwd.analysis.diagnosis.shared_device.diagnose_point", None)
     opened = pfwd.open(survey)
     diagnoses = pfwd.diagnose(opened)
     assert [diagnosis.stored for diagnosis in diagnoses] == [True, True]
@@ -120,9 +121,9 @@ def test_the_next_run_goes_on_where_one_was_stopped(
 ) -> None:
     """Two points of a device take four diagnoses: each by itself, and each with the other one."""
     monkeypatch.setenv("PFWD_CACHE", str(tmp_path))
-    whole = [it.result for it in diagnose_files([str(survey)], use_stored=True)]
+    whole = [it.result for it in diagnose_files([str(survey)], request=STORED)]
     calls, count = 0, 3
-    diagnose_point = points.diagnose_point
+    diagnose_point = shared_device.diagnose_point
 
     def counted(*arguments: object, **options: object) -> object:
         nonlocal calls
@@ -131,7 +132,7 @@ def test_the_next_run_goes_on_where_one_was_stopped(
             raise KeyboardInterrupt
         return diagnose_point(*arguments, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("pfwd.analysis.diagnosis.points.diagnose_point", counted)
+    monkeypatch.setattr("pfwd.analysis.diagnosis.shared_device.diagnose_point", counted)
     with pytest.raises(KeyboardInterrupt):
         list(diagnose_files([str(survey)]))
     assert calls == count + 1
@@ -157,7 +158,7 @@ def test_the_next_run_goes_on_where_one_was_stopped(
 def test_another_process_answers_from_the_survey_with_the_same_records(survey: Path) -> None:
     with Jobs() as jobs:
         diagnoses = jobs.submit(diagnose_file, str(survey)).result()
-    here = [it.result for it in diagnose_files([str(survey)], use_stored=True) if it.result]
+    here = [it.result for it in diagnose_files([str(survey)], request=STORED) if it.result]
     assert [json_text(it.to_json()) for it in diagnoses] == [json_text(it.to_json()) for it in here]
     assert [diagnosis.stored for diagnosis in diagnoses] == [True, True]
 
@@ -177,12 +178,16 @@ def test_points_of_one_device_are_one_question(survey: Path) -> None:
         for point in read_survey(survey).points
         for trace in points_of(str(survey), point)
     ]
-    both = questions_of(entries, None, None)
+    plain = DiagnosisRequest()
+    both = questions_of(entries, plain)
     assert len(set(both)) == 2
-    assert questions_of(entries[:1], None, None)[0] != both[0]
-    assert questions_of(entries[::-1], None, None) == both[::-1]
-    assert questions_of(entries, {"sensor_lag": {"delay": 1e-4}}, None)[0] != both[0]
-    assert questions_of(entries, None, "drop")[0] != both[0]
+    assert questions_of(entries[:1], plain)[0] != both[0]
+    assert questions_of(entries[::-1], plain) == both[::-1]
+    for other in (
+        DiagnosisRequest(device={"sensor_lag": {"delay": 1e-4}}),
+        DiagnosisRequest(leave_out="drop"),
+    ):
+        assert questions_of(entries, other)[0] != both[0]
 
 
 def test_a_diagnosis_holds_while_its_point_is_as_it_was(survey: Path) -> None:
@@ -209,14 +214,15 @@ def test_diagnoses_go_into_an_exported_survey(survey: Path, tmp_path: Path) -> N
 
 
 def test_progress_counts_points(files: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    name = "pfwd.analysis.diagnosis.points.diagnose_point"
+    name = "pfwd.analysis.diagnosis.shared_device.diagnose_point"
 
     def refuse(*_: object, **__: object) -> None:
         raise InversionError("refused")
 
     monkeypatch.setattr(name, refuse)
     seen: list[tuple[str, str, int, int]] = []
-    found = diagnose_files(files, progress=lambda *report: seen.append(report))
+    request = DiagnosisRequest(progress=lambda *report: seen.append(report))
+    found = diagnose_files(files, request=request)
     assert [it.error for it in found] == [f"{file}: refused" for file in files]
     kinds = ("each point by itself", "with what other points show")
     names = [*files, ""]

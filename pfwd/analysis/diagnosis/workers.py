@@ -1,31 +1,17 @@
-"""Diagnosis of single points, in this process or in several."""
+"""Processes that diagnose points, and the report of their progress."""
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
-import pickle
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar
 
-import numpy as np
-
-from inversion import InversionError
-from inversion.diagnosis.findings import PointDiagnosis
-from inversion.diagnosis.model import PointRecords
 from inversion.forward.library import default_cache_folder
-from inversion.inference.diagnose import diagnose_point
-from inversion.inference.instrument import InstrumentKnowledge
-from pfwd.analysis.diagnosis.entries import DiagnosisPoint
-from pfwd.analysis.response_tables import library_of_process
 from pfwd.analysis.result_store import software_name
-from pfwd.files.output_path import replaced_at_once
 from pfwd.jobs import Jobs
 
 # Number of devices that are diagnosed at the same time, for each process.
@@ -33,26 +19,9 @@ _AT_ONCE = 2
 
 _R = TypeVar("_R")
 _G = TypeVar("_G")
-DeviceValues = dict[str, dict[str, float]]
 Progress = Callable[[str, str, int, int], None]
 """Function that receives the kind of work, the name of the point in work (empty: none is left), the
 number of points done, and their total number."""
-
-
-@dataclass(frozen=True, slots=True)
-class DiagnosisFailure:
-    """Reason why a point could not be diagnosed."""
-
-    reason: str
-
-
-DiagnosisByPoint = dict[str, PointDiagnosis | DiagnosisFailure]
-"""Diagnoses and failures of points, by `DiagnosisPoint.name`."""
-
-
-def successful(outcomes: DiagnosisByPoint) -> dict[str, PointDiagnosis]:
-    """Return the diagnoses without the failures, in the same order."""
-    return {name: d for name, d in outcomes.items() if isinstance(d, PointDiagnosis)}
 
 
 class ProgressCounter:
@@ -166,69 +135,3 @@ class Workers:
             return map(function, groups)
         self._waiting = ThreadPoolExecutor(_AT_ONCE * self._count)
         return self._waiting.map(function, groups)
-
-
-def diagnose_all(
-    points: Sequence[DiagnosisPoint],
-    instruments: Sequence[InstrumentKnowledge],
-    workers: Workers,
-    counter: ProgressCounter,
-    *,
-    predict_last: bool = True,
-    step: str = "individual",
-) -> DiagnosisByPoint:
-    """Diagnose points that have records, in order.
-
-    Parameters
-    ----------
-    points : sequence of DiagnosisPoint
-    instruments : sequence of InstrumentKnowledge
-        For each point, what is known of the device.
-    workers : Workers
-    counter : ProgressCounter
-    predict_last : bool
-        True: the last drop of each point is held out and predicted from the others.
-    step : str
-        Name of the step, unique within the request.
-    """
-    records = [point.records for point in points]
-    names = [point.name for point in points]
-    files = [workers.file_of(name, step) for name in names]
-    diagnose = partial(_diagnose_once, predict_last=predict_last)
-    outcomes = workers.map(diagnose, records, instruments, files)
-    return dict(zip(names, counter.counted(names, outcomes), strict=True))
-
-
-def _diagnose_once(
-    records: PointRecords, instrument: InstrumentKnowledge, file: Path | None, *, predict_last: bool
-) -> PointDiagnosis | DiagnosisFailure:
-    """Return the diagnosis that an interrupted run stored in the file, or diagnose and store."""
-    outcome: PointDiagnosis | DiagnosisFailure
-    if file is not None:
-        with contextlib.suppress(Exception):  # missing or damaged: unpickling may raise any error
-            outcome = pickle.loads(file.read_bytes())
-            return outcome
-    outcome = _diagnose(records, instrument, predict_last=predict_last)
-    if file is not None:
-        with contextlib.suppress(OSError):  # the result is valid without the file
-            file.parent.mkdir(parents=True, exist_ok=True)
-            with replaced_at_once(file) as draft:
-                draft.write_bytes(pickle.dumps(outcome))
-    return outcome
-
-
-def _diagnose(
-    records: PointRecords, instrument: InstrumentKnowledge, *, predict_last: bool
-) -> PointDiagnosis | DiagnosisFailure:
-    start = time.perf_counter()
-    try:
-        diagnosis = diagnose_point(
-            records, library_of_process(), instrument, predict_last=predict_last
-        )
-    except InversionError as err:
-        return DiagnosisFailure(str(err))
-    except np.linalg.LinAlgError as err:
-        # A record that breaks the fit must not stop the diagnosis of the other points.
-        reason = f"the fit broke down ({err}): check the header, and the unit of the times"
-        return DiagnosisFailure(reason)
-    return replace(diagnosis, elapsed=time.perf_counter() - start)
