@@ -295,7 +295,7 @@ def build(survey: Path, before: int, drops: int, templates: list[Template]) -> N
             publisher.records[saved] = dataclasses.replace(record, rebounds=template.rebounds)
             writer.publish(saved)
             for result in template.results:
-                writer.save_result(saved, {**result, "drop": record.drop.number, "record": saved})
+                writer.save_result(saved, {**result, "drop": record.drop.number})
             if number % DROPS_PER_NOTE == 0:
                 writer.edit("note", f"said of drop {number}", number=saved)
         writer.close(TIMEOUT_S)

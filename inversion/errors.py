@@ -17,4 +17,4 @@ class RecordError(InversionError, ValueError):
 
 
 class RecordFormatError(InversionError, ValueError):
-    """Stored JSON is not a valid record; the message names the file and what was expected."""
+    """Stored JSON is not a valid record; the message names the key and what was expected."""

@@ -1,8 +1,8 @@
 """Base class of records: frozen dataclasses that are written to JSON and read from it.
 
 The fields are the keys of the JSON. The type of a field decides which values are accepted. A value
-of another type, or an unknown key, is kept in ``more`` and written again unchanged. `quantity`
-gives a field its meaning and unit, from which the columns of tables are generated.
+of another type and an unknown key are errors. `quantity` gives a field its meaning and unit, from
+which the columns of tables are generated.
 """
 
 import dataclasses
@@ -34,7 +34,13 @@ TableColumn = Literal["established", "layers", "last"]
 readers who count columns are not disturbed. None: the quantity is in no table."""
 
 
-def quantity(meaning: str = "", unit: str = "", *, column: TableColumn | None = "last") -> Any:
+def quantity(
+    meaning: str = "",
+    unit: str = "",
+    *,
+    column: TableColumn | None = "last",
+    is_required: bool = False,
+) -> Any:
     """Return a dataclass field for a quantity, with None as its default.
 
     Parameters
@@ -45,8 +51,12 @@ def quantity(meaning: str = "", unit: str = "", *, column: TableColumn | None = 
         SI unit.
     column : TableColumn or None
         Part of the table in which the quantity is a column.
+    is_required : bool
+        True: every record has the quantity, and the field has no default.
     """
     metadata = {"meaning": meaning, "unit": unit, "column": column}
+    if is_required:
+        return dataclasses.field(metadata=metadata)
     return dataclasses.field(default=None, metadata=metadata)
 
 
@@ -64,9 +74,9 @@ class JsonRecord:
     >>> @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
     ... class Peak(JsonRecord):
     ...     load_n: float | None = None
-    >>> peak = Peak.from_json({"load_n": 8000.0, "colour": "red"})
+    >>> peak = Peak.from_json({"load_n": 8000.0})
     >>> peak.load_n, peak.to_json()
-    (8000.0, {'load_n': 8000.0, 'colour': 'red'})
+    (8000.0, {'load_n': 8000.0})
     """
 
     OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset()
@@ -74,9 +84,6 @@ class JsonRecord:
 
     FIRST: ClassVar[tuple[str, ...]] = ()
     """Keys that are written before those of the base class."""
-
-    more: Mapping[str, Any] = dataclasses.field(default_factory=dict, kw_only=True)
-    """Values of unknown keys, and values of another type than their key requires, by key."""
 
     def to_json(self) -> dict[str, Any]:
         """Return the record as values that JSON can hold, in the order of its keys."""
@@ -87,7 +94,7 @@ class JsonRecord:
                 written[name] = _plain(value)
                 if name == WARNINGS:
                     written[WARNING_CODES] = _codes(value)
-        return written | dict(self.more)
+        return written
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values of `to_json`, with None in place of NaN and infinity."""
@@ -100,61 +107,50 @@ class JsonRecord:
         return values[key]
 
     @classmethod
-    def from_json(cls, written: object, where: str = "a stored record") -> Self:
-        """Return the record that JSON of this or any other version contains.
+    def from_json(cls, written: object) -> Self:
+        """Return the record that JSON contains.
 
         Parameters
         ----------
         written : mapping
             Parsed JSON.
-        where : str
-            File or place, the beginning of the error message.
 
         Raises
         ------
         RecordFormatError
-            If it is not a mapping. A single value of a wrong type is no error, see ``more``.
+            If it is not a mapping, has an unknown key, lacks a required one, or has a value of
+            another type than its key requires.
         """
         if not isinstance(written, Mapping):
             got = type(written).__name__
-            raise RecordFormatError(f"{where}: expected a record with its keys, got {got}")
+            raise RecordFormatError(f"expected a record with its keys, got {got}")
         readers = _readers(cls)
-        known: dict[str, Any] = {}
-        more: dict[str, Any] = {}
+        values: dict[str, Any] = {}
         for key, value in written.items():
-            read = readers.get(key)
-            if read is None:
-                more[str(key)] = value
-            elif value is not None:
-                known[key] = read(value)
-                if known[key] is None:
-                    more[key] = value
-        if known.get(WARNINGS) is not None:
-            known[WARNINGS] = notices.from_json(written[WARNINGS], more.pop(WARNING_CODES, None))
-        elif WARNINGS in readers and more.get(WARNING_CODES, 0) is None:
-            del more[WARNING_CODES]
-        return cls(**known, more=more)
+            if key == WARNING_CODES and WARNINGS in readers:
+                continue
+            if key not in readers:
+                raise RecordFormatError(f"expected one of {', '.join(readers)}, got {key!r}")
+            if value is not None:
+                values[key] = readers[key](value)
+                if values[key] is None:
+                    raise RecordFormatError(f"{key}: expected a value of its type, got {value!r}")
+        for field in dataclasses.fields(cls):
+            is_required = field.default is field.default_factory is dataclasses.MISSING
+            if is_required and field.name not in values:
+                raise RecordFormatError(f"{field.name}: expected a value, got none")
+        if WARNINGS in values:
+            values[WARNINGS] = notices.from_json(written[WARNINGS], written.get(WARNING_CODES))
+        return cls(**values)
 
     def values(self, keys: Iterable[str]) -> dict[str, Any]:
-        """Return the values of some keys as in `to_json`; values that are records are omitted."""
-        readers, more = _readers(type(self)), self.more
-        written: dict[str, Any] = {}
-        for key in keys:
-            if key in more:
-                written[key] = more[key]
-            elif key in readers:
-                value = getattr(self, key)
-                if (value is None and key in self.OPTIONAL_KEYS) or isinstance(value, JsonRecord):
-                    continue
-                written[key] = _plain(value)
-            elif key == WARNING_CODES and WARNINGS in readers:
-                written[key] = _codes(getattr(self, WARNINGS))
-        return written
-
-    @property
-    def unreadable(self) -> frozenset[str]:
-        """Keys whose value had another type than required."""
-        return frozenset(_readers(type(self))) & frozenset(self.more)
+        """Return the values of some fields as in `to_json`."""
+        values = {key: getattr(self, key) for key in keys}
+        return {
+            key: _plain(value)
+            for key, value in values.items()
+            if value is not None or key not in self.OPTIONAL_KEYS
+        }
 
 
 def _codes(warnings: Iterable[Notice] | None) -> list[dict[str, Any]] | None:
@@ -177,7 +173,7 @@ def known(value: _T | None) -> _T:
 def stored_fields(kind: "type[JsonRecord]") -> list[dataclasses.Field[Any]]:
     """Return the fields of a record class that are written to JSON."""
     fields = dataclasses.fields(kind)
-    return [f for f in fields if f.name != "more" and f.metadata.get("stored", True)]
+    return [f for f in fields if f.metadata.get("stored", True)]
 
 
 def without_nan(value: Any) -> Any:
@@ -213,8 +209,8 @@ def is_number(value: object) -> TypeGuard[float]:
 
 
 def _number(value: Any) -> float | None:
-    if type(value) is float:  # fast path: nearly all values
-        return value if math.isfinite(value) else None
+    if type(value) is float:  # also NaN and infinity, which a computed result may have
+        return value
     return value if is_number(value) else None
 
 
@@ -235,7 +231,7 @@ def _flag(value: Any) -> bool | None:
 
 
 def _interval(value: Any) -> Interval | None:
-    sound = isinstance(value, list | tuple) and len(value) == 2 and all(map(is_number, value))
+    sound = isinstance(value, list | tuple) and len(value) == 2 and None not in map(_number, value)
     return (value[0], value[1]) if sound else None
 
 
@@ -272,6 +268,7 @@ def _numbers(value: Any) -> tuple[int, ...] | None:
 
 
 _READERS: dict[Any, Callable[[Any], Any]] = {
+    float: _number,
     float | None: _number,
     int | None: _whole,
     str | None: _text,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from inversion.notices import Notice
 from inversion.records import DepthRange, Interval, JsonRecord, not_stored, quantity
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     FloatArray = NDArray[np.float64]
+
+PlateContact = Literal["rigid-rough", "rigid-smooth", "averaged", "published", "uniform"]
 
 # Ratio of the upper to the lower end of a 95 % interval above which the value counts as unknown.
 _OPEN_FACTOR = 10.0
@@ -52,8 +54,11 @@ class LayerResult(JsonRecord):
     Layers are counted from the surface down.
     """
 
-    modulus_pa: float | None = quantity(
-        "Young's modulus; none: not known within a factor of ten", "Pa", column="layers"
+    modulus_pa: float = quantity(
+        "Young's modulus; none: not known within a factor of ten",
+        "Pa",
+        column="layers",
+        is_required=True,
     )
     modulus_sd_pa: float | None = quantity("Standard deviation of the modulus", "Pa", column=None)
     modulus_interval_pa: Interval | None = quantity(
@@ -66,9 +71,9 @@ class LayerResult(JsonRecord):
     thickness_interval_m: Interval | None = quantity(
         "95 % interval of the thickness; none: given, not fitted", "m", column="layers"
     )
-    viscosity_pa_s: float | None = quantity("Viscosity", "Pa s", column=None)
-    density_kg_m3: float | None = quantity("Density", "kg/m3", column=None)
-    poisson_ratio: float | None = quantity("Poisson's ratio", column=None)
+    viscosity_pa_s: float = quantity("Viscosity", "Pa s", column=None, is_required=True)
+    density_kg_m3: float = quantity("Density", "kg/m3", column=None, is_required=True)
+    poisson_ratio: float = quantity("Poisson's ratio", column=None, is_required=True)
 
     @property
     def modulus_known(self) -> bool:
@@ -76,10 +81,11 @@ class LayerResult(JsonRecord):
 
         Examples
         --------
-        >>> LayerResult(modulus_pa=9e7, modulus_interval_pa=(4e7, 4.1e8)).modulus_known
+        >>> medium = {"viscosity_pa_s": 3e4, "density_kg_m3": 1900.0, "poisson_ratio": 0.35}
+        >>> LayerResult(modulus_pa=9e7, modulus_interval_pa=(4e7, 4.1e8), **medium).modulus_known
         False
         """
-        return self.modulus_pa is not None and not is_open(self.modulus_interval_pa)
+        return not is_open(self.modulus_interval_pa)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -213,7 +219,7 @@ class InversionResult(JsonRecord):
         "Poisson's ratio of the ground; given", column="established"
     )
     plate_radius_m: float | None = quantity("Radius of the plate", "m", column="established")
-    plate: str | None = quantity(
+    plate: PlateContact | None = quantity(
         "Contact of plate and ground: rigid-rough, rigid-smooth, uniform or published",
         column="established",
     )

@@ -92,7 +92,9 @@ def _print_all(
         for diagnosis in outcome.diagnoses:
             show_diagnosis(diagnosis, as_json=args.json)
         if not options.diagnose:
-            for line in printed_results(outcome.results, as_json=args.json, by=args.by):
+            for line in printed_results(
+                [result for result, _ in outcome.results], as_json=args.json, by=args.by
+            ):
                 print(line, flush=True)
     return 1 if n_failures or _refuse_empty(args, n_sources) else 0
 

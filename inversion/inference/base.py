@@ -152,8 +152,8 @@ class BaseFit:
             thickness_m=None if depth is None else depth - top,
             thickness_sd_m=self.depth_deviation,
             thickness_interval_m=interval and (max(0.0, interval[0] - top), interval[1] - top),
-            viscosity_pa_s=state.viscosity_pa_s,
-            density_kg_m3=state.density_kg_m3,
+            viscosity_pa_s=known(state.viscosity_pa_s),
+            density_kg_m3=known(state.density_kg_m3),
             poisson_ratio=self.best.model.point.records.records[0].poisson_ratio,
         )
         return (*above, lowest)

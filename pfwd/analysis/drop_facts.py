@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from inversion.errors import RecordFormatError
 from inversion.notices import Notice, invalidating, text_notice
 from pfwd.analysis.results import DropResult, MeasuredFacts, fit_fault
 from pfwd.analysis.screening.drops import CENTRE, Screening, pulse_peak, unbroken_part
@@ -227,7 +228,7 @@ def facts_from_stored(
     setup : PointSetup
         Setup as declared now: facts with another response of the geophone are not valid.
     """
-    if facts is None or facts.version != FACTS_VERSION or facts.more or setup.is_stiffness_test:
+    if facts is None or facts.version != FACTS_VERSION or setup.is_stiffness_test:
         return None
     then = facts.geophone_natural_frequency_hz, facts.geophone_damping
     if then != (setup.geophone_natural_frequency, setup.geophone_damping):
@@ -256,7 +257,10 @@ def stored_facts(
     The result is None if they have to be computed from the traces.
     """
     stored = metadata.get(FACTS_KEY)
-    recorded = MeasuredFacts.from_json(stored) if isinstance(stored, Mapping) else None
+    try:
+        recorded = None if stored is None else MeasuredFacts.from_json(stored)
+    except RecordFormatError:  # they are computed from the traces
+        recorded = None
     for facts in (recorded, None if result is None else result.facts):
         facts_in_force = facts_from_stored(number, facts, setup)
         if facts_in_force is not None and facts is not None:

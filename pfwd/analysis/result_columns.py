@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple, get_args, get_type_hints
 
 from inversion.notices import Notice
 from inversion.records import DepthRange, Interval, JsonRecord, TableColumn, stored_fields
-from inversion.result import HalfSinePulse, InversionResult, LayerResult
+from inversion.result import HalfSinePulse, InversionResult, LayerResult, PlateContact
 from pfwd.analysis.options import MOST_LAYERS
 
 Kind = Literal["text", "whole", "number", "flag", "texts", "time"]
@@ -28,13 +28,16 @@ class ResultColumn(NamedTuple):
 
 
 _KINDS: Mapping[Any, Kind] = {
+    float: "number",
     float | None: "number",
     int | None: "whole",
     str | None: "text",
+    PlateContact | None: "text",
     bool | None: "flag",
     tuple[str, ...] | None: "texts",
     tuple[Notice, ...] | None: "texts",
 }
+_NUMBERS = [hint for hint, kind in _KINDS.items() if kind == "number"]
 _ENDS: Mapping[Any, tuple[str, str]] = {
     Interval | None: ("low", "high"),
     DepthRange | None: ("from", "to"),
@@ -113,7 +116,7 @@ def _interval_columns(record: Any, prefix: str = "") -> tuple[tuple[str, ...], .
 def _scalar_columns(record: Any) -> tuple[str, ...]:
     hints = get_type_hints(record)
     fields = stored_fields(record)
-    return tuple(f.name for f in fields if f.metadata["column"] and hints[f.name] == float | None)
+    return tuple(f.name for f in fields if f.metadata["column"] and hints[f.name] in _NUMBERS)
 
 
 @cache

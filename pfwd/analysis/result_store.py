@@ -14,8 +14,7 @@ import hashlib
 import importlib.metadata
 import json
 import math
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -90,12 +89,8 @@ def stored_answer(drop: SurveyDrop, question: str) -> DropResult | None:
     question : str
         Identifier of the request, from `question_of`.
     """
-    for values in drop.readable_results():  # a damaged one can be computed again
-        if values.get("question") == question:
-            result = DropResult.from_json(values)
-            if not result.unreadable:
-                return result
-    return None
+    results = drop.readable_results(DropResult.from_json)
+    return next((result for result in results if result.question == question), None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,95 +198,19 @@ def counts(drop: SurveyDrop | None, result: DropResult) -> bool:
         Drop with the results stored before; None: the drop is not of a survey.
     result : DropResult
     """
-    try:
-        before = None if drop is None else result_that_counts(drop)
-    except (RecordingError, SurveyError):
-        before = None  # damaged: the new one is better
+    before = None if drop is None else result_that_counts(drop)
     settings = None if before is None else before.settings
     return result.settings == (AS_DECLARED if settings is None else settings)
 
 
-def readable_results(drop: SurveyDrop) -> Iterator[DropResult]:
-    """Yield the stored results of a drop that can be read, the last one first."""
-    for values in drop.readable_results():
-        with suppress(SurveyError):
-            yield DropResult.from_json(values)
-
-
 def result_that_counts(drop: SurveyDrop) -> DropResult | None:
-    """Return the result in force: the last result of a drop that is no trial; None: there is none.
+    """Return the result in force: the last undamaged one that is no trial; None: there is none."""
+    results = drop.readable_results(DropResult.from_json)
+    return next((result for result in results if not result.is_trial), None)
 
-    Raises
-    ------
-    RecordingError, SurveyError
-        If it is damaged.
-    """
-    last = drop.read_last_result()
-    return None if last is None else DropResult.from_json(last)
-
-
-PLATES = frozenset({"rigid-rough", "rigid-smooth", "averaged", "published", "uniform"})
-"""Names of the contacts of plate and ground; repeated here because importing the inversion is
-slow."""
 
 MAX_ROUNDING = 1e-9
 """Relative difference of two values, due to rounding, at which they are equal."""
-
-
-_REQUIRED = (
-    "modulus_pa",
-    "viscosity_pa_s",
-    "density_kg_m3",
-    "poisson_ratio",
-    "plate_radius_m",
-    "model",
-)
-_REPORTED = (
-    "modulus_interval_pa",
-    "warnings",
-    "modulus_sd_pa",
-    "viscosity_sd_pa_s",
-    "density_sd_kg_m3",
-    "bedrock_depth_m",
-    "bedrock_depth_sd_m",
-    "residual_rms_over_peak",
-    "peak_modulus_pa",
-    "peak_factor",
-    "contact_end_s",
-    "window_end_s",
-    "layers",
-)
-
-
-def is_sound(result: DropResult) -> bool:
-    """Return whether a stored result has valid values of everything that a report needs."""
-    depth = result.bedrock_depth_m
-    return (
-        all(
-            getattr(result, key) is not None
-            for key in _REQUIRED
-            # Layers may leave the lowest one's modulus open; then they say what is known.
-            if key != "modulus_pa" or not result.layers
-        )
-        and layers_are_complete(result)
-        and not result.unreadable.intersection(_REPORTED)
-        and (depth is None or depth > 0)
-        and result.plate in PLATES
-    )
-
-
-def layers_are_complete(result: DropResult) -> bool:
-    """Return whether all layers of a result have the values that a computation needs."""
-    layers = result.layers or ()
-    return all(
-        not layer.unreadable
-        and layer.modulus_pa is not None
-        and layer.viscosity_pa_s is not None
-        and layer.density_kg_m3 is not None
-        and layer.poisson_ratio is not None
-        and (layer.thickness_m is not None or layer is layers[-1])
-        for layer in layers
-    )
 
 
 def rests_on(result: DropResult, setup: PointSetup) -> bool:
@@ -368,9 +287,8 @@ def last_diagnosis(point: SurveyPoint) -> DiagnosisResult | None:
 def read_diagnosis(drop: SurveyDrop) -> DiagnosisResult | None:
     """Return the last stored diagnosis of a drop; None: there is none, or it is damaged."""
     try:
-        stored = drop.read_diagnosis()
-        return None if stored is None else DiagnosisResult.from_json(stored)
-    except (RecordingError, SurveyError):
+        return drop.read_diagnosis(DiagnosisResult.from_json)
+    except RecordingError:  # counts as absent
         return None
 
 

@@ -51,25 +51,6 @@ if TYPE_CHECKING:
     from pfwd.files.header import PointSetup
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StoredRecord(JsonRecord):
-    """Record that a survey stores as JSON."""
-
-    @classmethod
-    def from_json(cls, written: object, where: str = "a stored record") -> Self:
-        """Read the record from JSON, see `JsonRecord.from_json`.
-
-        Raises
-        ------
-        SurveyError
-            If the value is not a mapping.
-        """
-        try:
-            return super(StoredRecord, cls).from_json(written, where)
-        except RecordFormatError as err:
-            raise SurveyError(str(err)) from err
-
-
 NARROW_FOR_DESIGN = 0.3
 """Largest distance of either end of the 95 % interval from the modulus, relative to it, at which
 the modulus may be used for design."""
@@ -89,7 +70,7 @@ def _assumptions(result: DropResult | DiagnosisResult, model: str | None) -> str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class DiagnosisResult(StoredRecord, Displayable):
+class DiagnosisResult(JsonRecord, Displayable):
     """Effects that explain the residual of a point, and their influence on the modulus.
 
     The fields are the keys of ``pfwd diagnose --json``, in their order; each can be used as an
@@ -162,8 +143,7 @@ class DiagnosisResult(StoredRecord, Displayable):
     """Modulus of the point after the diagnosis; None: none, or it was not determined."""
 
     DERIVED: ClassVar[tuple[str, ...]] = ("use", "use_reason", "equivalent_use", "explained_to")
-    """Keys of the JSON that follow from the others; they are written, and ignored when a file is
-    read."""
+    """Keys of the JSON that follow from the others; a survey does not store them."""
 
     def to_json(self) -> dict[str, Any]:
         """Return the diagnosis as values that JSON can hold, in the order of the keys."""
@@ -178,14 +158,7 @@ class DiagnosisResult(StoredRecord, Displayable):
 
     def to_stored(self) -> dict[str, Any]:
         """Return the diagnosis with the fits of its drops, as a survey stores it."""
-        return StoredRecord.to_json(self)
-
-    @classmethod
-    def from_json(cls, written: object, where: str = "a stored record") -> Self:
-        """Read the diagnosis from JSON, see `StoredRecord.from_json`."""
-        if isinstance(written, dict):
-            written = {key: value for key, value in written.items() if key not in cls.DERIVED}
-        return super(DiagnosisResult, cls).from_json(written, where)
+        return JsonRecord.to_json(self)
 
     @property
     def explained_to(self) -> float | None:
@@ -422,7 +395,7 @@ _REMEDIES_OF_WARNINGS = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DropDiagnosis(StoredRecord):
+class DropDiagnosis(JsonRecord):
     """Diagnosis of the point of a drop, as `pfwd invert --diagnose` reports it with the drop."""
 
     verdict: str | None = None
@@ -463,7 +436,7 @@ class DropAnalysis:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MeasuredFacts(StoredRecord):
+class MeasuredFacts(JsonRecord):
     """Facts of a drop that its procedure judges, computed from its traces and stored."""
 
     OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset({"rejected"})
@@ -487,7 +460,7 @@ class MeasuredFacts(StoredRecord):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class DropResult(InversionResult, StoredRecord, Displayable):
+class DropResult(InversionResult, Displayable):
     """Properties of the ground under one drop, or the reason why the drop has none.
 
     Each key of ``pfwd invert --json`` is an attribute, with its SI unit: ``result.viscosity_pa_s``.
@@ -573,7 +546,33 @@ class DropResult(InversionResult, StoredRecord, Displayable):
 
         Such a result is not in force.
         """
-        return self.refit is not None or "refit" in self.more
+        return self.refit is not None
+
+    @property
+    def has_ground(self) -> bool:
+        """True if a ground was fitted; the modulus of its lowest layer may be unknown."""
+        return self.modulus_pa is not None or bool(self.layers)
+
+    @classmethod
+    def from_json(cls, written: object) -> Self:
+        """Return the result that JSON contains, see `JsonRecord.from_json`.
+
+        Raises
+        ------
+        RecordFormatError
+            If the JSON is no valid record, or if a part that belongs to a fitted ground is missing.
+        """
+        result = super(DropResult, cls).from_json(written)
+        if result.has_ground:
+            for name in _PARTS_OF_FIT:
+                if getattr(result, name) is None:
+                    raise RecordFormatError(f"{name}: expected a value beside the modulus")
+            depth = result.bedrock_depth_m
+            if depth is not None and not depth > 0.0:
+                raise RecordFormatError(f"bedrock_depth_m: expected a depth > 0, got {depth}")
+            if result.modulus_sd_pa is None is result.modulus_interval_pa:
+                raise RecordFormatError("expected a modulus with an uncertainty, got none")
+        return result
 
     @property
     def not_supported(self) -> Notice | None:
@@ -667,6 +666,12 @@ class DropResult(InversionResult, StoredRecord, Displayable):
             title += "\nin force is the modulus of the diagnosis of the point, whose fit is drawn"
         return draw_fit(axes_or_new(ax), history, title)
 
+
+_PARTS_OF_FIT = (
+    *("model", "viscosity_pa_s", "density_kg_m3", "poisson_ratio"),
+    *("plate", "plate_radius_m", "warnings"),
+)
+"""Fields that every fitted ground has."""
 
 _GROUND_FIELDS = (
     *("modulus_", "viscosity_", "density_", "bedrock_depth_", "layers", "effective_"),

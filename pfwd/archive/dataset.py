@@ -144,7 +144,7 @@ _TABLE_COLUMNS = dict(
 Row = Mapping[str, Any]
 
 
-def result_row(result: DropResult, digest: str) -> dict[str, Any]:
+def result_row(result: DropResult, digest: str, declared: Row) -> dict[str, Any]:
     """Return the result of a drop as a row of the table ``results``.
 
     Parameters
@@ -152,8 +152,10 @@ def result_row(result: DropResult, digest: str) -> dict[str, Any]:
     result : DropResult
     digest : str
         SHA-256 of the source's content.
+    declared : mapping
+        Declarations of the point that are columns of the table.
     """
-    flat = result.to_json() | {"source_sha256": digest}
+    flat = {**result.to_json(), **declared, "source_sha256": digest}
     flat |= nested_cells(result)
     return {name: _cell(flat.get(name), kind) for name, kind in RESULT_COLUMNS}
 

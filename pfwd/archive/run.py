@@ -392,7 +392,7 @@ class _Run:
             summary.failed += len(outcome.failures)
             rows = _SourceRows(
                 _source_row(source, len(outcome.results), len(outcome.failures), None),
-                [result_row(result, source.digest) for result in outcome.results],
+                [result_row(item, source.digest, declared) for item, declared in outcome.results],
                 [diagnosis_row(result, source.digest) for result in outcome.diagnoses],
                 [_failure_row(source, failure) for failure in outcome.failures],
             )

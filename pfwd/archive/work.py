@@ -4,9 +4,9 @@ Nothing is written, so that a batch may be repeated at any time, on any computer
 """
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -63,8 +63,8 @@ class SourceOutcome:
     """Results and failures of one source, or of one piece of a survey."""
 
     source: Source
-    results: list[DropResult] = field(default_factory=list)
-    """One for each drop; what was declared for its point is in the field ``more``."""
+    results: list[tuple[DropResult, Mapping[str, Any]]] = field(default_factory=list)
+    """One for each drop, with the declarations of its point."""
     diagnoses: list[DiagnosisResult] = field(default_factory=list)
     """One for each point, if the options request diagnoses in place of inversions."""
     failures: list[SourceFailure] = field(default_factory=list)
@@ -194,7 +194,7 @@ def invert_batch(sources: list[Source], options: AnalysisOptions) -> list[Source
 
 def _invert(source: Source, options: AnalysisOptions) -> SourceOutcome:
     start_s = time.process_time()
-    results: list[DropResult] = []
+    results: list[tuple[DropResult, Mapping[str, Any]]] = []
     diagnoses: list[DiagnosisResult] = []
     failures: list[SourceFailure] = []
     points: list[TracePoint] = []
@@ -288,7 +288,9 @@ def _content(path: str, _size: int, _mtime_ns: int) -> Survey:
     return survey_content(path)
 
 
-def _results(source: Source, point: TracePoint, options: AnalysisOptions) -> list[DropResult]:
+def _results(
+    source: Source, point: TracePoint, options: AnalysisOptions
+) -> list[tuple[DropResult, Mapping[str, Any]]]:
     setup = point.setup
     values = {
         "site": setup.site,
@@ -300,6 +302,6 @@ def _results(source: Source, point: TracePoint, options: AnalysisOptions) -> lis
     }
     declared = {key: value for key, value in values.items() if value is not None}
     return [
-        replace(drop_result(source.path, analysis, point.warnings, setup.point), more=declared)
+        (drop_result(source.path, analysis, point.warnings, setup.point), declared)
         for analysis in analyse_point(point, options, library_of_process())
     ]

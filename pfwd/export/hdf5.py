@@ -79,7 +79,7 @@ def _write(file: Any, content: Survey) -> None:
     entries = {
         "info": content.info,
         "points": [_entry(p, drops=[drop.number for drop in p.drops]) for p in content.points],
-        "drops": [_entry(d, key=d.key, diagnosis=d.read_diagnosis()) for d in content.drops],
+        "drops": [_entry(d, key=d.key, diagnosis=d.read_diagnosis(dict)) for d in content.drops],
         "events": content.events,
         "checks": content.checks,
         "damage": content.damage,

@@ -8,9 +8,10 @@ from functools import cached_property
 from typing import Any
 
 from inversion import notices
-from inversion.notices import WARNING_CODES, WARNINGS, Notice, Value, text_notice
+from inversion.notices import WARNING_CODES, WARNINGS, Notice, Value
+from inversion.records import stored_fields
 from pfwd.analysis.drop_facts import corrected_deflection
-from pfwd.analysis.result_columns import N_LAYERS, Kind, nested_cells, result_columns
+from pfwd.analysis.result_columns import N_LAYERS, Kind, nested_cells
 from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.errors import SurveyError
 from pfwd.export.columns import DROP_COLUMNS, POINT_COLUMNS
@@ -45,6 +46,9 @@ SURVEY_COLUMNS = (
 inversion."""
 
 _RESULT_KINDS = {c.name: c.kind for c in DROP_COLUMNS if c.name not in SURVEY_COLUMNS}
+_RESULT_FIELDS = [
+    f.name for f in stored_fields(DropResult) if f.name in _RESULT_KINDS and f.name != N_LAYERS
+]
 _EMPTY_ROW: Mapping[str, Any] = dict.fromkeys(column.name for column in DROP_COLUMNS)
 
 MAX_RELATIVE_DIFFERENCE = 1e-9
@@ -331,57 +335,20 @@ def _facts(survey_id: str, point: PointView, drop: DropView) -> dict[str, Any]:
 
 
 def _result(result: DropResult, point: SurveyPoint, drop: DropView) -> dict[str, Any]:
-    """Return the columns of a result, without a modulus that lacks its uncertainty or model."""
+    """Return the columns of a result."""
     cells = _cells(result)
-    nested = {
+    cells |= {
         name: value if value is None or name == N_LAYERS else number(value)
         for name, value in nested_cells(result).items()
     }
-    warnings = list(result.warnings or map(text_notice, cells.get(WARNINGS) or ()))
-    warnings += _stale(result, point, drop)
-    missing = missing_parts(result)
-    if cells.get("modulus_pa") is not None and missing:
-        cells["modulus_pa"] = cells["peak_modulus_pa"] = None
-        warnings.append(Notice("modulus-withheld", {"missing": tuple(missing)}))
-    cells[WARNINGS] = warnings
-    if missing:
-        nested |= dict.fromkeys(_WITHHELD)
-    return cells | nested
+    cells[WARNINGS] = [*(result.warnings or ()), *_stale(result, point, drop)]
+    return cells
 
 
 def _cells(result: DropResult) -> dict[str, Any]:
-    """Return the values of a result by column name, converted to the type of the column.
-
-    A result of another program may have a value of another type under the name of a column.
-    """
-    values = result.values(_RESULT_KINDS)
+    """Return the values of a result by column name, converted to the type of the column."""
+    values = result.values(_RESULT_FIELDS)
     return {name: _CONVERTERS[_RESULT_KINDS[name]](value) for name, value in values.items()}
-
-
-def missing_parts(result: DropResult) -> list[str]:
-    """Return the parts that a result lacks and without which its modulus must not be shown.
-
-    Parameters
-    ----------
-    result : DropResult
-
-    Returns
-    -------
-    list of str
-        Phrases such as "the plate radius"; empty: nothing is missing.
-    """
-    interval = result.modulus_interval_pa
-    uncertain = number(result.modulus_sd_pa) is not None or (
-        interval is not None and number(interval[0]) is not None
-    )
-    parts = {
-        "an uncertainty": uncertain,
-        "its model": result.model is not None,
-        "the plate radius": number(result.plate_radius_m) is not None,
-        "Poisson's ratio": number(result.poisson_ratio) is not None,
-        "its warnings": result.warnings is not None,
-    }
-    return [name for name, present in parts.items() if not present]
 
 
 def _stale(result: DropResult, point: SurveyPoint, drop: DropView) -> list[Notice]:
@@ -438,8 +405,6 @@ _CONVERTERS: Mapping[Kind, Callable[[Any], Any]] = {
     "texts": _texts,
 }
 """Functions that convert a value of a result to the type of its column."""
-
-_WITHHELD = [c.name for part in ("layers", "last") for c in result_columns(part)]
 
 
 _EMPTY_POINT: Mapping[str, Any] = dict.fromkeys(column.name for column in POINT_COLUMNS)

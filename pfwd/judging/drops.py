@@ -43,13 +43,10 @@ class DropView:
     moved_to: Notice | None = None
     """Sentence that names the point to which the operator moved it; None: it was not moved."""
     result: DropResult | None = None
-    """Result to show: the last valid one, if it was computed with the present setup; None: there is
+    """Result to show: the last one, if it was computed with the present setup; None: there is
     none."""
-    sound_result: DropResult | None = None
-    """Last valid result, whatever setup it was computed with; trials of other settings do not
-    count."""
     last_result: DropResult | None = None
-    """Last result, even if it lacks values; trials of other settings do not count."""
+    """Last result, whatever setup it was computed with; trials of other settings do not count."""
     record: int | None = None
     """Number of the drop in its survey; None: it is not saved."""
     notes: tuple[str, ...] = ()
@@ -140,7 +137,7 @@ class DropView:
 
     def with_result(self, result: DropResult | None) -> "DropView":
         """Return the drop with this result in place of the stored ones."""
-        return dataclasses.replace(self, result=result, sound_result=result, last_result=result)
+        return dataclasses.replace(self, result=result, last_result=result)
 
     def in_diagnosis(self, fit: DiagnosedDrop) -> "DropView":
         """Return the drop with curves and residuals of a diagnosis in place of its own fit."""
@@ -157,10 +154,11 @@ class DropView:
 
     def without_modulus(self) -> "DropView":
         """Return the drop without the ground that was fitted to it; residuals remain."""
-        names = ("result", "sound_result", "last_result")
-        results = {name: getattr(self, name) for name in names}
-        shown = {name: result and result.without_ground() for name, result in results.items()}
-        return dataclasses.replace(self, **shown)
+        return dataclasses.replace(
+            self,
+            result=self.result and self.result.without_ground(),
+            last_result=self.last_result and self.last_result.without_ground(),
+        )
 
 
 def drop_from_traces(drop: Drop, setup: PointSetup, **more: Any) -> DropView:

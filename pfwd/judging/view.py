@@ -14,9 +14,7 @@ from typing import Any
 from inversion.notices import Notice
 from pfwd.analysis.drop_facts import stored_facts, unbroken_peaks
 from pfwd.analysis.result_store import (
-    is_sound,
     last_diagnosis,
-    readable_results,
     rests_on,
     result_that_counts,
 )
@@ -206,26 +204,18 @@ def _drop_view(drop: SurveyDrop, later: Mapping[str, Any], before: DropView | No
     for edit in drop.edits:  # of drops before the deviation was known
         if edit["what"] == RATE_DEVIATION:
             recorded["metadata"][RATE_DEVIATION] = edit.get("value")
-    try:
-        recorded["last_result"] = result_that_counts(drop)
-    except (RecordingError, SurveyError) as err:
-        recorded["fault"] = str(err)
-    last = recorded.get("last_result")
+    recorded["last_result"] = last = result_that_counts(drop)
+    if last is None:
+        recorded["fault"] = drop.damage_of_results
     try:
         setup = None
         if before is not None and before.declared is recorded["declared"]:
             setup = before.setup
         if setup is None or setup is NO_SETUP:
             setup = setup_now(record.declared, later, drop.point)
-        result = last
-        if "fault" in recorded or (last is not None and not is_sound(last)):
-            # An earlier result may be complete, whatever setup it was computed with.
-            counting = (stored for stored in readable_results(drop) if not stored.is_trial)
-            result = next(filter(is_sound, counting), None)
-        if result is not None:
-            recorded["sound_result"] = result
-            recorded["result"] = result if rests_on(result, setup) else None
-        stored = stored_facts(drop.drop, setup, record.metadata, result)
+        if last is not None and last.has_ground and rests_on(last, setup):
+            recorded["result"] = last
+        stored = stored_facts(drop.drop, setup, record.metadata, last)
         if stored is not None:
             return DropView(*stored, setup, **recorded)
         traces = record.drop if record.drop is not None else drop.read_traces().drop

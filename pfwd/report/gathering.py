@@ -552,7 +552,9 @@ class _Gatherer:
         if drop.discarded is not None or screening.status == "rejected":
             return drop.with_result(None)
         drop = replace(drop, deflection=judged_deflection(traces, setup))
-        result = None if self.options.ignores_stored_results else drop.sound_result
+        result = None if self.options.ignores_stored_results else drop.last_result
+        if result is not None and not result.has_ground:
+            result = None
         options = self._analysis
         if result is not None and not rests_on(result, setup):
             options = with_layers_of(options, result)

@@ -230,24 +230,24 @@ def _reach(result: DropResult) -> float:
 
 def _draw_profile(axes: Any, result: DropResult, colour: str, bottom: float) -> None:
     """Draw moduli as steps with bands, intervals of the boundaries, and the effective modulus."""
-    top, before, above = 0.0, None, LayerResult()
+    top, before = 0.0, None
+    above: LayerResult | None = None
     for layer in result.layers or ():
         end = bottom if layer.thickness_m is None else top + layer.thickness_m
-        value = None if layer.modulus_pa is None else layer.modulus_pa / 1e6
+        value = layer.modulus_pa / 1e6
         if layer.modulus_interval_pa is not None:
             low, high = (edge / 1e6 for edge in layer.modulus_interval_pa)
             axes.fill_betweenx(
                 [top, end], low, high, color=colour, alpha=_BAND_OPACITY, linewidth=0.0
             )
-        if value is not None:
-            # A value that the record leaves open is one of many.
-            style = _SOLID_LINE if layer.modulus_known else _DOTTED_LINE
-            axes.plot([value, value], [top, end], style, color=colour, linewidth=1.6)
-            if before is not None:
-                axes.plot([before, value], [top, top], color=colour, linewidth=1.6)
-                _draw_boundary(axes, above, math.sqrt(before * value), top, colour)
+        # A value that the record leaves open is one of many.
+        style = _SOLID_LINE if layer.modulus_known else _DOTTED_LINE
+        axes.plot([value, value], [top, end], style, color=colour, linewidth=1.6)
+        if before is not None and above is not None:
+            axes.plot([before, value], [top, top], color=colour, linewidth=1.6)
+            _draw_boundary(axes, above, math.sqrt(before * value), top, colour)
         top, before, above = end, value, layer
-    if before is not None:
+    if before is not None and above is not None:
         _draw_boundary(axes, above, before, top, colour)
     modulus, depth = result.effective_modulus_pa, result.effective_depth_m
     if modulus is not None and depth is not None:

@@ -87,9 +87,7 @@ class Survey(display.Displayable):
                 "in_force": in_force,
                 "read_history": functools.partial(self._history, row) if in_force else None,
             }
-            # `more` holds unreadable values, which must not replace those of `changes`.
-            more = {key: value for key, value in record.more.items() if key not in changes}
-            yield replace(record, more=more, **changes)
+            yield replace(record, **changes)
 
     def _history(self, row: Row) -> TimeHistories | None:
         """Return the traces of a stored drop, with the fit whose modulus is in force."""

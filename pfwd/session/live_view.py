@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from pfwd.analysis.result_store import is_sound, rests_on
+from pfwd.analysis.result_store import rests_on
 from pfwd.files.moving import moved_to
 from pfwd.judging import DropView, PointView, SurveyView
 from pfwd.judging.drops import RATE_DEVIATION
@@ -122,7 +122,7 @@ def _with_analysis(point: PointView, event: DropAnalysed) -> PointView:
     stored, drop = _stored_drop(point, number), point.drop(number)
     if drop is None or (stored is not None and stored.facts.modulus is not None):
         return point  # a replayed drop keeps the result that is stored in the survey
-    if result.is_trial or not is_sound(result) or not rests_on(result, drop.setup):
+    if result.is_trial or not result.has_ground or not rests_on(result, drop.setup):
         return point
     drops = {drop.number: drop for drop in point.drops} | {number: drop.with_result(result)}
     return replace(point, drops=_sorted(drops))

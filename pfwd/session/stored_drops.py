@@ -3,7 +3,6 @@
 import os
 from dataclasses import replace
 
-from pfwd.analysis.result_store import readable_results
 from pfwd.analysis.results import DropResult
 from pfwd.analysis.screening.drops import compare, screen
 from pfwd.errors import SurveyError
@@ -25,7 +24,7 @@ def stored_results(folder: str | os.PathLike[str], record: int) -> list[DropResu
         Number of the drop within the survey.
     """
     drop = _find(read_survey(folder), record)
-    return [*readable_results(drop)][::-1]
+    return [*drop.readable_results(DropResult.from_json)][::-1]
 
 
 def add_result(folder: str | os.PathLike[str], record: int, result: DropResult) -> None:

@@ -6,10 +6,10 @@ The journal of a survey contains all records; each drop also has an HDF5 file.
 import contextlib
 import hashlib
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pfwd_device.drop import Peaks
 from pfwd_device.errors import RecordingError
@@ -47,6 +47,7 @@ from pfwd_device.recording.recovery import lost_texts
 from pfwd_device.text import clean
 
 Result = Mapping[str, Any]
+_T = TypeVar("_T")
 
 _MAX_NOTE_LENGTH = 4096
 
@@ -149,13 +150,26 @@ class SurveyDrop:
         RecordingError
             If the file of a result is damaged.
         """
-        return tuple(map(self._survey._read_result, self._result_paths()))
+        return tuple(self._survey._read_result(path, dict) for path in self._result_paths())
 
-    def readable_results(self) -> Iterator[Result]:
-        """Yield the undamaged stored results: the valid result first, trials last."""
+    def readable_results(self, decode: Callable[[Result], _T]) -> Iterator[_T]:
+        """Yield the undamaged stored results: the valid result first, trials last.
+
+        Parameters
+        ----------
+        decode : callable
+            Returns a result from its JSON; it raises ValueError for a damaged one.
+        """
         for path in reversed(self._result_paths()):
-            with contextlib.suppress(RecordingError):
-                yield self._survey._read_result(path)
+            with contextlib.suppress(RecordingError):  # see `damage_of_results`
+                yield self._survey._read_result(path, decode)
+
+    @property
+    def damage_of_results(self) -> str | None:
+        """Description of the last damaged result that was read; None: there is none."""
+        damaged = self._survey.damaged_results
+        paths = reversed(self._result_paths())
+        return next((damaged[path] for path in paths if path in damaged), None)
 
     def read_last_result(self) -> Result | None:
         """Read the valid result of the drop; None without a stored result.
@@ -163,12 +177,17 @@ class SurveyDrop:
         The errors are those of `read_results`.
         """
         paths = self._result_paths()
-        return self._survey._read_result(paths[-1]) if paths else None
+        return self._survey._read_result(paths[-1], dict) if paths else None
 
-    def read_diagnosis(self) -> Result | None:
+    def read_diagnosis(self, decode: Callable[[Result], _T]) -> _T | None:
         """Read the latest diagnosis of the point that was stored with this drop; None without one.
 
         A diagnosis is stored with the drop that was the last one of its point at that time.
+
+        Parameters
+        ----------
+        decode : callable
+            Returns a diagnosis from its JSON; it raises ValueError for a damaged one.
 
         Raises
         ------
@@ -176,7 +195,7 @@ class SurveyDrop:
             If the file of the diagnosis is damaged.
         """
         paths = self._survey._diagnoses.get(self.number)
-        return self._survey._read_result(max(paths, key=_last)) if paths else None
+        return self._survey._read_result(max(paths, key=_last), decode) if paths else None
 
     def _result_paths(self) -> list[str]:
         return sorted(self._survey._results.get(self.number, ()), key=_last)
@@ -327,9 +346,14 @@ class Survey:
             )
         return with_rebounds(record, self._rebounds(later))
 
-    def _read_result(self, path: str) -> Result:
+    def _read_result(self, path: str, decode: Callable[[Result], _T]) -> _T:
         try:
-            return self._parse_result(path)
+            try:
+                return decode(self._parse_result(path))
+            except ValueError as err:
+                raise RecordingError(
+                    f"{self.folder}/{path} is damaged: {err}; it does not count; compute it again"
+                ) from err
         except RecordingError as err:
             self.damaged_results[path] = str(err).removeprefix(f"{self.folder}/")
             raise

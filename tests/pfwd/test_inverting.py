@@ -287,7 +287,7 @@ def test_the_diagnosis_finds_the_effect_of_the_example(diagnosis: pfwd.Diagnosis
 def test_a_diagnosis_that_is_not_to_be_used_says_what_is(
     diagnosis: pfwd.Diagnosis, residual: float, source: str | None, advice: str
 ) -> None:
-    record = json.loads(json.dumps(diagnosis.to_dict()))
+    record = json.loads(json.dumps(diagnosis.to_stored()))
     record["before"]["contact_residual_rms_over_peak"] = residual
     modulus = record["after"]["modulus_pa"]
     for name in ("modulus", "equivalent_modulus"):

@@ -42,20 +42,19 @@ def test_numbers_of_numpy_become_plain_ones() -> None:
     json.dumps(plain.to_dict(), allow_nan=False)
 
 
-def test_a_stored_modulus_without_what_belongs_to_it_is_withheld(survey: Path) -> None:
+def test_a_stored_modulus_without_its_model_is_damaged(survey: Path) -> None:
     (result, *_) = pfwd.invert(pfwd.example("layer"), method="posterior")
     with SurveyWriter.open(survey) as writer:
         writer.save_result(1, {**result.to_dict(), "model": None})
         writer.save_result(2, result.to_dict())
         writer.save_result(3, {**result.to_dict(), "plate_radius_m": 0.1})
     opened = pfwd.open(survey)
-    assert repr(opened) == "Survey(site: 1 point, 3 drops, 3 with results)"
-    withheld, whole, of_other_plate = opened.results
-    assert [one.in_force for one in opened.results] == [False, True, False]
+    assert repr(opened) == "Survey(site: 1 point, 3 drops, 2 with results, 1 damage)"
+    whole, of_other_plate = opened.results
+    assert [one.in_force for one in opened.results] == [True, False]
     assert "plate_radius_m" in of_other_plate.warnings[0]
-    assert withheld.modulus is None
-    assert "modulus withheld: the result lacks its model" in withheld.warnings[0]
-    assert "MPa" not in repr(withheld)
+    (damage,) = opened.damage
+    assert "model: expected a value beside the modulus; it does not count" in damage
     assert whole.modulus == result.modulus
     assert (whole.number, whole.point, whole.file) == (2, "layer", str(survey))
 

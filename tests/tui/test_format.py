@@ -239,12 +239,3 @@ def test_a_subgrade_that_is_not_known_is_a_dash_with_its_interval() -> None:
     lines = result_lines([open_end])
     assert lines[4].split()[:5] == ["1", "-", "20", "to", "4000"]
     assert lines[7].split()[2:6] == ["-", "49.70", "to", "50.30"]
-
-
-def test_layers_of_which_nothing_is_known_are_shown_all_the_same() -> None:
-    bare = DropResult.from_json(
-        {"file": "a.csv", "drop": 1, "status": "measured", "layers": [{}, {"modulus_pa": None}]}
-    )
-    lines = result_lines([bare])
-    assert sum("      1  " in line or "      2  " in line for line in lines) >= 2
-    assert "  drop 1: one modulus for all -, down to -" in lines

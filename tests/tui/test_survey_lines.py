@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from inversion.notices import Notice, text_notice
-from pfwd.analysis.results import DropResult
+from pfwd.analysis.results import DropResult, LayerResult
 from tests.snapshots import check_snapshot
 from tui.format import result_lines
 
@@ -129,8 +129,10 @@ def test_names_do_not_grow_with_the_survey(points: int) -> None:
 
 
 def test_layers_of_a_survey_name_their_point() -> None:
-    layers = ({"modulus_pa": 180e6, "thickness_m": 0.2}, {"modulus_pa": 50e6})
-    layered = DropResult.from_json({**DROP.to_json(), "layers": layers})
+    lower = LayerResult(
+        modulus_pa=50e6, viscosity_pa_s=3e4, density_kg_m3=1900.0, poisson_ratio=0.35
+    )
+    layered = replace(DROP, layers=(replace(lower, modulus_pa=180e6, thickness_m=0.2), lower))
     lines = result_lines([replace(layered, point="A"), replace(layered, point="B")])
     assert any(line.startswith("  A, drop 1: one modulus for all") for line in lines)
     assert any(line.startswith("  B, drop 1: one modulus for all") for line in lines)

@@ -241,6 +241,6 @@ def stored_answers(
     answers = {}
     for point in points:
         stored = None if point.last is None else read_diagnosis(point.last)
-        if stored and stored.question == questions[point.name] and not stored.unreadable:
+        if stored and stored.question == questions[point.name]:
             answers[point.name] = replace(stored, file=point.file, point=point.point, stored=True)
     return answers

@@ -1,5 +1,6 @@
 """Options of an analysis: ranges, contradictions, and what is meant by what is not said."""
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -204,17 +205,20 @@ def test_as_many_layers_as_the_inversion_knows() -> None:
 def test_the_media_of_a_result_are_asked_for_again(
     given: tuple[bool, bool], thickness: tuple[float, ...] | None
 ) -> None:
+    lowest = LayerResult(
+        modulus_pa=4e7, viscosity_pa_s=3e4, density_kg_m3=1900.0, poisson_ratio=0.35
+    )
     upper = [
-        LayerResult(thickness_m=value, thickness_sd_m=None if known else 0.01)
+        replace(lowest, thickness_m=value, thickness_sd_m=None if known else 0.01)
         for value, known in zip((0.1, 0.3), given, strict=True)
     ]
-    result = DropResult(layers=(*upper, LayerResult()))
+    result = DropResult(layers=(*upper, lowest))
     options = AnalysisOptions(seed=3)
     found = with_layers_of(options, result)
     assert found == AnalysisOptions(seed=3, layers=3, thickness=thickness)
-    for plain in (None, DropResult(), DropResult(layers=(LayerResult(),))):
+    for plain in (None, DropResult(), DropResult(layers=(lowest,))):
         assert with_layers_of(options, plain) is options
-    too_many = DropResult(layers=(LayerResult(thickness_m=0.1),) * 5)
+    too_many = DropResult(layers=(upper[0],) * 5)
     assert with_layers_of(options, too_many) is options
     published = AnalysisOptions(published=True)
     assert with_layers_of(published, result) is published

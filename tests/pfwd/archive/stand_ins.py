@@ -32,7 +32,7 @@ class QuickWorkers(HereWorkers):
     """Invents a result a source: for what has nothing to do with inverting."""
 
     def work(self, batch: Batch) -> list[SourceOutcome]:
-        return [SourceOutcome(source, [invented(source)]) for source in batch.sources]
+        return [SourceOutcome(source, [(invented(source), {})]) for source in batch.sources]
 
 
 def invented(source: Source) -> DropResult:

@@ -74,11 +74,12 @@ def test_every_number_of_a_result_has_a_column() -> None:
     for place in ("established", "layers", "last"):
         columns = [(column.name, column.kind) for column in result_columns(place)]
         assert set(columns) <= set(RESULT_COLUMNS), place
+    medium = {"viscosity_pa_s": 3e4, "density_kg_m3": 1900.0, "poisson_ratio": 0.35}
     layers = (
-        LayerResult(modulus_pa=9e7, modulus_interval_pa=(8e7, 1e8), thickness_m=0.3),
-        LayerResult(modulus_pa=4e7, modulus_interval_pa=(3e7, 5e7)),
+        LayerResult(modulus_pa=9e7, modulus_interval_pa=(8e7, 1e8), thickness_m=0.3, **medium),
+        LayerResult(modulus_pa=4e7, modulus_interval_pa=(3e7, 5e7), **medium),
     )
-    row = result_row(DropResult(layers=layers, effective_depth_m=0.9), "d")
+    row = result_row(DropResult(layers=layers, effective_depth_m=0.9), "d", {})
     assert (row["layers"], row["layer_1_modulus_pa"], row["layer_1_thickness_m"]) == (2, 9e7, 0.3)
     assert (row["layer_2_modulus_interval_high_pa"], row["effective_depth_m"]) == (5e7, 0.9)
     assert row["layer_2_thickness_m"] is row["layer_3_modulus_pa"] is None

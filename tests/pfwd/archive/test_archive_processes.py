@@ -175,4 +175,4 @@ def test_no_more_is_taken_than_is_worked_on(
 
 def quick(sources: list[Source], options: AnalysisOptions) -> list[SourceOutcome]:
     """A worker that invents results."""
-    return [SourceOutcome(source, [invented(source)]) for source in sources]
+    return [SourceOutcome(source, [(invented(source), {})]) for source in sources]

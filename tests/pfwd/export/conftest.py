@@ -28,6 +28,7 @@ RESULT: dict[str, Any] = {
     "equivalent_modulus_pa": 45e6,
     "equivalent_modulus_interval_pa": [43e6, 47e6],
     "viscosity_pa_s": 1e4,
+    "density_kg_m3": 1900.0,
     "poisson_ratio": 0.35,
     "plate_radius_m": 0.15,
     "plate": "rigid-rough",

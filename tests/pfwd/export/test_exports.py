@@ -33,47 +33,19 @@ def test_every_format_has_its_name_and_a_function_that_writes_it(
     assert all(f"{name}: {form.holds}" in help_ for name, form in BUILT_IN_FORMATS.items())
 
 
-@pytest.mark.parametrize(
-    ("missing", "named"),
-    [
-        ({"modulus_sd_pa": None, "modulus_interval_pa": None}, "an uncertainty"),
-        ({"model": None}, "its model"),
-        ({"plate_radius_m": None}, "the plate radius"),
-        ({"poisson_ratio": None}, "Poisson's ratio"),
-        ({"warnings": None}, "its warnings"),
-    ],
-)
-@pytest.mark.parametrize("form", ["jsonl", "geojson", "table"])
-def test_no_modulus_without_what_belongs_to_it(
-    survey: Path, tmp_path: Path, missing: dict[str, Any], named: str, form: str
-) -> None:
-    drop = read_survey(survey).drops[0].read().drop
-    with SurveyWriter.open(survey, publish=False) as writer:
-        writer.save_result(1, result_of(drop, **missing, effective_modulus_pa=6e7))
-    path = tmp_path / "out"
-    export_survey(survey, form, path)
-    text = path.read_text(encoding="utf-8")
-    if form == "table":
-        values: dict[str, Any] = dict(rows_of(path)[0])
-        assert values["modulus_pa"] == values["effective_modulus_pa"] == ""
-    else:
-        line = json.loads(text.splitlines()[0])
-        values = line if form == "jsonl" else line["features"][0]["properties"]
-        assert values["modulus_pa"] is values["effective_modulus_pa"] is None
-    assert f"modulus withheld: the result lacks {named}" in str(values["warnings"])
-
-
+MEDIUM = {"viscosity_pa_s": 3e4, "density_kg_m3": 1900.0, "poisson_ratio": 0.35}
 LAYERED = {
     "layers": [
-        {
+        MEDIUM
+        | {
             "modulus_pa": 90e6,
             "modulus_interval_pa": [80e6, 101e6],
             "thickness_m": 0.3,
             "thickness_sd_m": 0.01,
             "thickness_interval_m": [0.28, 0.32],
         },
-        {"modulus_pa": 60e6, "modulus_interval_pa": [20e6, 201e6], "thickness_m": 0.5},
-        {"modulus_pa": 45e6, "modulus_interval_pa": [43e6, 47e6], "thickness_m": None},
+        MEDIUM | {"modulus_pa": 60e6, "modulus_interval_pa": [20e6, 201e6], "thickness_m": 0.5},
+        MEDIUM | {"modulus_pa": 45e6, "modulus_interval_pa": [43e6, 47e6], "thickness_m": None},
     ],
     "effective_modulus_pa": 52e6,
     "effective_modulus_interval_pa": [51e6, 53e6],
@@ -114,17 +86,6 @@ def test_layers_have_columns_behind_all_others(survey: Path, tmp_path: Path) -> 
     }
     assert not any(second[name] for name in of_layers)
     assert second["kind"] == "traces"
-
-
-def test_layers_without_what_belongs_to_a_modulus_are_withheld(
-    survey: Path, tmp_path: Path
-) -> None:
-    drop = read_survey(survey).drops[0].read().drop
-    with SurveyWriter.open(survey, publish=False) as writer:
-        writer.save_result(1, result_of(drop, **LAYERED, plate_radius_m=None))
-    export_survey(survey, "table", tmp_path / "t.csv")
-    first = rows_of(tmp_path / "t.csv")[0]
-    assert not any(text for name, text in first.items() if "layer_" in name or "effective" in name)
 
 
 def test_what_was_declared_since_the_result_is_said(survey: Path, tmp_path: Path) -> None:
@@ -236,9 +197,13 @@ def test_a_rejected_drop_keeps_its_reason(survey: Path, tmp_path: Path) -> None:
     assert (first["status"], first["reason"], first["modulus_pa"]) == ("rejected", "no pulse", "")
 
 
-def test_a_damaged_result_is_said_and_the_others_come(survey: Path, tmp_path: Path) -> None:
+def test_a_damaged_result_counts_as_absent_and_is_reported(survey: Path, tmp_path: Path) -> None:
     (survey / "results" / "drop-000001-2.json").write_text("{")
     done = export_survey(survey, "table", tmp_path / "t.csv")
+    assert rows_of(tmp_path / "t.csv")[0]["modulus_pa"] == "1.0"
+    (survey / "results" / "drop-000001-1.json").write_text("{")
+    done = export_survey(survey, "table", tmp_path / "t.csv", force=True)
+    assert len([note for note in done.notes if "is damaged" in note]) == 2
     rows = rows_of(tmp_path / "t.csv")
     assert rows[0]["status"] == "no result"
     assert rows[0]["reason"].startswith("damaged: ")

@@ -269,7 +269,13 @@ def test_a_workbook_has_filters_frozen_heads_formats_and_a_chart(
 
 
 def test_a_workbook_has_columns_for_the_layers_that_there_are(judged: Path, tmp_path: Path) -> None:
-    media = [{"modulus_pa": 200e6, "thickness_m": 0.2}, {"modulus_pa": 45e6}]
+    lower = {
+        "modulus_pa": 45e6,
+        "viscosity_pa_s": 3e4,
+        "density_kg_m3": 1900.0,
+        "poisson_ratio": 0.35,
+    }
+    media = [lower | {"modulus_pa": 200e6, "thickness_m": 0.2}, lower]
     drop = next(iter(read_survey(judged).drops))
     result = result_of(drop.read().drop, layers=media)
     with SurveyWriter.open(judged) as writer:

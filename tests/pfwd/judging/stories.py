@@ -219,7 +219,7 @@ class Told:
             basis=basis_of(measured.drops[-1].setup),
             left_out=(),
         )
-        writer.save_result(point.drops[-1].number, found.to_json(), "diagnosis")
+        writer.save_result(point.drops[-1].number, found.to_stored(), "diagnosis")
         self.tell(PointDiagnosed(name, found))
 
     def begin_again(self) -> None:

@@ -230,7 +230,7 @@ def diagnosis_in_force(point: SurveyPoint, drops: Sequence[RawDrop]) -> Mapping[
     """Return the last diagnosis of a point if the same drops count as when it was made."""
     counted = [drop.number for drop in drops if not drop.rejected and not drop.discarded]
     for drop in reversed(point.drops):
-        found = drop.read_diagnosis()
+        found = drop.read_diagnosis(dict)
         if found is not None:
             return found if counted and set(found["drops"]) == set(counted) else None
     return None

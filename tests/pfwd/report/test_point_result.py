@@ -114,7 +114,7 @@ def test_a_diagnosed_depth_has_the_deviation_of_its_effect(survey: Path) -> None
     report = diagnosed_report(survey, "explained")
     point = report.points[0]
     assert point.diagnosis is not None
-    record = point.diagnosis.to_json()
+    record = point.diagnosis.to_stored()
     record["effects"] = [{"name": "bedrock", "value": 0.887, "sd": 0.031, "unit": "m"}]
     again = replace(point, whole=None, diagnosis=DiagnosisResult.from_json(record))
     assert "layer on rock at 0.89 ± 0.03 m," in rows_of(again)["Basis"]

@@ -26,7 +26,7 @@ from pfwd.analysis.analyse import analyse_drop
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.fits import curves_of
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.result_store import basis_of, is_sound
+from pfwd.analysis.result_store import basis_of
 from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.analysis.screening.drops import screen
 from pfwd.errors import OptionError, SurveyError
@@ -204,9 +204,6 @@ def test_a_layered_result_whose_subgrade_is_not_known_has_its_curves() -> None:
     drop, library = half_sine_drop(2, 8000.0), SurrogateLibrary()
     screening = screen(drop, SETUP)
     known, unknown = layered(), layered(modulus_pa=None, modulus_sd_pa=None)
-    assert is_sound(known)
-    assert is_sound(unknown)
-    assert not is_sound(DropResult.from_json({**result_of(2), "modulus_pa": None}))
     curves = [curves_of(drop, SETUP, screening, r, library) for r in (known, unknown)]
     assert curves[0] is not None
     assert curves[1] is not None
@@ -215,23 +212,6 @@ def test_a_layered_result_whose_subgrade_is_not_known_has_its_curves() -> None:
     alone = curves_of(drop, SETUP, screening, DropResult.from_json(result_of(2)), library)
     assert alone is not None
     assert curves[0].predicted.max() < 0.9 * alone.predicted.max()
-
-
-@pytest.mark.parametrize(
-    "layers",
-    [
-        "two",
-        [3, 4],
-        [LAYERS[1], LAYERS[0]],
-        [LAYERS[0], {**LAYERS[1], "thickness_m": "deep"}],
-        *(
-            [{**LAYERS[0], key: None}, LAYERS[1]]
-            for key in ("modulus_pa", "viscosity_pa_s", "density_kg_m3", "poisson_ratio")
-        ),
-    ],
-)
-def test_layers_that_can_not_be_computed_with_are_not_used(layers: Any) -> None:
-    assert not is_sound(layered(layers=layers))
 
 
 @pytest.mark.parametrize(
@@ -465,9 +445,8 @@ def test_strange_results_do_not_end_a_report(survey: Path, strange: dict[str, An
     _, _, report = page_of(survey)
     used = report.points[0].drops[0].result
     assert used is not None
-    # The older one that is sound, where the strange one says nonsense.
-    harmless = "window_end_s" in strange or strange == {"warnings": None}
-    assert used.modulus_pa == (45e6 if harmless else 45.1e6)
+    # The older one where the last one is damaged.
+    assert used.modulus_pa == (45e6 if "window_end_s" in strange else 45.1e6)
     write_report(survey, survey.parent / "r.pdf")
 
 

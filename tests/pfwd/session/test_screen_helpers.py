@@ -159,14 +159,14 @@ def test_the_survey_is_told_with_its_last_result_that_counts(tmp_path: Path) -> 
     whole = DropResult.from_json(result_of(1, 2e7))
     add_result(folder, 1, DropResult.from_json(result_of(1, 1e7)))
     add_result(folder, 1, whole)
-    add_result(folder, 1, DropResult(modulus_pa=5e7))  # without all that belongs to it
+    add_result(folder, 1, DropResult(modulus_pa=5e7))  # damaged
     add_result(folder, 1, replace(whole, modulus_pa=9e7, refit="half-space"))
     (point,) = read_points(folder)
     first, second = point.drops
     assert (first.number, first.record, len(first.source.results)) == (1, 1, 4)
-    assert first.sound_result == whole
-    assert second.sound_result is None
-    assert [one.modulus_pa for one in stored_results(folder, 1)] == [9e7, 1e7, 2e7, 5e7]
+    assert first.last_result == whole
+    assert second.last_result is None
+    assert [one.modulus_pa for one in stored_results(folder, 1)] == [9e7, 1e7, 2e7]
 
 
 def test_a_damaged_result_is_none(tmp_path: Path) -> None:
@@ -175,7 +175,7 @@ def test_a_damaged_result_is_none(tmp_path: Path) -> None:
     add_result(folder, 1, DropResult(modulus_pa=1e7))
     (file,) = (folder / "results").glob("*.json")
     file.write_text("{")
-    assert read_points(folder)[0].drops[0].sound_result is None
+    assert read_points(folder)[0].drops[0].last_result is None
 
 
 def test_a_recorded_drop_comes_with_its_setup_and_its_judgement(tmp_path: Path) -> None:

@@ -85,7 +85,7 @@ def events(text: str) -> list[Any]:
         ready(identity, differences=(text,), warnings=(text,)),
         status(),
         saved(1, marks=(text,)),
-        analysed(1, warnings=[text], at_bound=[text], model=text, plate=text, method=text),
+        analysed(1, warnings=[text], at_bound=[text], model=text, method=text),
         saved(2, status="rejected", reason=text),
         SurveyRead((point,), drops=True),
         Refit("7", 1, text, result(refit=text), None),

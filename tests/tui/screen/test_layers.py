@@ -35,15 +35,16 @@ from tui.screen.session.screen_events import SessionStarted
 from tui.screen.session.state import SessionState
 
 OFFSETS = (0.0, 0.3, -0.3, 0.6)
-TOP = {
+MEDIUM = {"viscosity_pa_s": 3e4, "density_kg_m3": 1900.0, "poisson_ratio": 0.35}
+TOP = MEDIUM | {
     "modulus_pa": 120e6,
     "modulus_interval_pa": [110e6, 131e6],
     "thickness_m": 0.25,
     "thickness_sd_m": 0.004,
     "thickness_interval_m": [0.24, 0.262],
 }
-BELOW = {"modulus_pa": 47.3e6, "modulus_interval_pa": [46.7e6, 47.9e6]}
-OPEN = {"modulus_pa": 90e6, "modulus_interval_pa": [40e6, 410e6]}
+BELOW = MEDIUM | {"modulus_pa": 47.3e6, "modulus_interval_pa": [46.7e6, 47.9e6]}
+OPEN = MEDIUM | {"modulus_pa": 90e6, "modulus_interval_pa": [40e6, 410e6]}
 LAYERS: dict[str, Any] = {
     "layers": [TOP, BELOW],
     "effective_modulus_pa": 71e6,

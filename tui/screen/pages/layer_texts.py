@@ -5,7 +5,6 @@ from collections.abc import Collection
 
 from pfwd.analysis.results import DropResult, LayerResult, TimeHistories
 from pfwd.analysis.sensor_fits import sensor_fits
-from pfwd.digits import MISSING
 from pfwd.facts import facts_of_drop
 from pfwd.units import Fact, Units, percent
 from tui.screen.drawing.lines import Line, cell, line, wrap
@@ -135,15 +134,13 @@ def _layer_texts(
 
 def _modulus(layer: LayerResult, units: Units) -> str:
     """Return the modulus with its interval; without a value if the record does not determine it."""
-    if layer.modulus_pa is None:
-        return MISSING
     value, ends = units.value_and_ends(Fact("modulus", layer.modulus_pa, layer.modulus_interval_pa))
     return (value if layer.modulus_known else "not known") + (f" ({ends})" if ends else "")
 
 
 def _scale(layers: tuple[LayerResult, ...]) -> tuple[float, float] | None:
     """Return the ends of the scale of the bars, Pa."""
-    values = [layer.modulus_pa for layer in layers if layer.modulus_pa is not None]
+    values = [layer.modulus_pa for layer in layers]
     for layer in layers:
         values += layer.modulus_interval_pa or ()
     sound = [value for value in values if value > 0 and math.isfinite(value)]
@@ -153,7 +150,7 @@ def _scale(layers: tuple[LayerResult, ...]) -> tuple[float, float] | None:
 def _bar(layer: LayerResult, scale: tuple[float, float] | None, width: int) -> str:
     """Return the interval as a line and the value as a block on it, if it is determined."""
     letters = ["·"] * width
-    if scale is None or layer.modulus_pa is None:
+    if scale is None:
         return "".join(letters)
 
     def column(value: float) -> int:

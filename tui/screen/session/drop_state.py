@@ -220,7 +220,9 @@ def add_refit(drop: DropState, event: Refit) -> None:
 
 def add_stored(drop: DropState, stored: DropView) -> None:
     """Set the stored result of a drop that has no result yet, with status and reason."""
-    result = stored.sound_result
+    result = stored.last_result
+    if result is not None and not result.has_ground:
+        result = None
     if result is not None and not drop.results:
         drop.results = [result]
         drop.status = result.status or "measured"
