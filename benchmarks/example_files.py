@@ -136,6 +136,7 @@ def make_survey(path: Path) -> None:
                 "bedrock_depth_m": math.inf,
                 "seating_drops": 1,
                 "device": "simulated",
+                "calibrated": "2026-01-05",
                 "site": "example road",
                 "point": point,
                 "latitude": 52.0 + 2.25e-4 * index,

@@ -95,12 +95,6 @@ def test_codes_that_cannot_be_read_leave_the_sentence(codes: object) -> None:
     assert (warning.code, str(warning)) == ("other", "the fit did not converge")
 
 
-def test_warnings_of_another_type_are_written_again() -> None:
-    written = {"warnings": "one text", "warning_codes": [1]}
-    again = InversionResult.from_json(written).to_json()
-    assert {key: again[key] for key in written} == written
-
-
 def sample(form: str) -> Value:
     """A value for a gap of a template."""
     values: dict[str, Value] = {

@@ -293,8 +293,8 @@ def test_pddx_holds_the_peaks_in_its_units(survey: Path, tmp_path: Path) -> None
     assert any("not verified" in note for note in done.notes)
     text = path.read_text(encoding="utf-8")
     assert (
-        "PointQuantity = equivalent-modulus\nPointTarget = 45000.00\nPointVerdict = undecided"
-        in text
+        "PointQuantity = equivalent-modulus\nPointValue = 45000.00\nPointTarget = 45000.00\n"
+        "PointVerdict = undecided\n" in text
     )
     assert "DropKind_1 = measured\nDropDeflectionCorrected_1 = " in text
 
