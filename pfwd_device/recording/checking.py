@@ -131,8 +131,10 @@ def _check_ledger(index: Index, damaged: list[str], unfinished: list[str]) -> No
     if ledger.missing:
         damaged.append(f"acknowledged.txt is missing: {_HINT}")
         return
-    for number in ledger.damaged:
-        damaged.append(f"acknowledged.txt, line {number} is damaged: {_HINT}")
+    texts = [f"acknowledged.txt, line {number} is damaged: {_HINT}" for number in ledger.damaged]
+    if texts and ledger.unfinished:
+        unfinished.append(texts.pop())
+    damaged += texts
     last = 0
     for line in ledger.entries:
         if line.sequence != last + 1 and not ledger.damaged and last + 1 not in index.gaps:

@@ -77,6 +77,8 @@ class LedgerText:
     """Numbers of the damaged lines, from 1."""
     missing: bool = False
     """True if the file does not exist."""
+    unfinished: bool = False
+    """True if the last line has no line feed, as while a program writes it."""
     data: bytes | None = field(default=None, compare=False, repr=False)
     """Bytes of the file if they consist of exactly these lines; None if unknown."""
 
@@ -159,7 +161,13 @@ def parse_ledger(data: bytes) -> LedgerText:
     if not data:
         damaged.append(1)
     exact = survey is not None and not damaged
-    return LedgerText(survey, tuple(entries), tuple(damaged), data=data if exact else None)
+    return LedgerText(
+        survey,
+        tuple(entries),
+        tuple(damaged),
+        unfinished=not data.endswith(b"\n"),
+        data=data if exact else None,
+    )
 
 
 class LedgerWriter:

@@ -74,6 +74,17 @@ def test_a_check_meanwhile_names_no_damage(tmp_path: Path) -> None:
         writer.save_drop(make_record(2, np.random.default_rng(2)))
 
 
+def test_a_line_that_is_being_written_is_no_damage(tmp_path: Path) -> None:
+    with SurveyWriter.open(tmp_path, publish=False, reserve_bytes=0) as writer:
+        writer.save_drop(make_record(1, np.random.default_rng(1)))
+        with (tmp_path / "acknowledged.txt").open("ab") as stream:
+            stream.write(b"4 2 1")
+        report = check(tmp_path)
+        assert report.ok
+        assert any("acknowledged.txt, line" in note for note in report.notes)
+    assert not check(tmp_path).ok
+
+
 def test_recovery_waits_for_the_publisher_of_a_killed_program(
     tmp_path: Path, new_survey: Callable[..., object]
 ) -> None:
