@@ -4,7 +4,7 @@ import sys
 from importlib import import_module
 
 PARTS = {
-    "speed": "analysis times, and the published method against the surrogate (a minute)",
+    "speed": "analysis times, and those of the forward model (a minute)",
     "coverage": "intervals against the truth of finite-element drops (some minutes)",
     "calibration": "ranks of true values in the posterior, by simulation (ten minutes; --cases)",
     "acquisition": "8 channels at 50 kHz in real time (half a minute); 24 hours with --day",
@@ -18,11 +18,10 @@ PARTS = {
     "firmware": "sizes of the instrument's core on a Cortex-M3; fuzzing with --fuzz SECONDS",
     "loop": "the diagnosis on a blind campaign of undeclared effects (an hour; --short)",
     "measured": "fit and held-out prediction of measured drops in FILES (some minutes)",
-    "same_answer": "diagnoses of measured drops in FILES from more and from fewer data (an hour)",
-    "layers": "layered ground: accuracy and speed; --inverted (some minutes; --short)",
+    "layers": "layered ground inverted from finite-element drops (some minutes)",
     "tables": "build the response tables of the package that are missing",
     "example_files": "make the files of pfwd.example from finite elements (a minute)",
-    "validation": "the 48 cases of the published study (some minutes); --corrections",
+    "validation": "the 48 cases of the published study (some minutes)",
 }
 QUICK = ("speed",)
 """Names of the parts that run if the command has no arguments."""

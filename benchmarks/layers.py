@@ -1,314 +1,30 @@
-"""Layered ground: accuracy of the fast computation, and its cost with and without derivatives.
+"""Inversion of layered ground: errors and intervals against the truth of finite-element drops.
 
-Times are the smallest processor time of many repetitions with one thread in the linear algebra,
-which depends least on other programs. With ``--inverted`` finite-element drops on random grounds
-with noise are inverted as by ``pfwd invert --layers``, which uses only the traces.
+Drops on random grounds with noise are inverted as by ``pfwd invert --layers``, which uses only the
+traces.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.output import Reporter, parse_options
-from inversion import (
-    Grounds,
-    Instrument,
-    PlateProblem,
-    Record,
-    Settings,
-    SurrogateLibrary,
-    invert,
-    plate_compliance,
-)
-from inversion.forward.contact import PLATE_MODELS, QuadratureRule
-from inversion.forward.laplace import DampedTransform
-from inversion.forward.layered import (
-    CONVERGED,
-    FAST,
-    LayeredForwardModel,
-    LayeredGround,
-    LayeredGrounds,
-    Medium,
-    PlateSetup,
-    displacement_per_force,
-    displacement_slopes,
-)
-from inversion.forward.layered.quadrature import NodeLayout, nodes
-from inversion.forward.model import transfer_function
+from inversion import Instrument, Record, Settings, invert
 from inversion.measured.record import CALIBRATED_ERROR, Sensor
 from inversion.records import known
 from inversion.result import InversionResult
-from inversion.threads import single_threaded_blas
 from pfwd.jobs import Jobs
 from pfwd_plugins.quantities import Measurand
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Plate, SoilLayer, SoilProfile
 
-Array = NDArray[Any]
-
 _RADIUS = 0.15
-# Nine sensors of a trailer, four of a portable device, m.
-_TRAILER = (0.0, 0.203, 0.305, 0.457, 0.610, 0.914, 1.219, 1.524, 1.829)
-_PORTABLE = (0.0, 0.3, 0.6, 0.9)
-# Transform with 41 frequencies: a record of 60 ms up to 533 Hz.
-_TRANSFORM = DampedTransform(0.06, 533.0)
-_TIME = np.linspace(0.0, 0.06, 241)[1:]
-
-
-def run(arguments: list[str]) -> int:
-    """Print errors and times; return 0."""
-    options, report = parse_options(
-        "layers",
-        __doc__,
-        arguments,
-        short=(False, "fewer grounds, no finite elements"),
-        inverted=(False, "invert drops with a known truth, nothing else"),
-        cases=(60, "drops that are inverted"),
-        seed=(1, "of their grounds"),
-        jobs=(1, "processes for them"),
-    )
-    if options.inverted:
-        _inversion_speed(report)
-        _inverted_finite_elements(report, options.cases, options.seed, options.jobs)
-        return 0
-    with single_threaded_blas():
-        _speed(report)
-        _homogeneous(report)
-        _accuracy(report, 12 if options.short else 60)
-        if not options.short:
-            _finite_elements(report)
-    return 0
-
-
-def _speed(report: Reporter) -> None:
-    frequencies = _TRANSFORM.s.size
-    report.title(f"one solve, {frequencies} frequencies, nine sensors, one core (ms)")
-    for plate in ("rigid-rough", "rigid-smooth", "averaged", "uniform"):
-        for media in (1, 2, 3, 4):
-            _speed_of(report, plate, media)
-    batch = LayeredGrounds.of([_pavement(3)] * 16)
-    setup = PlateSetup("rigid-rough", _RADIUS, _TRAILER)
-    each = _milliseconds(lambda: displacement_per_force(setup, batch, _TRANSFORM.s, FAST)) / 16
-    report.record(what="16 grounds in one call, three media, rigid-rough", ms_each=each)
-    surrogate = SurrogateLibrary().get(PlateProblem("rigid-rough", 0.35), None)
-    grounds = Grounds(*(np.array([v]) for v in (6e7, 5e4, 2000.0, 0.5)))
-    instrument = Instrument(_RADIUS)
-    single = _milliseconds(lambda: transfer_function(surrogate, instrument, _TRANSFORM.s, grounds))
-    report.record(what="surrogate of homogeneous ground, one sensor, one ground", ms=single)
-    eighty_grounds = Grounds(*(np.full(80, v) for v in (6e7, 5e4, 2000.0, 0.5)))
-    eighty = _milliseconds(
-        lambda: transfer_function(surrogate, instrument, _TRANSFORM.s, eighty_grounds, single=True)
-    )
-    report.record(what="surrogate, one of 80 grounds in one call", ms=eighty / 80)
-
-
-def _speed_of(report: Reporter, plate: Any, media: int) -> None:
-    ground = LayeredGrounds.of([_pavement(media)])
-    setup = PlateSetup(plate, _RADIUS, _TRAILER)
-    s = _TRANSFORM.s
-    parameters = ground.parameters
-    fixed_ratio = [p for p in parameters if p.field != "poisson_ratio"]
-    solve = _milliseconds(lambda: displacement_per_force(setup, ground, s, FAST))
-    some = _milliseconds(lambda: displacement_slopes(setup, ground, s, fixed_ratio, FAST))
-    every = _milliseconds(lambda: displacement_slopes(setup, ground, s, parameters, FAST))
-    report.record(
-        plate=plate,
-        media=media,
-        nodes=_nodes(setup, ground),
-        solve_ms=solve,
-        with_slopes_ms=some,
-        parameters=len(fixed_ratio),
-        solves=some / solve,
-        with_poisson_ratios_ms=every,
-        all_parameters=len(parameters),
-    )
-
-
-def _nodes(setup: PlateSetup, ground: LayeredGrounds) -> int:
-    media = ground.at(_TRANSFORM.s, setup.radius)
-    return int(nodes(NodeLayout.of(FAST, media, ground.rock, setup.farthest))[0].size)
-
-
-def _pavement(media: int) -> LayeredGround:
-    """Return asphalt, base, subbase and subgrade, or the first and the last of them."""
-    above = (
-        Medium(4e9, 4e6, 2350.0, 0.35, 0.15),
-        Medium(4e8, 3e5, 2100.0, 0.35, 0.30),
-        Medium(2e8, 1.5e5, 2000.0, 0.35, 0.40),
-    )
-    return LayeredGround((*above[: media - 1], Medium(1e8, 1e5, 1900.0, 0.4)))
-
-
-def _milliseconds(action: Callable[[], Any], repeats: int = 20) -> float:
-    """Return the smallest processor time of one call, ms, over ``repeats`` calls or a second."""
-    action()
-    shortest, start, count = math.inf, time.perf_counter(), 0
-    while count < repeats or time.perf_counter() - start < 1.0:
-        before = time.process_time_ns()
-        action()
-        shortest = min(shortest, time.process_time_ns() - before)
-        count += 1
-    return shortest * 1e-6
-
-
-def _homogeneous(report: Reporter) -> None:
-    report.title("one medium against the converged rule of homogeneous ground (largest over peak)")
-    s = _TRANSFORM.s
-    for plate in PLATE_MODELS:
-        worst = 0.0
-        for nu in (0.25, 0.35, 0.45, 0.49):
-            for modulus, viscosity, depth in (
-                (4e7, 0.0, 0.5),
-                (4e7, 5e4, 2.0),
-                (2e7, 0.0, math.inf),
-            ):
-                ground = LayeredGround(
-                    (Medium(modulus, viscosity, 2000.0, nu, depth),), math.isfinite(depth)
-                )
-                transfer = displacement_per_force(
-                    PlateSetup(plate, _RADIUS, _PORTABLE), LayeredGrounds.of([ground]), s
-                )[0]
-                shear = (modulus + viscosity * s) / (2 + 2 * nu)
-                problem = PlateProblem(plate, nu, tuple(r / _RADIUS for r in _PORTABLE))
-                z = 2000.0 * _RADIUS**2 * s**2 / shear
-                rule = QuadratureRule.for_poisson_ratio(nu, refine=2)
-                phi = plate_compliance(problem, z, np.full(z.size, depth / _RADIUS), rule).T
-                expected = _histories(phi / (shear * _RADIUS), 0.015)
-                worst = max(worst, _error(_histories(transfer, 0.015), expected))
-        report.record(plate=plate, cases=12, worst=worst)
-
-
-def _accuracy(report: Reporter, cases: int) -> None:
-    report.title(
-        "the fast rule against the converged one: largest difference over each sensor's peak "
-        "(that of a far sensor counts at least a tenth of the plate's)"
-    )
-    for plate in ("rigid-rough", "rigid-smooth", "uniform"):
-        for name, offsets, pulse in (("trailer", _TRAILER, 0.025), ("portable", _PORTABLE, 0.015)):
-            for damped in (True, False):
-                rng = np.random.default_rng(11)
-                setup = PlateSetup(plate, _RADIUS, offsets)
-                errors, counts = [], []
-                for number in range(cases):
-                    ground = LayeredGrounds.of([_drawn(rng, number % 2 == 0, damped)])
-                    fast, exact = (
-                        _histories(
-                            displacement_per_force(setup, ground, _TRANSFORM.s, rule)[0], pulse
-                        )
-                        for rule in (FAST, CONVERGED)
-                    )
-                    errors.append(_error(fast, exact))
-                    counts.append(_nodes(setup, ground))
-                report.record(
-                    plate=plate,
-                    sensors=name,
-                    ground="viscous" if damped else "elastic",
-                    cases=cases,
-                    median=float(np.median(errors)),
-                    p90=float(np.quantile(errors, 0.9)),
-                    worst=max(errors),
-                    nodes=int(np.median(counts)),
-                )
-
-
-def _drawn(rng: np.random.Generator, firm: bool, damped: bool) -> LayeredGround:
-    """Return a random ground of two to four media: a pavement (``firm``), or soft layers."""
-
-    def between(low: float, high: float) -> float:
-        return math.exp(rng.uniform(math.log(low), math.log(high)))
-
-    count = int(rng.integers(2, 5))
-    rock = bool(rng.uniform() < 0.5)
-    media = []
-    for j in range(count):
-        if firm:
-            low, high = ((1.5e9, 8e9), (1e8, 8e8), (5e7, 2.5e8), (5e7, 2.5e8))[j]
-        else:
-            low, high = 1e7, 3e8
-        modulus = between(low, high)
-        thickness = between(0.08, 0.5)
-        if j == count - 1:
-            thickness = between(0.3, 4.0) if rock else math.inf
-        viscosity = modulus * between(2e-4, 2e-3) if damped else 0.0
-        media.append(
-            Medium(modulus, viscosity, rng.uniform(1600, 2400), rng.uniform(0.25, 0.45), thickness)
-        )
-    return LayeredGround(tuple(media), rock)
-
-
-def _histories(transfer: Array, duration: float) -> Array:
-    """Return the displacement under a half-sine of 1 N, (n_sensors, n_times), m."""
-    s = _TRANSFORM.s
-    pulse = np.pi * duration * (1 + np.exp(-s * duration)) / (s**2 * duration**2 + np.pi**2)
-    result: Array = ((transfer * pulse) @ _TRANSFORM.synthesis(_TIME)).real
-    return result
-
-
-def _error(histories: Array, expected: Array) -> float:
-    peak = np.max(np.abs(expected), axis=-1)
-    peak = np.maximum(peak, 0.1 * np.max(peak))
-    return float(np.max(np.max(np.abs(histories - expected), axis=-1) / peak))
-
-
-_DROPS = {
-    "crust on half-space": SoilProfile(
-        (SoilLayer(2.2e8, 1.9e5, 2050, 0.35, 0.23), SoilLayer(5.9e7, 1e5, 2030, 0.35)), "none"
-    ),
-    "soft top on rock": SoilProfile(
-        (SoilLayer(2.5e7, 2e4, 1900, 0.30, 0.3), SoilLayer(8e7, 8e4, 2050, 0.40, 1.2)), "rigid"
-    ),
-    "pavement": SoilProfile(
-        (
-            SoilLayer(2e9, 1e6, 2350, 0.35, 0.12),
-            SoilLayer(3e8, 2e5, 2100, 0.35, 0.3),
-            SoilLayer(8e7, 6e4, 1900, 0.40),
-        ),
-        "none",
-    ),
-}
-
-
-def _finite_elements(report: Reporter) -> None:
-    report.title("the simulators' finite elements, true parameters (% of each sensor's own peak)")
-    for name, ground in _DROPS.items():
-        for contact in ("rough", "smooth"):
-            drop = simulate_drop(
-                ground,
-                Plate(_RADIUS, 12.0, contact),
-                Hammer(10.0, 5.6e5, 3.0),
-                _PORTABLE,
-                duration=0.05,
-                time_step=2e-4,
-            )
-            media = tuple(
-                Medium(m.modulus, m.viscosity, m.density, m.poisson_ratio, m.thickness)
-                for m in ground.layers
-            )
-            model = LayeredForwardModel(
-                f"rigid-{contact}",  # type: ignore[arg-type]
-                Instrument(_RADIUS, 12.0),
-                _PORTABLE,
-                drop.time,
-                drop.load,
-                drop.time[1:],
-                1600.0,
-            )
-            layered = LayeredGrounds.of([LayeredGround(media, ground.base == "rigid")])
-            expected = drop.ground_displacement[:, 1:]
-            error = np.abs(model.displacement(layered)[0] - expected)
-            percent = 100 * np.max(error, axis=1) / np.max(np.abs(expected), axis=1)
-            values = {f"at_{r:g}_m": float(p) for r, p in zip(_PORTABLE, percent, strict=True)}
-            report.record(ground=name, contact=contact, **values)
-
-
 _MASS = 5.0
 _STEP = 2e-4
 # Root mean square noise of velocity and load, over their peaks.
@@ -399,7 +115,11 @@ def record_of_case(case: LayeredCase, seed: int = 5) -> Record:
     )
 
 
-def _solved(case: LayeredCase) -> tuple[LayeredCase, InversionResult, InversionResult, float]:
+Solved = tuple[LayeredCase, InversionResult, InversionResult, float]
+"""Ground, results of all sensors and of the centre alone, and processor time of the first, s."""
+
+
+def _solved(case: LayeredCase) -> Solved:
     record = record_of_case(case)
     start = time.process_time()
     every = invert(record, Settings(layers=len(case.layers)))
@@ -408,15 +128,29 @@ def _solved(case: LayeredCase) -> tuple[LayeredCase, InversionResult, InversionR
     return case, every, centre, spent
 
 
-def _inverted_finite_elements(report: Reporter, count: int, seed: int, jobs: int) -> None:
-    """Report errors and intervals over random grounds of the simulators' finite elements."""
+def run(arguments: list[str]) -> int:
+    """Print errors and intervals; return the exit status 0."""
+    options, report = parse_options(
+        "layers",
+        __doc__,
+        arguments,
+        cases=(60, "drops that are inverted"),
+        seed=(1, "of their grounds"),
+        jobs=(1, "processes"),
+    )
     report.title(
-        f"{count} drops of the simulators' finite elements, four sensors, noise "
+        f"{options.cases} drops of the simulators' finite elements, four sensors, noise "
         f"{100 * _NOISE:g} %, true number of media (%)"
     )
-    drawn = cases(count, seed)
-    with Jobs.for_calls(jobs, count) as pool:
+    drawn = cases(options.cases, options.seed)
+    with Jobs.for_calls(options.jobs, options.cases) as pool:
         solved = list(pool.map(_solved, drawn))
+    summarise(report, solved)
+    return 0
+
+
+def summarise(report: Reporter, solved: Sequence[Solved]) -> None:
+    """Print errors and intervals of moduli and thicknesses, then processor times."""
     for quantity, place in (("subgrade", -1), ("top", 0)):
         errors, inside, widths, alone = [], [], [], []
         for case, every, centre, _ in solved:
@@ -465,17 +199,3 @@ def _summary(
 
 def _fraction(holds: Sequence[bool]) -> float:
     return sum(holds) / len(holds)
-
-
-def _inversion_speed(report: Reporter) -> None:
-    """Report the time of a layered inversion over that of homogeneous ground."""
-    report.title("an inversion, as a ratio to that of homogeneous ground (processor time)")
-    portable = replace(cases(3, 7)[2], offsets=(0.0, 0.3, 0.6, 0.9))
-    trailer = replace(portable, offsets=(0.0, 0.2, 0.3, 0.45, 0.6, 0.9, 1.2, 1.5, 1.8))
-    for name, case in (("4 sensors", portable), ("9 sensors", trailer)):
-        record = record_of_case(case)
-        plain = 1e-3 * _milliseconds(partial(invert, record, Settings()), 3)
-        layered = 1e-3 * _milliseconds(partial(invert, record, Settings(layers=3)), 3)
-        report.record(
-            sensors=name, homogeneous_s=plain, three_media_s=layered, ratio=layered / plain
-        )

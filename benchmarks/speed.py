@@ -1,4 +1,4 @@
-"""Analysis times on one core, and the times of the published method in the same run."""
+"""Analysis times on one core, and those of the forward model."""
 
 import statistics
 import time
@@ -12,7 +12,6 @@ from benchmarks.output import Reporter
 from inversion import Grounds, PlateProblem, Record, Settings, SurrogateLibrary, invert
 from inversion.forward.laplace import SEARCH_BAND_HZ
 from inversion.forward.model import ForwardModel
-from inversion.forward.published import published_displacement
 from inversion.measured.record import prepare
 from inversion.records import known
 from inversion.threads import single_threaded_blas
@@ -39,18 +38,6 @@ def run(arguments: list[str]) -> int:
     report.title(f"{_SOLVES} forward solves (s)")
     fast = _surrogate_solves(record, library)
     report.record(what="surrogate", solves=_SOLVES, seconds=fast, each_us=fast / _SOLVES * 1e6)
-    solve_seconds = _median(_literal_solve, 5)
-    literal = solve_seconds * _SOLVES
-    report.record(
-        what="literal method (800 nodes x 128 frequencies)",
-        solve_seconds=solve_seconds,
-        seconds=literal,
-    )
-    report.record(
-        what="ratio of 8,000 forward solves, literal over surrogate", ratio=literal / fast
-    )
-    mpga, _ = _analysis_time(record, Settings(bedrock_depth=1.2), library)
-    report.record(what="ratio of literal solves over the whole search", ratio=literal / mpga)
     return 0
 
 
@@ -96,11 +83,6 @@ def _surrogate_solves(record: Record, library: SurrogateLibrary) -> float:
 
     with single_threaded_blas():
         return _median(solve, 5)
-
-
-def _literal_solve() -> None:
-    with single_threaded_blas():
-        published_displacement(45e6, 54e3, 1900.0, 0.35, 0.15, 140e3, 13.3e-3, 1.2)
 
 
 def _median(action: Callable[[], None], runs: int) -> float:

@@ -3,20 +3,19 @@
 The study is doi 10.11835/j.issn.2096-6717.2022.021. Both its method and that of this project are
 used. Ground, hammer and plate are those of the study. Its errors are reported too if its
 transcribed tables are available. A ladder of variants, each with one change, shows the parts of the
-systematic error of the published method. With ``--corrections`` a similar ladder is computed for
-drops of a light plate on six other grounds, and nothing else.
+systematic error of the published method.
 """
 
 import csv
 import math
 import statistics
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Literal
+from typing import Any
 
 from benchmarks.output import Reporter, parse_options
 from inversion import (
@@ -33,7 +32,7 @@ from pfwd.analysis.analyse import record_of, settings_of
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.files.traces import read_traces
 from pfwd.jobs import Jobs
-from simulators.drop import DropSimulator, Hammer, SimulatedDrop, simulate_drop
+from simulators.drop import DropSimulator, Hammer, SimulatedDrop
 from simulators.mesh import Plate, SoilProfile
 from simulators.traces import Recording, write_traces
 
@@ -47,8 +46,6 @@ PLATE = Plate(radius=0.15, mass=30.0)
 HAMMER = Hammer(mass=10.0, stiffness=5.6e5, velocity=4.2)
 _DURATION, _TIME_STEP = 0.04, 2.5e-4
 _TABLES = Path(__file__).resolve().parents[2] / "shared" / "seed"
-
-Depth = Literal["given", "unknown", "none"]
 
 PUBLISHED, HALF_SPACE, ELASTIC = "published", "published, half-space", "published, elastic"
 PEAK, DEPTH_DECLARED, DEPTH_UNKNOWN = (
@@ -79,31 +76,6 @@ LADDER = (
     "4 contact force as load (plate mass accounted for)",
     "5 deflection averaged over the contact instead of r = 0",
     "6 bonded rigid plate: this project, depth given",
-)
-LIGHT_PLATE = Plate(radius=0.15, mass=12.0)
-LIGHT_HAMMER = Hammer(mass=10.0, stiffness=4e5, velocity=3.5)
-# Modulus (Pa), viscosity (Pa s), density (kg/m3) and depth of rock (m) of the grounds of the light
-# plate, within the range of the study's tables.
-LIGHT_GROUNDS = (
-    (20e6, 40e3, 1800.0, 0.8),
-    (30e6, 54e3, 1900.0, 1.2),
-    (40e6, 54e3, 1900.0, 0.6),
-    (45e6, 54e3, 2000.0, 2.0),
-    (60e6, 80e3, 1900.0, 1.0),
-    (90e6, 60e3, 2000.0, 1.5),
-)
-# Corrections of the model, one after the other: title, load, plate model, and declared mass, kg.
-CORRECTIONS = (
-    (
-        "the paper's model: half-sine, static plate, force above it",
-        "half-sine-equal-area",
-        PUBLISHED,
-        0.0,
-    ),
-    ("measured load instead of a half-sine", "measured", PUBLISHED, 0.0),
-    ("plate between load cell and ground declared", "measured", PUBLISHED, LIGHT_PLATE.mass),
-    ("rigid smooth plate with its pressure", "measured", "rigid-smooth", LIGHT_PLATE.mass),
-    ("rigid rough plate", "measured", "rigid-rough", LIGHT_PLATE.mass),
 )
 # Columns of the study's tables with its error in per cent.
 _PRINTED = {
@@ -240,26 +212,6 @@ def _through_file(
     return record, settings_of(options, point.setup)
 
 
-def correct(report: Reporter) -> None:
-    """Report the error of the modulus of drops of a light plate after each correction."""
-    report.title("drops of a light plate, depth declared: error of the modulus in %")
-    library, records = SurrogateLibrary(), []
-    for modulus, viscosity, density, depth in LIGHT_GROUNDS:
-        ground = SoilProfile.uniform(modulus, viscosity, density, POISSON_RATIO, depth)
-        drop = simulate_drop(ground, LIGHT_PLATE, LIGHT_HAMMER, (0.0,), 0.05, 1e-4)
-        records.append(_through_file(drop, LIGHT_PLATE, AnalysisOptions(), depth)[0])
-    for title, load, plate, mass in CORRECTIONS:
-        settings = Settings(plate=plate, load=load, method="posterior")  # type: ignore[arg-type]
-        errors = []
-        for record, (modulus, *_) in zip(records, LIGHT_GROUNDS, strict=True):
-            declared = replace(record, instrument=replace(record.instrument, plate_mass=mass))
-            result = invert(declared, settings, library)
-            errors.append(100 * (value_of(result.modulus_pa) / modulus - 1))
-        report.record(
-            model=title, mean=statistics.mean(errors), lowest=min(errors), highest=max(errors)
-        )
-
-
 def _finding(case: StudyCase, result: InversionResult) -> Finding:
     modulus = value_of(result.modulus_pa)
     low, high = value_of(result.modulus_interval_pa)
@@ -274,21 +226,14 @@ def run(arguments: list[str]) -> int:
         arguments,
         cases=(48, "number of cases, spread"),
         jobs=(2, "processes"),
-        figures=(Path, "folder for the figures"),
         tables=(_TABLES, "folder of the study's tables as CSV"),
-        corrections=(False, "the light plate alone"),
     )
-    if options.corrections:
-        correct(report)
-        return 0
     cases = [StudyCase(e, n, h) for n, h, e in product(VISCOSITIES, DEPTHS, MODULI)]
     cases = cases[:: max(1, len(cases) // options.cases)][: options.cases]
     _build_surrogates()
     with Jobs(options.jobs) as pool:
         reports = list(pool.map(study, cases))
     summarise(report, reports, printed_errors(options.tables))
-    if options.figures is not None:
-        draw(options.figures, reports, printed_errors(options.tables))
     return 0
 
 
@@ -369,88 +314,3 @@ def _means(part: Sequence[CaseReport], method: str, printed: Printed) -> dict[st
     if theirs:
         values |= {"printed_mean": 100 * statistics.mean(theirs), "printed_cases": len(theirs)}
     return values
-
-
-def draw(folder: Path, reports: Sequence[CaseReport], printed: Printed) -> None:
-    """Draw the figures of the errors over depth, and of one fit, into a folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    _draw_depths(folder / "validation-depth.png", reports, printed)
-    _draw_fits(folder / "validation-fits.png")
-
-
-# Distinguishable without colour vision and, by their marks, in print.
-_STYLES = {
-    PUBLISHED: ("#b8500f", "o"),
-    PUBLISHED + ON_CONTACT: ("#d8973c", "P"),
-    HALF_SPACE: ("#7b3f8c", "s"),
-    ELASTIC: ("#8a6d00", "^"),
-    PEAK: ("#444444", "D"),
-    DEPTH_DECLARED: ("#0b3c5d", "v"),
-    DEPTH_UNKNOWN: ("#3d7a2a", "x"),
-}
-
-
-def _draw_depths(path: Path, reports: Sequence[CaseReport], printed: Printed) -> None:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11, 4), layout="constrained")
-    axes = figure.subplots(1, len(VISCOSITIES), sharey=True)
-    for axis, viscosity in zip(axes, VISCOSITIES, strict=True):
-        part = [case_report for case_report in reports if case_report.case.viscosity == viscosity]
-        for method, (colour, mark) in _STYLES.items():
-            ours = _by_depth(part, lambda case_report, m=method: case_report.methods[m].error)  # type: ignore[misc]
-            axis.plot(*ours, color=colour, marker=mark, label=method)
-            table = printed.get(method, {})
-            with_table = [case_report for case_report in part if case_report.case.key in table]
-            theirs = _by_depth(with_table, lambda case_report, t=table: t[case_report.case.key])  # type: ignore[misc]
-            axis.plot(*theirs, color=colour, marker=mark, ls=":", alpha=0.6, mfc="none")
-        axis.axhline(0.0, color="black", lw=0.6)
-        axis.set_title(f"{viscosity / 1e3:g} kPa s")
-        axis.set_xlabel("bedrock depth, m")
-    axes[0].set_ylabel("error of the modulus, mean of four moduli, %")
-    axes[0].set_ylim(-25, 60)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    figure.savefig(path, dpi=110)
-
-
-def _by_depth(
-    part: Sequence[CaseReport], error: Callable[[CaseReport], float]
-) -> tuple[list[float], list[float]]:
-    depths = [h for h in DEPTHS if any(case_report.case.depth == h for case_report in part)]
-    means = [
-        statistics.mean(error(case_report) for case_report in part if case_report.case.depth == h)
-        for h in depths
-    ]
-    return depths, [100 * mean for mean in means]
-
-
-def _draw_fits(path: Path, case: StudyCase = StudyCase(40e6, 54e3, 1.0)) -> None:
-    """Draw measured and fitted displacement of one case, with the residuals of each method."""
-    from matplotlib.figure import Figure
-
-    library = SurrogateLibrary()
-    drop = simulate(case)
-    results = {
-        PUBLISHED: _published(case, drop, library),
-        HALF_SPACE: _published(case, drop, library, HALF_SPACE),
-        ELASTIC: _published(case, drop, library, ELASTIC),
-        DEPTH_DECLARED: _invert(drop, library, AnalysisOptions(), case.depth),
-    }
-    figure = Figure(figsize=(9, 6), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    for method, result in results.items():
-        history, colour = value_of(result.history), _STYLES[method][0]
-        modulus = value_of(result.modulus_pa) / 1e6
-        time = 1e3 * history.time
-        upper.plot(time, 1e6 * history.predicted[0], color=colour, label=f"{method}: {modulus:.1f}")
-        lower.plot(time, 1e6 * history.residual[0], color=colour)
-    first = value_of(results[DEPTH_DECLARED].history)
-    upper.plot(
-        1e3 * first.time, 1e6 * first.observed[0], "k.", ms=3, label="finite elements: 40 MPa"
-    )
-    lower.axvline(1e3 * first.contact_end, color="black", lw=0.6, ls=":")
-    upper.set_ylabel("displacement, µm")
-    lower.set_ylabel("model - data, µm")
-    lower.set_xlabel("time, ms; dotted: end of the contact")
-    upper.legend(title="modulus, MPa", frameon=False)
-    figure.savefig(path, dpi=110)

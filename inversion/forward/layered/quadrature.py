@@ -165,7 +165,7 @@ CONVERGED = WavenumberRule(
 )
 
 # For searches: an error of 1e-3 of the peak of each sensor, with some hundred nodes.  A coarser
-# value of any number costs accuracy (`pfwd bench layers` prints the errors).
+# value of any number costs accuracy; docs/layers.md has the errors.
 FAST = WavenumberRule(
     order=6,
     width_over_distance=2.5,
