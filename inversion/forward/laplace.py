@@ -4,9 +4,8 @@ r"""Damped Fourier transforms between sampled histories and the Laplace domain.
           w(t) = \frac{e^{\sigma t}}{T} \Big[ \Re W(s_0) + 2 \sum_{k \ge 1} \Re
           \big( W(s_k) e^{2 \pi i k t / T} \big) \Big]
 
-This is Durbin's method (Eq. 15 of the published method, see :mod:`inversion.forward.published`),
-written as an inverse Fourier series: the value at t + T is aliased to t as
-:math:`e^{-\sigma T} w(t + T)`.
+This is Durbin's method (Eq. 15 of doi 10.11835/j.issn.2096-6717.2022.021), written as
+an inverse Fourier series: the value at t + T is aliased to t as :math:`e^{-\sigma T} w(t + T)`.
 
 Window, damping and band are linked: the period is 1.25 times the record, sigma T = 7 (aliasing
 below 1e-3 of a tail that itself has decayed), and the highest 40 % of the band are tapered. A sharp

@@ -1,8 +1,8 @@
 r"""Published method: genetic search for the largest fitness (Eq. 16), without refinement.
 
-Unknowns, bounds and fitness are those of the paper, which is cited in
-:mod:`inversion.forward.published`. The result is a fit of the base model without priors, so that it
-has the same covariance and the same report as every other fit.
+Unknowns, bounds and fitness are those of the paper, doi 10.11835/j.issn.2096-6717.2022.021. The
+result is a fit of the base model without priors, so that it has the same covariance and the same
+report as every other fit.
 """
 
 from __future__ import annotations

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from scipy import integrate, special
 
-from inversion.forward import published
 from inversion.inference.published import published_fitness
 from inversion.search.genetic_operators import scale_fitness
+from tests.inversion.forward import published_method as published
 from tests.inversion.forward.errata import (
     DENSITY,
     PEAK_PRESSURE,

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from mpmath import mp, mpc, mpf
 
-from inversion.forward import published
+from tests.inversion.forward import published_method as published
 from tests.inversion.forward.errata import (
     DENSITY,
     PEAK_PRESSURE,

