@@ -1,7 +1,8 @@
 """Format ``gpkg``: OGC GeoPackage 1.3 (OGC 12-128r17) with a feature for each point, in SQLite.
 
 The standard requires the tables ``gpkg_spatial_ref_sys``, ``gpkg_contents`` and
-``gpkg_geometry_columns``. The R-tree index is an extension of the standard (its annex F.3).
+``gpkg_geometry_columns``. An index of the places, its extension F.3, is left to the program that
+edits the file: a survey has too few points to need one.
 """
 
 import contextlib
@@ -68,14 +69,6 @@ CREATE TABLE gpkg_geometry_columns (
     CONSTRAINT fk_gc_tn FOREIGN KEY (table_name) REFERENCES gpkg_contents(table_name),
     CONSTRAINT fk_gc_srs FOREIGN KEY (srs_id) REFERENCES gpkg_spatial_ref_sys (srs_id)
 );
-CREATE TABLE gpkg_extensions (
-    table_name TEXT,
-    column_name TEXT,
-    extension_name TEXT NOT NULL,
-    definition TEXT NOT NULL,
-    scope TEXT NOT NULL,
-    CONSTRAINT ge_tce UNIQUE (table_name, column_name, extension_name)
-);
 """
 
 _WGS_84_DEFINITION = (
@@ -91,41 +84,6 @@ _REFERENCE_SYSTEMS = (
     ("WGS 84 geodetic", _WGS_84, "EPSG", _WGS_84, _WGS_84_DEFINITION, "longitude and latitude"),
 )
 """The three reference systems that every GeoPackage has to define."""
-
-_EXTENT_OF_NEW = (
-    "NEW.fid, ST_MinX(NEW.geom), ST_MaxX(NEW.geom), ST_MinY(NEW.geom), ST_MaxY(NEW.geom)"
-)
-
-_INDEX_TRIGGERS = f"""
-CREATE TRIGGER rtree_points_geom_insert AFTER INSERT ON points
-WHEN (NEW.geom NOT NULL AND NOT ST_IsEmpty(NEW.geom))
-BEGIN INSERT OR REPLACE INTO rtree_points_geom VALUES ({_EXTENT_OF_NEW}); END;
-
-CREATE TRIGGER rtree_points_geom_update1 AFTER UPDATE OF geom ON points
-WHEN OLD.fid = NEW.fid AND (NEW.geom NOTNULL AND NOT ST_IsEmpty(NEW.geom))
-BEGIN INSERT OR REPLACE INTO rtree_points_geom VALUES ({_EXTENT_OF_NEW}); END;
-
-CREATE TRIGGER rtree_points_geom_update2 AFTER UPDATE OF geom ON points
-WHEN OLD.fid = NEW.fid AND (NEW.geom ISNULL OR ST_IsEmpty(NEW.geom))
-BEGIN DELETE FROM rtree_points_geom WHERE id = OLD.fid; END;
-
-CREATE TRIGGER rtree_points_geom_update3 AFTER UPDATE ON points
-WHEN OLD.fid != NEW.fid AND (NEW.geom NOTNULL AND NOT ST_IsEmpty(NEW.geom))
-BEGIN
-    DELETE FROM rtree_points_geom WHERE id = OLD.fid;
-    INSERT OR REPLACE INTO rtree_points_geom VALUES ({_EXTENT_OF_NEW});
-END;
-
-CREATE TRIGGER rtree_points_geom_update4 AFTER UPDATE ON points
-WHEN OLD.fid != NEW.fid AND (NEW.geom ISNULL OR ST_IsEmpty(NEW.geom))
-BEGIN DELETE FROM rtree_points_geom WHERE id IN (OLD.fid, NEW.fid); END;
-
-CREATE TRIGGER rtree_points_geom_delete AFTER DELETE ON points
-WHEN OLD.geom NOT NULL
-BEGIN DELETE FROM rtree_points_geom WHERE id = OLD.fid; END;
-"""
-"""Triggers of annex F.3, which keep the index up to date. The program that edits the file provides
-the functions ST_... that they call."""
 
 
 def write_gpkg(order: Order, path: str | os.PathLike[str]) -> list[str]:
@@ -212,30 +170,6 @@ def _add_points(database: sqlite3.Connection, rows: Sequence[PointValues]) -> No
             for fid, (row, place) in enumerate(zip(rows, places, strict=True), 1)
         ),
     )
-    _add_index(database, places)
-
-
-def _add_index(database: sqlite3.Connection, places: Sequence[Place | None]) -> None:
-    """Add the R-tree index of the layer."""
-    try:
-        database.execute(
-            "CREATE VIRTUAL TABLE rtree_points_geom USING rtree(id, minx, maxx, miny, maxy)"
-        )
-    except sqlite3.OperationalError:
-        return  # this SQLite has no R-trees; the index is optional
-    database.executemany(
-        "INSERT INTO rtree_points_geom VALUES (?, ?, ?, ?, ?)",
-        (
-            (fid, place.longitude, place.longitude, place.latitude, place.latitude)
-            for fid, place in enumerate(places, 1)
-            if place is not None
-        ),
-    )
-    database.execute(
-        "INSERT INTO gpkg_extensions VALUES (?, 'geom', 'gpkg_rtree_index', ?, 'write-only')",
-        (LAYER_NAME, "http://www.geopackage.org/spec120/#extension_rtree"),
-    )
-    database.executescript(_INDEX_TRIGGERS)
 
 
 def _geometry(place: Place, has_heights: bool) -> bytes:

@@ -2,8 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
-from itertools import pairwise
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -324,7 +323,8 @@ def draw_point(figure: Any, point: PointView, drops: Sequence[DropView], texts: 
             return
         bottom = figure.add_axes((start, 0.16, 0.985 - start, 0.33))
         top = figure.add_axes((start, 0.585, 0.985 - start, 0.33), sharex=bottom)
-        _draw_compaction(top, bottom, point, texts)
+        _draw_deflections(top, point, texts)
+        _draw_moduli(bottom, point, texts)
         top.set_xlabel("")
         top.tick_params(labelbottom=False)
 
@@ -402,11 +402,6 @@ def _end(curves: TimeHistories) -> float:
     """Return the time at which the picture of a drop ends, s."""
     start = float(curves.time[0])
     return min(float(curves.time[-1]), start + DRAWN_PART_OF_WINDOW * (curves.window_end - start))
-
-
-def _draw_compaction(deflections: Any, moduli: Any, point: PointView, texts: Texts) -> None:
-    _draw_deflections(deflections, point, texts)
-    _draw_moduli(moduli, point, texts)
 
 
 _DROP_SHAPES = {
@@ -709,13 +704,16 @@ def finish(axes: Any, texts: Texts | None = None) -> None:
     axes.tick_params(labelsize=7)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
-    if texts is not None and texts.decimal != ".":
-        from matplotlib.ticker import FuncFormatter, ScalarFormatter
+    if texts is not None and (decimal := texts.decimal) != ".":
+        from matplotlib.ticker import ScalarFormatter
+
+        class _Localised(ScalarFormatter):
+            def __call__(self, value: float, place: Any = None) -> str:
+                return str(super().__call__(value, place)).replace(".", decimal)
 
         for axis in (axes.xaxis, axes.yaxis):
-            plain = axis.get_major_formatter()
-            if type(plain) is ScalarFormatter:
-                axis.set_major_formatter(FuncFormatter(_localised(axis, texts.decimal)))
+            if type(axis.get_major_formatter()) is ScalarFormatter:
+                axis.set_major_formatter(_Localised())
 
 
 _MAX_RATIO_BY_1_2_5 = 300.0
@@ -746,30 +744,3 @@ def number_log_axis(axes: Any, texts: Texts, min_ratio: float = 1.0) -> None:
     axes.xaxis.set_major_formatter(
         FuncFormatter(lambda value, _place: f"{value:g}".replace(".", texts.decimal))
     )
-
-
-def _localised(axis: Any, decimal: str) -> Callable[[float, Any], str]:
-    """Return a formatter with another decimal sign and the decimals that the steps need."""
-
-    def show(value: float, _place: Any) -> str:
-        places = axis.get_majorticklocs()
-        step = min((b - a for a, b in pairwise(places)), default=1.0)
-        return f"{value:.{decimals_of(step)}f}".replace(".", decimal)
-
-    return show
-
-
-MAX_DECIMALS = 6
-"""Largest number of decimals on an axis."""
-
-
-def decimals_of(step: float) -> int:
-    """Return the decimals that the numbers of an axis need to be exact.
-
-    Examples
-    --------
-    >>> [decimals_of(step) for step in (50.0, 2.0, 0.5, 0.25, 0.025, 0.0)]
-    [0, 0, 1, 2, 3, 0]
-    """
-    exact = (d for d in range(MAX_DECIMALS) if abs(round(step, d) - step) <= 1e-6 * step)
-    return next(exact, MAX_DECIMALS)

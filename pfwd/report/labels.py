@@ -1,20 +1,12 @@
 """Names beside markers that hide neither each other nor a marker."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-
-class Box(NamedTuple):
-    """A rectangle, points of the page."""
-
-    x0: float
-    y0: float
-    x1: float
-    y1: float
-
-    def overlaps(self, box: "Box") -> bool:
-        """Return whether two rectangles overlap."""
-        return self.x0 < box.x1 and box.x0 < self.x1 and self.y0 < box.y1 and box.y0 < self.y1
+if TYPE_CHECKING:
+    from matplotlib.transforms import Bbox
 
 
 LABEL_GAP_PT = 6.0
@@ -49,7 +41,7 @@ class LabelPlace(NamedTuple):
 def place_labels(
     markers: Sequence[tuple[float, float]],
     sizes: Sequence[tuple[float, float]],
-    room: Box,
+    room: Bbox,
     radius: float = 4.5,
 ) -> list[LabelPlace]:
     """Return places for names, the first ones first; a name that fits nowhere has none.
@@ -68,7 +60,7 @@ def place_labels(
     -------
     list of LabelPlace
     """
-    occupied = [Box(x - radius, y - radius, x + radius, y + radius) for x, y in markers]
+    occupied = [_box(x, y, 2 * radius, 2 * radius) for x, y in markers]
     places = []
     for index, ((x, y), (width, height)) in enumerate(zip(markers, sizes, strict=True)):
         place = _place(x, y, width, height, room, occupied)
@@ -81,29 +73,31 @@ def place_labels(
 
 
 def _place(
-    x: float, y: float, width: float, height: float, room: Box, occupied: Sequence[Box]
+    x: float, y: float, width: float, height: float, room: Bbox, occupied: Sequence[Bbox]
 ) -> tuple[float, float, float] | None:
     for step in _STEPS:
         for along, up in _DIRECTIONS:
             dx = along * (LABEL_GAP_PT * step) + along * width / 2
             dy = up * (LABEL_GAP_PT * step) + up * height / 2
             box = _box(x + dx, y + dy, width, height)
-            inside = (
-                box.x0 >= room.x0 and box.x1 <= room.x1 and box.y0 >= room.y0 and box.y1 <= room.y1
-            )
+            inside = room.containsx(box.x0) and room.containsx(box.x1)
+            inside = inside and room.containsy(box.y0) and room.containsy(box.y1)
             if inside and not any(box.overlaps(obstacle) for obstacle in occupied):
                 return dx, dy, step
     return None
 
 
-def _box(x: float, y: float, width: float, height: float) -> Box:
-    return Box(x - width / 2, y - height / 2, x + width / 2, y + height / 2)
+def _box(x: float, y: float, width: float, height: float) -> Bbox:
+    from matplotlib.transforms import Bbox
+
+    return Bbox.from_bounds(x - width / 2, y - height / 2, width, height)
 
 
-def room_of(axes: Any) -> Box:
+def room_of(axes: Any) -> Bbox:
     """Return the rectangle of axes, points of the page."""
-    box, scale = axes.get_window_extent(), 72.0 / axes.figure.dpi
-    return Box(box.x0 * scale, box.y0 * scale, box.x1 * scale, box.y1 * scale)
+    from matplotlib.transforms import Bbox
+
+    return Bbox(axes.get_window_extent().get_points() * (72.0 / axes.figure.dpi))
 
 
 def on_page(axes: Any, points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -6,6 +6,7 @@ which a field computer often lacks.
 
 import json
 from collections.abc import Sequence
+from dataclasses import fields
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -13,15 +14,10 @@ from typing import Any
 from pfwd.report.blocks import (
     SIGNS,
     Block,
-    Code,
-    Heading,
-    Listing,
     Mark,
-    Pairs,
     Paragraph,
     Picture,
     Table,
-    Together,
 )
 from pfwd.report.fonts import Letters, families, font_folders
 from pfwd.report.pictures_as_svg import svg_of
@@ -109,54 +105,36 @@ def _drawable(text: str, letters: Letters) -> str:
 
 
 def _block_data(block: Block, letters: Letters) -> dict[str, Any]:
-    def text_of(text: str) -> str:
-        return _drawable(text, letters)
-
-    data: dict[str, Any]
+    data = {field.name: _drawn(getattr(block, field.name), letters) for field in fields(block)}
     match block:
-        case Heading(text, level, new_page):
-            data = {"text": text_of(text), "level": level, "new_page": new_page}
-        case Paragraph(text, style):
-            data = {"text": text_of(text), "style": style}
-        case Pairs(rows):
-            data = {"rows": [[text_of(label), text_of(value)] for label, value in rows]}
-        case Table():
-            data = _table_data(block, letters)
-        case Listing(items, style):
-            data = {"items": [text_of(item) for item in items], "style": style}
-        case Code(text):
-            data = {"text": text_of(text)}
         case Picture():
-            data = {
-                "svg": svg_of(block, letters_as_text=True),
-                "caption": text_of(block.caption),
-                "alternative": text_of(block.alternative or block.caption),
-            }
-        case Together(blocks):
-            data = {"blocks": [_block_data(part, letters) for part in blocks]}
+            data["alternative"] = data["alternative"] or data["caption"]
+            del data["draw"], data["height"]
+            data["svg"] = svg_of(block, letters_as_text=True)
+        case Table():
+            data |= _table_layout(data["columns"], data["rows"], letters)
     return {"kind": type(block).__name__, **data}
 
 
-def _table_data(table: Table, letters: Letters) -> dict[str, Any]:
-    cells = [[_cell_data(cell, letters) for cell in row] for row in table.rows]
-    columns = [_drawable(column, letters) for column in table.columns]
-    lengths = [len(cell) for row in cells for cell in row if isinstance(cell, str)]
+def _drawn(value: Any, letters: Letters) -> Any:
+    """Return the value of a field of a block as data for Typst."""
+    match value:
+        case str():
+            return _drawable(value, letters)
+        case tuple():
+            return [_drawn(item, letters) for item in value]
+        case Mark():
+            text = _drawable(value.text, letters)
+            return {"kind": value.kind, "sign": SIGNS[value.kind], "text": text}
+    return _block_data(value, letters) if isinstance(value, Block) else value
+
+
+def _table_layout(columns: Any, rows: Any, letters: Letters) -> dict[str, Any]:
+    """Return whether a table has small letters, and the widths of its columns."""
+    lengths = [len(cell) for row in rows for cell in row if isinstance(cell, str)]
     small = len(columns) >= _MIN_SMALL_COLUMNS or max(lengths, default=0) == _CHECKSUM_CHARACTERS
     size = _SMALL_CELL_SIZE_PT if small else _CELL_SIZE_PT
-    return {
-        "columns": columns,
-        "rows": cells,
-        "right": list(table.right),
-        "small": small,
-        "widths": _column_widths(columns, cells, size, letters),
-    }
-
-
-def _cell_data(cell: str | Mark, letters: Letters) -> str | dict[str, str]:
-    if isinstance(cell, Mark):
-        text = _drawable(cell.text, letters)
-        return {"kind": cell.kind, "sign": SIGNS[cell.kind], "text": text}
-    return _drawable(cell, letters)
+    return {"small": small, "widths": _column_widths(columns, rows, size, letters)}
 
 
 def _column_widths(

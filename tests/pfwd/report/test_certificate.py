@@ -19,7 +19,7 @@ from pfwd.report.blocks import Pairs, Paragraph, Picture
 from pfwd.report.certificate_blocks import certificate_blocks, points_table, verdict_reasons
 from pfwd.report.composing import compose
 from pfwd.report.content import Report
-from pfwd.report.drawing import curves_height, decimals_of
+from pfwd.report.drawing import curves_height
 from pfwd.report.fonts import Letters
 from pfwd.report.gathering import ReportOptions, gather
 from pfwd.report.point_facts import time_with_zone
@@ -268,7 +268,3 @@ def test_pictures_of_curves_have_room_below(survey: Path) -> None:
     assert curves_height(points[:1]) == 62.0
     assert curves_height(points) == 33.0 + 8.0
     assert curves_height([*points] * 6) == 2 * 30.0 + 8.0  # six side by side
-
-
-def test_numbers_of_an_axis_are_those_of_its_steps() -> None:
-    assert [decimals_of(step) for step in (100.0, 1.0, 0.2, 0.25, 0.125)] == [0, 0, 1, 2, 3]
