@@ -17,7 +17,7 @@ from pfwd_plugins.lazy_names import lazy_getattr
 if TYPE_CHECKING:
     from inversion.drop_inversion import Settings, invert, invert_joint
     from inversion.errors import InversionError, ModelError, RecordError
-    from inversion.forward.contact import PLATE_MODELS, PlateProblem, plate_compliance
+    from inversion.forward.contact import PLATE_MODELS, PlateProblem
     from inversion.forward.library import SurrogateLibrary
     from inversion.forward.model import ForwardModel, Grounds, Instrument
     from inversion.measured.half_sine import HalfSineFit, fit_half_sine, fit_half_sine_equal_area
@@ -50,13 +50,12 @@ __all__ = [
     "invert",
     "invert_joint",
     "peak_modulus",
-    "plate_compliance",
 ]
 
 _NAMES_BY_MODULE = {
     "inversion.drop_inversion": ("Settings", "invert", "invert_joint"),
     "inversion.errors": ("InversionError", "ModelError", "RecordError"),
-    "inversion.forward.contact": ("PLATE_MODELS", "PlateProblem", "plate_compliance"),
+    "inversion.forward.contact": ("PLATE_MODELS", "PlateProblem"),
     "inversion.forward.library": ("SurrogateLibrary",),
     "inversion.forward.model": ("ForwardModel", "Grounds", "Instrument"),
     "inversion.measured.half_sine": ("HalfSineFit", "fit_half_sine", "fit_half_sine_equal_area"),

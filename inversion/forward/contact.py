@@ -1,4 +1,4 @@
-r"""The plate on the ground: displacement per force, computed to convergence.
+r"""The plate on homogeneous ground: displacement per force.
 
 .. math:: \frac{w}{F} = \frac{\Phi(z; h_0/a, \nu, r/a)}{G^* a}, \qquad z = \rho a^2 s^2 / G^*
 
@@ -13,14 +13,14 @@ without radial displacement where it is bonded) with
 give the coefficients; the force is :math:`2 \pi` times the first one.  The static
 half-space is subtracted from the integrands at all wavenumbers and added back in closed form.
 
-Results of this module are converged, and serve as the reference for tests. A surrogate (see
-:mod:`inversion.forward.surrogate`) is a fast approximation that is fitted to such results.
+:mod:`inversion.forward.ray_sampling` has the wavenumbers; a surrogate (see
+:mod:`inversion.forward.surrogate`) is a fast approximation that is fitted to the results.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.errors import ModelError
-from inversion.forward.kernel import Compliance, layer_compliance
+from inversion.forward.kernel import Compliance
 
 PlateModel = Literal["rigid-rough", "rigid-smooth", "published", "averaged"]
 
@@ -44,49 +44,6 @@ _TERMS: dict[PlateModel, int] = {
 }
 
 _NODES_PER_PANEL = 12
-
-
-@dataclass(frozen=True)
-class QuadratureRule:
-    """Panels of the wavenumber integrals, in units of 1/plate radius.
-
-    The panels are Gauss panels on the real axis: equal ones over ``[0, 2.2 sqrt|z|]``, where waves
-    travel, then growing ones. The path stays on the real axis because a layer on rock has backward
-    waves for every Poisson's ratio, whose poles a path above the axis would cross.
-    """
-
-    # Number of equal panels below 2.2 sqrt|z|; 40 hold 3e-5 up to nu = 0.45, 80 up to 0.49.
-    travelling_panels: int = 40
-    # Beyond that the integrands fall like xi^-4. For short waves their end scales with sqrt|z|.
-    min_end: float = 120.0
-    end_over_root: float = 14.0
-    growth: float = 1.4
-
-    @staticmethod
-    def for_poisson_ratio(poisson_ratio: float, refine: int = 1) -> QuadratureRule:
-        """Return the rule for a Poisson's ratio; near 0.5 fast P waves have poles near the path.
-
-        ``refine`` multiplies the number of panels.
-        """
-        panels = 40 if poisson_ratio <= 0.45 else 80
-        return QuadratureRule(travelling_panels=panels * refine)
-
-    def nodes(self, root: float, largest_offset: float) -> tuple[FloatArray, FloatArray]:
-        """Return nodes and weights, each (n,), ascending, for sqrt|z| up to ``root``.
-
-        A panel of 12 nodes resolves about eight radians of the fastest oscillation, which comes
-        from the product of two spherical Bessel functions or from J0(xi r).
-        """
-        travelling = 2.2 * root
-        widest = 8.0 / (2.0 + largest_offset)
-        count = max(self.travelling_panels, int(np.ceil(travelling / widest)))
-        edges = list(np.linspace(0.0, travelling, count + 1))
-        width = edges[1]
-        end = max(self.min_end, self.end_over_root * root)
-        while edges[-1] < end:
-            width = min(width * self.growth, widest)
-            edges.append(edges[-1] + width)
-        return gauss_panels(np.asarray(edges))
 
 
 @cache
@@ -141,61 +98,6 @@ class PlateProblem:
     def driving_point(self) -> bool:
         """True if the displacement is taken where the load acts, so that Phi is a Stieltjes sum."""
         return self.plate != "published"
-
-
-# Points that share a set of nodes differ by at most this factor in sqrt|z|.
-_LAYOUT_STEP = 1.25
-# Number of points evaluated together, so that the intermediate arrays stay in the cache.
-_POINTS_PER_CHUNK = 32
-
-
-def plate_compliance(
-    problem: PlateProblem,
-    z: ComplexArray,
-    depths: FloatArray,
-    rule: QuadratureRule | None = None,
-) -> ComplexArray:
-    r"""Return the dimensionless compliance :math:`\Phi = G^* a w / F`.
-
-    Parameters
-    ----------
-    problem : PlateProblem
-    z : (k,) ndarray of complex, rho a^2 s^2 / G*, off the negative real axis, not 0
-    depths : (k,) ndarray of float, bedrock depth over plate radius, > 0; inf: half-space
-    rule : QuadratureRule, optional; the default is accurate for every depth and undamped ground
-
-    Returns
-    -------
-    (k, n_offsets) ndarray of complex
-    """
-    result = np.empty((z.size, len(problem.offsets)), dtype=np.complex128)
-    for layout, rows in layouts(z):
-        result[rows] = compliance_of_layout(problem, layout, z[rows], depths[rows], rule)
-    return result
-
-
-def layouts(z: ComplexArray) -> list[tuple[int, NDArray[np.intp]]]:
-    """Return groups of points that share their wavenumber nodes: index of the layout, and rows."""
-    index = np.ceil(np.log(np.abs(z)) * (0.5 / np.log(_LAYOUT_STEP))).astype(int)
-    return [(int(k), np.flatnonzero(index == k)) for k in np.unique(index)]
-
-
-def compliance_of_layout(
-    problem: PlateProblem,
-    layout: int,
-    z: ComplexArray,
-    depths: FloatArray,
-    rule: QuadratureRule | None = None,
-) -> ComplexArray:
-    """Return :func:`plate_compliance` for the points of one group of :func:`layouts`."""
-    rule = rule or QuadratureRule.for_poisson_ratio(problem.poisson_ratio)
-    moments = _moments(problem, rule, layout)
-    result = np.empty((z.size, len(problem.offsets)), dtype=np.complex128)
-    order = np.argsort(depths)
-    for first in range(0, z.size, _POINTS_PER_CHUNK):
-        rows = order[first : first + _POINTS_PER_CHUNK]
-        result[rows] = moments.solve(z[rows], depths[rows])
-    return result
 
 
 class Products(NamedTuple):
@@ -284,12 +186,6 @@ class Moments:
         coupling = parts.wu + 0.5 * (1.0 - 2.0 * nu) / self.xi
         return Compliance(parts.ww - normal, coupling, parts.uu - normal)
 
-    def solve(self, z: ComplexArray, depths: FloatArray) -> ComplexArray:
-        """Return Phi, (k, n_offsets), at values of z (k,) and bedrock depths (k,)."""
-        nu = self.problem.poisson_ratio
-        parts = layer_compliance(self.xi, z, nu, depths, shear=self.bonded)
-        return self.sensors(self.products(self.without_rest(parts)))
-
     def sensors(self, products: Products) -> ComplexArray:
         """Return Phi, (k, n_offsets), from the Galerkin system at each point."""
         nu = self.problem.poisson_ratio
@@ -340,12 +236,6 @@ def times_real(values: ComplexArray, matrix: FloatArray) -> ComplexArray:
 
 
 # Enough for the layouts of one surrogate fit; each takes one or two megabytes.
-@lru_cache(maxsize=48)
-def _moments(problem: PlateProblem, rule: QuadratureRule, layout: int) -> Moments:
-    outside = [r for r in problem.offsets if r > 1.0 or not problem.driving_point]
-    return Moments.of(problem, *rule.nodes(_LAYOUT_STEP**layout, max(outside, default=0.0)))
-
-
 @cache
 def _upper_triangle(n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     rows, columns = np.triu_indices(n)

@@ -24,10 +24,6 @@ import numpy as np
 
 from inversion.arrays import ComplexArray, FloatArray
 
-# Attenuation on the way down, in nepers, beyond which an echo of the base is below double
-# precision.
-_NEGLIGIBLE_ECHO_NEPERS = 19.0
-
 
 class Compliance(NamedTuple):
     """Surface compliances, each ``(...)`` complex, in units of 1/G*.
@@ -48,35 +44,6 @@ def velocity_ratio_squared(poisson_ratio: float) -> float:
     return (1.0 - 2.0 * poisson_ratio) / (2.0 * (1.0 - poisson_ratio))
 
 
-def half_space_compliance(
-    xi: FloatArray, z: ComplexArray, poisson_ratio: float, shear: bool = True
-) -> Compliance:
-    r"""Return the surface compliances of the half-space.
-
-    .. math:: F_{ww} = \alpha / R, \quad
-              F_{wu} = \xi \left(\frac{2 (1 - c) \beta}{\alpha + \beta} - 1\right) / R, \quad
-              F_{uu} = \beta / R, \quad
-              R = z + 4 (1 - c) \xi^2 \beta / (\alpha + \beta)
-
-    R is the Rayleigh function divided by z, written without cancellation. It is valid at z = 0,
-    where :math:`F_{ww} = (1 - \nu)/\xi`.
-
-    Parameters
-    ----------
-    xi : (n,) ndarray of float, wavenumber times plate radius, > 0
-    z : (k,) ndarray of complex, off the negative real axis
-    poisson_ratio : float, 0 <= value < 0.5
-    shear : bool, True: compute the compliances with a surface shear too
-
-    Returns
-    -------
-    Compliance of (k, n) arrays
-    """
-    column = z[:, None]
-    alpha, beta, c = vertical_wavenumbers(xi, column, poisson_ratio)
-    return half_space_from_waves(xi, column, c, alpha, beta, shear)
-
-
 def vertical_wavenumbers(
     xi: FloatArray, z: ComplexArray, poisson_ratio: float
 ) -> tuple[ComplexArray, ComplexArray, float]:
@@ -93,67 +60,33 @@ def half_space_from_waves(
     beta: ComplexArray,
     shear: bool,
 ) -> Compliance:
-    """Return :func:`half_space_compliance` from alpha and beta (k, n), and z (k, 1)."""
-    ratio = (2.0 - 2.0 * c) * beta / (alpha + beta)
-    inverse = 1.0 / (z + 2.0 * xi * xi * ratio)
-    if not shear:
-        return Compliance(alpha * inverse, None, None)
-    return Compliance(alpha * inverse, xi * (ratio - 1.0) * inverse, beta * inverse)
+    r"""Return the surface compliances of the half-space.
 
+    .. math:: F_{ww} = \alpha / R, \quad
+              F_{wu} = \xi \left(\frac{2 (1 - c) \beta}{\alpha + \beta} - 1\right) / R, \quad
+              F_{uu} = \beta / R, \quad
+              R = z + 4 (1 - c) \xi^2 \beta / (\alpha + \beta)
 
-def layer_compliance(
-    xi: FloatArray,
-    z: ComplexArray,
-    poisson_ratio: float,
-    depth: FloatArray,
-    shear: bool = True,
-) -> Compliance:
-    r"""Return the surface compliances of a layer on a rigid base (u = w = 0 at ``depth``).
-
-    Potentials :math:`\phi = A e^{-\alpha \zeta} + B e^{-\alpha (h - \zeta)}` and likewise
-    :math:`\psi` (C, D) keep every exponential at or below one, so that no depth overflows. The two
-    conditions at the base give B and D from A and C; the two at the surface give A and C. Where
-    **both** echoes of the base are below double precision the result is that of the half-space. The
-    criterion is the real parts of alpha h and beta h, not xi h, because waves travel below
-    :math:`\xi = \sqrt{|z|}`.
+    R is the Rayleigh function divided by z, written without cancellation. It is valid at z = 0,
+    where :math:`F_{ww} = (1 - \nu)/\xi`.
 
     Parameters
     ----------
-    xi : (n,) ndarray of float, wavenumber times plate radius, > 0, ascending
-    z : (k,) ndarray of complex, off the negative real axis; digits cancel for small abs(z) h^2, and
-        about six remain at 1e-5
-    poisson_ratio : float, 0 <= value < 0.5
-    depth : (k,) ndarray of float, bedrock depth over plate radius; inf is the half-space
+    xi : (n,) ndarray of float, wavenumber times plate radius, > 0
+    z : (k, 1) ndarray of complex, off the negative real axis
+    c : float, velocity ratio squared
+    alpha, beta : (k, n) ndarray of complex
     shear : bool, True: compute the compliances with a surface shear too
 
     Returns
     -------
     Compliance of (k, n) arrays
     """
-    column = z[:, None]
-    alpha, beta, c = vertical_wavenumbers(xi, column, poisson_ratio)
-    limited = np.flatnonzero(np.isfinite(depth))
-    n_echo_nodes = 0
-    if limited.size:
-        h = depth[limited, None]
-        # Both real parts grow with xi, so the nodes with an echo come first.
-        slowest = np.minimum(alpha.real[limited], beta.real[limited]) * h
-        n_echo_nodes = int(np.max(np.sum(slowest < _NEGLIGIBLE_ECHO_NEPERS, axis=1)))
-    result = half_space_from_waves(xi, column, c, alpha, beta, shear)
-    if n_echo_nodes:
-        echo_nodes = slice(0, n_echo_nodes)
-        solved = layer_from_waves(
-            xi[echo_nodes],
-            column[limited],
-            alpha[limited, echo_nodes],
-            beta[limited, echo_nodes],
-            h,
-            shear,
-        )
-        for target, values in zip(result, solved, strict=True):
-            if target is not None and values is not None:
-                target[limited, echo_nodes] = values
-    return result
+    ratio = (2.0 - 2.0 * c) * beta / (alpha + beta)
+    inverse = 1.0 / (z + 2.0 * xi * xi * ratio)
+    if not shear:
+        return Compliance(alpha * inverse, None, None)
+    return Compliance(alpha * inverse, xi * (ratio - 1.0) * inverse, beta * inverse)
 
 
 def layer_from_waves(
@@ -164,7 +97,25 @@ def layer_from_waves(
     h: FloatArray | float,
     shear: bool,
 ) -> Compliance:
-    """Return :func:`layer_compliance` from alpha and beta (k, n), and z and h (k, 1)."""
+    r"""Return the surface compliances of a layer on a rigid base (u = w = 0 at the depth ``h``).
+
+    Potentials :math:`\phi = A e^{-\alpha \zeta} + B e^{-\alpha (h - \zeta)}` and likewise
+    :math:`\psi` (C, D) keep every exponential at or below one, so that no depth overflows. The two
+    conditions at the base give B and D from A and C; the two at the surface give A and C.
+
+    Parameters
+    ----------
+    xi : (n,) ndarray of float, wavenumber times plate radius, > 0
+    z : (k, 1) ndarray of complex, off the negative real axis; digits cancel for small abs(z) h^2,
+        and about six remain at 1e-5
+    alpha, beta : (k, n) ndarray of complex
+    h : (k, 1) ndarray of float or float, depth of the base over the plate radius
+    shear : bool, True: compute the compliances with a surface shear too
+
+    Returns
+    -------
+    Compliance of (k, n) arrays
+    """
     square = xi * xi
     down_p = np.exp(-alpha * h)
     down_s = np.exp(-beta * h)

@@ -6,7 +6,7 @@ the wavenumbers is known, and determines the width of the panels. Only the diffe
 layer and the half-space, the echo of the base, depends on the depth, and it vanishes at large
 wavenumbers.
 
-:func:`inversion.forward.contact.plate_compliance` is the reference of the tests.
+The converged rule of :mod:`inversion.forward.layered` is the reference of the tests.
 """
 
 from __future__ import annotations

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inversion.arrays import ComplexArray, FloatArray
-from inversion.forward.contact import PlateProblem, plate_compliance
+from inversion.forward.contact import PlateProblem
 from inversion.forward.kernel import velocity_ratio_squared
-from inversion.forward.laplace import DampedTransform
 from inversion.forward.rational import basis, evaluate, fit_sums, numerators
 from inversion.forward.ray_sampling import compliance_on_ray, ray
 from inversion.forward.surrogate import MIN_DEPTH_RADII, Surrogate
@@ -52,47 +51,6 @@ def build_surrogate(
         coefficients = np.stack([echo.fit(column, poles) for column in range(nodes.size)])
         progress(1.0)
         return Surrogate(problem, *half_space, poles, nodes, coefficients)
-
-
-# Grounds of the check: a sqrt(rho/G) in s (stiff, typical, soft under a plate of 0.15 m) and
-# viscosity over modulus in s. Undamped grounds are the most difficult.
-_CHECK_GROUNDS = ((2.5e-4, 0.0), (1.0e-3, 0.0), (1.0e-3, 1.0e-3), (4.0e-3, 0.0))
-_CHECK_PULSE_S = 8.0e-3
-_CHECK_DURATION_S = 0.1
-_CHECK_BAND_HZ = 800.0
-
-
-def check_surrogate(surrogate: Surrogate) -> float:
-    """Return the largest error of a surrogate's displacement histories, over their peak.
-
-    The reference is the converged computation. The peak of a distant sensor counts as at least a
-    tenth of the plate's. The loads are half-sines of 8 ms on stiff and soft, damped and undamped
-    ground; the histories last 100 ms, and the depths are between the nodes.
-    """
-    problem = surrogate.problem
-    transform = DampedTransform(_CHECK_DURATION_S, _CHECK_BAND_HZ)
-    s = transform.s
-    # A half-sine of unit peak.
-    pulse = np.pi * _CHECK_PULSE_S * (1.0 + np.exp(-s * _CHECK_PULSE_S))
-    pulse = pulse / (s**2 * _CHECK_PULSE_S**2 + np.pi**2)
-    times = np.arange(1, 401) * (_CHECK_DURATION_S / 400)
-    synthesis = transform.synthesis(times)
-    nodes = surrogate.inverse_depths
-    between = 0.5 * (nodes[:-1] + nodes[1:])[1::4]
-    ratios = nodes if nodes.size == 1 else between[between < 0.5]
-    worst = 0.0
-    for ratio in ratios:
-        for delay, relaxation in _CHECK_GROUNDS:
-            softening = 1.0 + relaxation * s
-            p = delay * s / np.sqrt(softening)
-            spectrum = pulse / softening
-            depths = np.full(p.size, 1.0 / ratio if ratio > 0.0 else np.inf)
-            exact = plate_compliance(problem, p * p, depths).T
-            fast = surrogate.compliance(p[None], np.array([ratio]))[0]
-            peak = np.abs(((exact * spectrum) @ synthesis).real).max(axis=1)
-            error = np.abs((((fast - exact) * spectrum) @ synthesis).real).max(axis=1)
-            worst = max(worst, float(np.max(error / np.hypot(peak, 0.1 * peak[0]))))
-    return worst
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from inversion import SurrogateLibrary
-from inversion.forward.contact import PlateProblem, QuadratureRule, plate_compliance
+from inversion.forward.contact import PlateProblem
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.model import (
     REFERENCE_RAD_S,
@@ -20,6 +20,7 @@ from inversion.forward.model import (
     transfer_slopes,
 )
 from inversion.forward.surrogate import Surrogate
+from tests.inversion.forward.converged import converged_compliance
 
 RADIUS, NU = 0.15, 0.35
 TRANSFORM = DampedTransform(0.1, 1600.0)
@@ -59,10 +60,9 @@ def test_the_transfer_function_is_that_of_the_complex_modulus(
     gamma = math.atan(1.0 / quality) / math.pi
     shear = 40e6 * (s / REFERENCE_RAD_S) ** (2.0 * gamma) / (2.0 * (1.0 + NU))
     z = 1900.0 * (RADIUS * s) ** 2 / shear
-    rule = QuadratureRule.for_poisson_ratio(NU, refine=2)
-    right = plate_compliance(
-        PlateProblem("rigid-rough", NU), z, np.full(s.size, depth / RADIUS), rule
-    )[:, 0] / (shear * RADIUS)
+    right = converged_compliance(PlateProblem("rigid-rough", NU), z, depth / RADIUS)[0] / (
+        shear * RADIUS
+    )
     found = transfer_function(surrogate, Instrument(RADIUS), s, ground(quality, depth))[0, 0]
     assert np.max(np.abs(found - right)) < 1e-3 * np.max(np.abs(right))
 

@@ -9,9 +9,10 @@ import pytest
 
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.forward import ray_sampling
-from inversion.forward.contact import PlateModel, PlateProblem, QuadratureRule, plate_compliance
+from inversion.forward.contact import PlateModel, PlateProblem
 from inversion.forward.kernel import Compliance, layer_from_waves
 from inversion.forward.ray_sampling import compliance_on_ray, ray
+from tests.inversion.forward.converged import converged_compliance
 
 
 @pytest.mark.parametrize("poisson_ratio", [0.0, 0.137, 0.412, 0.478])
@@ -19,18 +20,17 @@ from inversion.forward.ray_sampling import compliance_on_ray, ray
 def test_values_are_those_of_the_reference(plate: PlateModel, poisson_ratio: float) -> None:
     rng = np.random.default_rng(int(1000 * poisson_ratio))
     problem = PlateProblem(plate, poisson_ratio, (0.0, 1.7, float(rng.uniform(2.0, 7.0))))
-    rule = QuadratureRule.for_poisson_ratio(poisson_ratio, refine=2)
     depths = np.sort(np.exp(rng.uniform(np.log(1.6), np.log(30.0), 3)))
     for kappa in (4.0, 12.0, 45.0, 90.0):
         p = ray(kappa, 0.9, 0.01, 12.0)
         wanted = np.abs(p)[:, None] * depths < 100.0
         half_space, layers = compliance_on_ray(problem, kappa, p, depths, wanted)
         plate_size = np.abs(half_space[:, :1])
-        exact = plate_compliance(problem, p * p, np.full(p.size, np.inf), rule)
+        exact = converged_compliance(problem, p * p).T
         assert np.max(np.abs(half_space - exact) / plate_size) < 4e-4
         for column, depth in enumerate(depths):
             rows = wanted[:, column]
-            exact = plate_compliance(problem, p[rows] ** 2, np.full(rows.sum(), depth), rule)
+            exact = converged_compliance(problem, p[rows] ** 2, depth).T
             difference = np.abs(layers[rows, column] - exact) / plate_size[rows]
             assert np.max(difference) < 1e-3
             assert np.median(difference) < 2e-5

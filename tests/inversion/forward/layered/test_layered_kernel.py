@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from inversion.forward.kernel import half_space_compliance, layer_compliance
 from inversion.forward.layered.kernel import Media, Solution, compliance_slopes, solve_layers
 from tests.inversion.forward.layered.references import (
     Elastic,
@@ -94,21 +93,6 @@ def test_at_rest_is_the_limit_of_slow() -> None:
         for a, b in zip(still, slow, strict=True):
             assert np.all(np.isfinite(a))
             np.testing.assert_allclose(a, b, atol=1e-6 * np.max(np.abs(b)), rtol=1e-3)
-
-
-def test_homogeneous_ground_of_the_older_kernel() -> None:
-    xi = np.linspace(0.05, 30.0, 200)
-    s = 60 + 700j
-    for medium, rock in ((SOFT, True), (DEEP, False)):
-        z = media_of([medium], s).z[0, :, 0]
-        old = (
-            layer_compliance(xi, z, medium.poisson_ratio, np.array([medium.thickness]))
-            if rock
-            else half_space_compliance(xi, z, medium.poisson_ratio)
-        )
-        new = compliance([medium], rock, xi, s).surface
-        for a, b in zip(new, old, strict=True):
-            np.testing.assert_allclose(a * medium.shear, b, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("rock", [True, False])
