@@ -21,7 +21,7 @@ from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.archive.sources import Source, is_unchanged
 from pfwd.errors import SurveyError, refusal
 from pfwd.files.folders import is_survey_file
-from pfwd.files.header import Declaration, read_header_file
+from pfwd.files.header import declarations_of
 from pfwd.files.opening import survey_content
 from pfwd.files.reading import points_of, read_points
 from pfwd.files.traces import TracePoint
@@ -273,8 +273,7 @@ def _survey_points(
             yield SourceFailure("damage", f"{source.path}: damaged survey: {text}")
         if not content.points:
             yield SourceFailure("refused", refusal(source.path, "a survey with drops", "none"))
-    declared = dict(read_header_file(options.header)) if options.header is not None else {}
-    declared |= {key: Declaration(v, "command line") for key, v in options.overrides().items()}
+    declared = declarations_of(options.header, options.overrides())
     for point in content.points[source.first_point : source.end_point]:
         try:
             yield from points_of(source.path, point, declared)

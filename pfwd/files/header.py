@@ -317,24 +317,26 @@ def parse_declaration(text: str, where: str) -> tuple[str, Declaration] | None:
     return key, Declaration(value, where)
 
 
-def read_header_file(path: str | os.PathLike[str]) -> Declarations:
-    """Read a header file: the declarations of a trace file's header as a TOML file of its own.
+def declarations_of(
+    header: str | os.PathLike[str] | None, overrides: Mapping[str, object] | None = None
+) -> Declarations:
+    """Return the declarations that replace those of files.
 
     Parameters
     ----------
-    path : path of a TOML file
-
-    Returns
-    -------
-    dict of str to Declaration
-        By header key.
+    header : path of a TOML file or None
+    overrides : mapping of header key to value, optional
+        Override those of the header file.
 
     Raises
     ------
     TraceError
         If the file cannot be read or is not TOML.
     """
-    return parse_header(read_toml_text(path, TraceError), os.fspath(path))
+    declared: Declarations = {}
+    if header is not None:
+        declared = parse_header(read_toml_text(header, TraceError), os.fspath(header))
+    return declared | {key: Declaration(v, "command line") for key, v in (overrides or {}).items()}
 
 
 def parse_header(text: str, file: str) -> Declarations:

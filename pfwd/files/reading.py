@@ -17,7 +17,7 @@ from pfwd.files.foreign.registry import DELIMITED_TEXT, find_format, read_foreig
 from pfwd.files.header import (
     Declaration,
     Declarations,
-    read_header_file,
+    declarations_of,
     setup_from,
     setup_warnings,
 )
@@ -70,29 +70,26 @@ def read_points(
         If the file is refused.
     """
     file = os.fspath(path)
+    declared = declarations_of(header, overrides)
     try:
         if os.path.isdir(file):
-            return _survey_points(read_survey(file), _declarations(header, overrides))
+            return _survey_points(read_survey(file), declared)
         if is_survey_file(file):
             from pfwd.files.survey_file import read_survey_file  # its modules are for archives
 
-            return _survey_points(read_survey_file(file), _declarations(header, overrides))
+            return _survey_points(read_survey_file(file), declared)
         if is_hdf5(file):
             record = read_drop_file(file)
-            return [_point(file, record.point, [record], _declarations(header, overrides))]
+            return [_point(file, record.point, [record], declared)]
     except RecordingError as err:
         raise SurveyError(str(err)) from err
     form = find_format(file)
     if form is None and column_map is not None and not is_trace_file(file):
         form = DELIMITED_TEXT
     if form is None:
-        return [read_traces(path, header, overrides)]
-    request = Request(
-        _declarations(header, overrides),
-        channels,
-        None if column_map is None else os.fspath(column_map),
-    )
-    return read_foreign(form, file, request)
+        return [read_traces(path, declared, foreign=header is not None)]
+    columns = None if column_map is None else os.fspath(column_map)
+    return read_foreign(form, file, Request(declared, channels, columns))
 
 
 def _survey_points(survey: Survey, declared: Declarations) -> list[TracePoint]:
@@ -105,13 +102,6 @@ def _survey_points(survey: Survey, declared: Declarations) -> list[TracePoint]:
     lost = tuple(Notice("survey-damaged", {"damage": text}) for text in survey.damage)
     points[0] = replace(points[0], warnings=(*points[0].warnings, *lost))
     return points
-
-
-def _declarations(
-    header: str | os.PathLike[str] | None, overrides: Mapping[str, object] | None
-) -> Declarations:
-    declared: Declarations = read_header_file(header) if header is not None else {}
-    return declared | {key: Declaration(v, "command line") for key, v in (overrides or {}).items()}
 
 
 def points_of(

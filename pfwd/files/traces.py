@@ -13,7 +13,7 @@ import os
 import re
 import stat
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
@@ -26,13 +26,11 @@ from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.header import (
     TRACES_FORMAT_KEY,
     TRACES_FORMAT_VERSION,
-    Declaration,
     Declarations,
     PointSetup,
     declared_lines,
     declared_values,
     parse_declaration,
-    read_header_file,
     setup_from,
     setup_warnings,
 )
@@ -134,20 +132,18 @@ class TracePoint:
 
 
 def read_traces(
-    path: str | os.PathLike[str],
-    header: str | os.PathLike[str] | None = None,
-    overrides: Mapping[str, object] | None = None,
+    path: str | os.PathLike[str], declared: Declarations | None = None, *, foreign: bool = False
 ) -> TracePoint:
     """Read the test point of a trace file.
 
     Parameters
     ----------
     path : path of a trace file
-    header : path of a TOML file, optional
-        Its keys override those of the file. With a header, the line ``pfwd-traces`` may be missing;
-        then the lines behind ``#`` are another program's comments and are skipped.
-    overrides : mapping of header key to value, optional
-        Override those of the file and of the header.
+    declared : dict of header key to Declaration, optional
+        Override those of the file.
+    foreign : bool
+        True: the line ``pfwd-traces`` may be missing; then the lines behind ``#`` are another
+        program's comments and are skipped.
 
     Returns
     -------
@@ -159,15 +155,11 @@ def read_traces(
         If the file is refused.
     """
     file = os.fspath(path)
-    declared: Declarations = read_header_file(header) if header is not None else {}
-    declared |= {
-        key: Declaration(value, "command line") for key, value in (overrides or {}).items()
-    }
     try:
         _check_file(file)
         with _open(file) as stream:
-            top = _read_top(stream, file, foreign=header is not None)
-            setup = setup_from(top.declarations | declared, _at(file, top.names_line))
+            top = _read_top(stream, file, foreign=foreign)
+            setup = setup_from(top.declarations | (declared or {}), _at(file, top.names_line))
             table = _read_numbers(stream, file, top)
     except UnicodeDecodeError as err:
         raise TraceError(_not_text(file, err.reason)) from err

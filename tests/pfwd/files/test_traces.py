@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pfwd.errors import TraceError
-from pfwd.files.header import HEADER_KEYS, PointSetup
+from pfwd.files.header import HEADER_KEYS, PointSetup, declarations_of
 from pfwd.files.traces import TracePoint, read_traces, write_traces
 from pfwd_device import Channel, Drop
 from tests.pfwd.files.trace_lines import HEADER, NAMES, Write, rows
@@ -123,7 +123,7 @@ def test_a_file_without_sensors_is_left_to_the_screening(write: Write) -> None:
 def test_a_header_file_stands_in_for_the_header(write: Write) -> None:
     header = write(["plate_radius_m = 0.1", "seating_drops = 3"], "setup.toml")
     foreign = write(["# Recorder 3, exported 1.5.2026", "# plate_radius_m = 9", NAMES, *rows()])
-    setup = read_traces(foreign, header).setup
+    setup = read_traces(foreign, declarations_of(header), foreign=True).setup
     assert setup == PointSetup(plate_radius=0.1, seating_drops=3)
 
 
@@ -131,19 +131,21 @@ def test_option_wins_over_header_file_wins_over_header(write: Write) -> None:
     header = write(["plate_radius_m = 0.1", "poisson_ratio = 0.1"], "setup.toml")
     lines = ["# pfwd-traces = 1", "# plate_radius_m = 0.2", "# poisson_ratio = 0.2"]
     lines += ["# density_kg_m3 = 1800"]
-    setup = read_traces(write([*lines, NAMES, *rows()]), header, {"poisson_ratio": 0.4}).setup
+    declared = declarations_of(header, {"poisson_ratio": 0.4})
+    setup = read_traces(write([*lines, NAMES, *rows()]), declared).setup
     assert (setup.plate_radius, setup.poisson_ratio, setup.density) == (0.1, 0.4, 1800)
 
 
 def test_an_option_supplies_a_missing_plate_radius(write: Write) -> None:
     path = write(["# pfwd-traces = 1", NAMES, *rows()])
-    assert read_traces(path, None, {"plate_radius_m": 0.15}).setup.plate_radius == 0.15
+    declared = declarations_of(None, {"plate_radius_m": 0.15})
+    assert read_traces(path, declared).setup.plate_radius == 0.15
 
 
 def test_a_bad_value_in_a_header_file_is_found_there(write: Write) -> None:
     header = write(["# mine", "", 'plate_radius_m = "0.15"'], "setup.toml")
     with pytest.raises(TraceError, match=r"setup\.toml, line 3, plate_radius_m: expected a number"):
-        read_traces(write([*HEADER, NAMES, *rows()]), header)
+        read_traces(write([*HEADER, NAMES, *rows()]), declarations_of(header))
 
 
 @pytest.mark.parametrize(
@@ -159,7 +161,7 @@ def test_a_header_file_that_cannot_be_read(
 ) -> None:
     header = tmp_path / "setup.toml" if content is None else write(content, "setup.toml")
     with pytest.raises(TraceError, match=message):
-        read_traces(write([*HEADER, NAMES, *rows()]), header)
+        read_traces(write([*HEADER, NAMES, *rows()]), declarations_of(header))
 
 
 # Writing
