@@ -7,7 +7,8 @@ stored as tables in a folder (option ``--archive``).
 import argparse
 import contextlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from pfwd.analysis.options import AnalysisOptions
@@ -15,7 +16,7 @@ from pfwd.errors import OptionError, refusal
 from pfwd.export.json_text import json_text
 from tui.diagnosis_lines import show_diagnosis
 from tui.format import printed_results
-from tui.output import clean, say
+from tui.output import clean, counted, say
 from tui.progress import ProgressBars
 
 if TYPE_CHECKING:
@@ -26,13 +27,16 @@ MAX_PRINTED_FAILURES = 20
 """Largest number of failures that are printed; all of them are in the tables."""
 
 
-def has_folder_of_files(paths: Sequence[str]) -> bool:
-    """Return whether one of the paths is a folder that is not a survey."""
-    if not any(map(os.path.isdir, paths)):
+def is_archive(args: argparse.Namespace) -> bool:
+    """Return whether a command works on an archive, because of an option or a folder of files."""
+    if args.archive is not None or args.scheduler is not None:
+        return True
+    folders = [path for path in args.files if os.path.isdir(path)]
+    if not folders:
         return False
     from pfwd.files.folders import is_survey
 
-    return any(os.path.isdir(path) and not is_survey(path) for path in paths)
+    return not all(map(is_survey, folders))
 
 
 def run_over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
@@ -48,70 +52,67 @@ def run_over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
     OptionError, SurveyError
         If options contradict each other, or a path does not exist.
     """
-    if args.plot:
-        options_in_conflict = "--plot with a folder, --archive or --scheduler"
-        hint = "name the files to be plotted"
-        raise OptionError(refusal(options_in_conflict, "one of them", "both", hint))
+    for name in ("plot", "device", "write_device", "leave_out", "allow"):
+        if getattr(args, name, None) is not None:
+            option = "--" + name.replace("_", "-")
+            conflict = f"{option} with a folder, --archive or --scheduler"
+            raise OptionError(refusal(conflict, "one of them", "both", "name the files"))
     if args.scheduler is not None and args.jobs > 1:
         raise OptionError(refusal("--scheduler and --jobs", "one of the two", "both"))
     from pfwd.archive.sources import refuse_missing
-
-    refuse_missing(args.files)
-    with contextlib.closing(_workers(args, options)) as workers:
-        if args.archive is None:
-            return _print_all(args, options, workers)
-        return _store_all(args, options, workers)
-
-
-def _workers(args: argparse.Namespace, options: AnalysisOptions) -> "ArchiveWorkers":
-    if args.scheduler is not None:
-        from pfwd.archive.cluster import ClusterWorkers, check_address, protection_warning
-
-        check_address(args.scheduler)
-        remark = protection_warning(args.scheduler)
-        if remark is not None:
-            say(remark)
-        return ClusterWorkers(options, args.scheduler)
     from pfwd.archive.work import ArchiveWorkers
 
-    return ArchiveWorkers(options, args.jobs)
+    refuse_missing(args.files)
+    if args.scheduler is not None:
+        from pfwd.archive.cluster import ClusterWorkers, protection_warning
+
+        if (remark := protection_warning(args.scheduler)) is not None:
+            say(remark)
+        workers: ArchiveWorkers = ClusterWorkers(options, args.scheduler)
+    else:
+        workers = ArchiveWorkers(options, args.jobs)
+    with contextlib.closing(workers):
+        if args.archive is None:
+            n_sources, n_failures = _print_all(args, workers)
+        else:
+            n_sources, n_failures = _store_all(args, workers)
+    if not n_sources:
+        say(refusal(", ".join(args.files), "a survey, or files with drops in the folder", "none"))
+    return 1 if n_failures or not n_sources else 0
 
 
-def _print_all(
-    args: argparse.Namespace, options: AnalysisOptions, workers: "ArchiveWorkers"
-) -> int:
-    """Print results in the order in which they are computed."""
+def _print_all(args: argparse.Namespace, workers: "ArchiveWorkers") -> tuple[int, int]:
+    """Print results in the order in which they are computed; return the counts of sources and
+    failures.
+    """
     from pfwd.archive.run import invert_stream
 
     n_sources = n_failures = 0
-    for outcome in invert_stream(args.files, options, workers):
+    for outcome in invert_stream(args.files, workers):
         n_sources += 1
+        n_failures += len(outcome.failures)
         for failure in outcome.failures:
-            n_failures += 1
             say(failure.reason)
         for diagnosis in outcome.diagnoses:
             show_diagnosis(diagnosis, as_json=args.json)
-        if not options.diagnose:
-            for line in printed_results(
-                [result for result, _ in outcome.results], as_json=args.json, by=args.by
-            ):
+        if not workers.options.diagnose:
+            results = [result for result, _ in outcome.results]
+            for line in printed_results(results, as_json=args.json, by=args.by):
                 print(line, flush=True)
-    return 1 if n_failures or _refuse_empty(args, n_sources) else 0
+    return n_sources, n_failures
 
 
-def _store_all(
-    args: argparse.Namespace, options: AnalysisOptions, workers: "ArchiveWorkers"
-) -> int:
-    """Store results as tables and print a summary."""
+def _store_all(args: argparse.Namespace, workers: "ArchiveWorkers") -> tuple[int, int]:
+    """Store results as tables and print a summary; return the counts of sources and failures."""
     from pfwd.archive.run import invert_archive
-    from pfwd.archive.sources import count_sources
+    from pfwd.archive.sources import find_sources
 
     n_failures = 0
     with ProgressBars() as bars:
         n_sources = None
         if bars.is_terminal:
             bars.update("counting files")
-            n_sources = count_sources(args.files, args.archive)
+            n_sources = sum(1 for _ in find_sources(args.files, args.archive))
 
         def report(summary: "Summary", failures: "Sequence[SourceFailure]") -> None:
             nonlocal n_failures
@@ -121,36 +122,25 @@ def _store_all(
                     say(failure.reason)
                 elif n_failures == MAX_PRINTED_FAILURES + 1:
                     say(f"further failures are stored in {args.archive}")
-            results = f"{summary.points} points" if options.diagnose else f"{summary.drops} drops"
-            bars.update(f"{results}, {summary.failed} failures", summary.sources, n_sources)
+            done = counted(summary.points, "point") if diagnosed else counted(summary.drops, "drop")
+            bars.update(f"{done}, {summary.failed} failures", summary.sources, n_sources)
 
-        summary = invert_archive(args.files, args.archive, options, workers, report)
+        diagnosed = workers.options.diagnose
+        summary = invert_archive(args.files, args.archive, workers, report)
     if args.json:
-        print(json_text(summary.as_dict()), flush=True)
-    else:
-        for line in _summary_lines(summary, diagnosed=options.diagnose):
-            print(clean(line), flush=True)
-    return 1 if summary.failed_in_all or _refuse_empty(args, summary.sources) else 0
-
-
-def _summary_lines(summary: "Summary", *, diagnosed: bool) -> Iterator[str]:
+        print(json_text(asdict(summary)), flush=True)
+        return summary.sources, summary.failed_in_all
     results = (
         f"{summary.points} points diagnosed" if diagnosed else f"{summary.drops} drops inverted"
     )
-    yield (
+    lines = [
         f"{summary.archive}: {summary.sources} sources, {summary.done_before} done before, "
         f"{summary.duplicates} copies, {results} in {summary.elapsed_s:.1f} s"
-    )
+    ]
     if summary.failed_in_all:
-        yield (
+        lines.append(
             f"{summary.failed_in_all} sources with failures; the reasons are in "
             f"failures/run={summary.run} and unfinished/{summary.run}.jsonl"
         )
-
-
-def _refuse_empty(args: argparse.Namespace, n_sources: int) -> bool:
-    """Return whether there are no sources, and report it."""
-    if n_sources:
-        return False
-    say(refusal(", ".join(args.files), "a survey, or files with drops in the folder", "none"))
-    return True
+    print(*map(clean, lines), sep="\n", flush=True)
+    return summary.sources, summary.failed_in_all

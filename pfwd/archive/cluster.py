@@ -7,12 +7,12 @@ which computers take part; see docs/security.md.
 
 import contextlib
 import ipaddress
-import re
 import socket
 import ssl
 from collections.abc import Iterable, Iterator
 from importlib import import_module
 from typing import Any
+from urllib.parse import SplitResult, urlsplit
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.archive.work import ArchiveWorkers, Batch, SourceOutcome
@@ -25,12 +25,6 @@ _FIRST_WORKER_TIMEOUT_S = 60.0
 
 _N_BATCHES_PER_THREAD = 2
 """Batches submitted for each thread of the cluster: one in work and one waiting."""
-
-
-_ADDRESS = re.compile(
-    r"(?:(?P<protocol>[a-z]+)://)?(?:\[(?P<six>[0-9a-fA-F:.%\w]+)\]|(?P<name>[^\s:/\[\]]+))"
-    r":(?P<port>[0-9]{1,6})/?"
-)
 
 _PROTOCOLS = ("tcp", "tls", "ws", "wss", "ucx")
 """Protocols that dask offers between computers."""
@@ -57,21 +51,36 @@ def protection_warning(scheduler: str) -> str | None:
     >>> protection_warning("tls://head-node:8786"), protection_warning("tcp://127.0.0.1:8786")
     (None, None)
     """
-    protocol, sign, rest = scheduler.rpartition("://")
-    if sign and protocol in _PROTECTED_PROTOCOLS:
-        return None
-    host = rest.rpartition(":")[0].strip("[]") or rest
+    address = _parts_of(scheduler)
+    host = address.hostname or ""
     try:
         loopback = ipaddress.ip_address(host).is_loopback
     except ValueError:
-        loopback = host.lower() == "localhost"
-    if loopback:
+        loopback = host == "localhost"
+    if loopback or address.scheme in _PROTECTED_PROTOCOLS:
         return None
     return (
         f"--scheduler {scheduler}: without certificates anyone who reaches the cluster, or the "
-        f"network in between, can run programs on it and here; use tls://{rest} with dask's "
-        "certificates (docs/security.md), or a network that you trust"
+        f"network in between, can run programs on it and here; use tls://{address.netloc} with "
+        "dask's certificates (docs/security.md), or a network that you trust"
     )
+
+
+def _parts_of(scheduler: str) -> SplitResult:
+    """Return the parts of an address; raise OptionError if dask does not accept it."""
+    try:
+        parts = urlsplit(scheduler if "://" in scheduler else f"tcp://{scheduler}")
+        is_remote = parts.scheme in _PROTOCOLS and parts.path in ("", "/")
+        # A scheduler in this process, started by a script, has no port.
+        if parts.scheme == "inproc" or (is_remote and parts.hostname and parts.port):
+            return parts
+    except ValueError:  # a port out of range, or an IPv6 address without its bracket
+        pass
+    expected, hint = (
+        "an address like tcp://host:8786",
+        "the scheduler prints its own when it starts",
+    )
+    raise OptionError(refusal(f"--scheduler {scheduler}", expected, quote(scheduler), hint))
 
 
 def check_address(scheduler: str) -> None:
@@ -83,25 +92,16 @@ def check_address(scheduler: str) -> None:
     ------
     OptionError
     """
-    where = f"--scheduler {scheduler}"
-    if scheduler.startswith("inproc://"):  # a scheduler in this process, started by a script
+    parts = _parts_of(scheduler)
+    if parts.scheme == "inproc":
         return
-    parts = _ADDRESS.fullmatch(scheduler)
-    if (
-        parts is None
-        or parts["protocol"] not in (None, *_PROTOCOLS)
-        or not 0 < int(parts["port"]) <= 65_535
-    ):
-        expected = "an address like tcp://host:8786"
-        hint = "the scheduler prints its own when it starts"
-        raise OptionError(refusal(where, expected, quote(scheduler), hint))
-    host = parts["six"] or parts["name"]
     try:
-        socket.getaddrinfo(host, int(parts["port"]), type=socket.SOCK_STREAM)
+        socket.getaddrinfo(parts.hostname, parts.port, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as err:
         raise OptionError(
-            f"{where}: host {host}: not found ({getattr(err, 'strerror', None) or err}). Check the "
-            "name and the network, or give its IP address"
+            f"--scheduler {scheduler}: host {parts.hostname}: not found "
+            f"({getattr(err, 'strerror', None) or err}). Check the name and the network, or give "
+            "its IP address"
         ) from err
 
 

@@ -8,14 +8,14 @@
     OUT/diagnoses/run=KEY/part-000001.parquet  a row for each point, of runs of `pfwd diagnose`
     OUT/failures/run=KEY/part-000001.parquet   a row for each failure, with the reason
     OUT/sources/run=KEY/part-000001.parquet    a row for each source file or survey
-    OUT/done/KEY.txt                           a line for each finished part
 
 A run is the set of results that were made with the same options and software; KEY identifies it. A
 part consists of the tables with the same number. Every table is written under another name, flushed
-to the disk and renamed. Then the line of the part is written. A part without its line or without
-its table of sources is incomplete, and is removed when the archive is continued.
+to the disk and renamed, the table of sources last. A part without it is incomplete, and is removed
+when the archive is continued.
 """
 
+import hashlib
 import json
 import os
 import re
@@ -27,12 +27,10 @@ from inversion.records import is_number
 from pfwd.analysis.result_columns import Kind, nested_cells, result_columns
 from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.errors import OptionError, SurveyError, refusal
-from pfwd.files.output_path import disk_errors, refuse_inside_survey, replaced_durably, sync
+from pfwd.files.output_path import disk_errors, refuse_inside_survey, replaced_durably
 
-TABLE_NAMES = ("results", "diagnoses", "failures", "sources")
 _ARCHIVE_MARK = {"format": "pfwd-archive", "version": 1}
 _PART_NAME = re.compile(r"part-(\d{6,9})\.parquet", re.ASCII)
-_DONE_LINE = re.compile(r"part-(\d{6,9})", re.ASCII)
 
 MAX_PARQUET_ROWS = 100_000
 """Largest number of rows that is read from one table; parts are written at 10,000 rows."""
@@ -134,13 +132,14 @@ DIAGNOSIS_COLUMNS: tuple[tuple[str, Kind], ...] = (
 """Name and type of each column of the table ``diagnoses``, a row for each point. Names with
 ``before_`` hold values of the base model, without effects."""
 
-_TABLE_COLUMNS = dict(
-    zip(
-        TABLE_NAMES,
-        (RESULT_COLUMNS, DIAGNOSIS_COLUMNS, FAILURE_COLUMNS, SOURCE_COLUMNS),
-        strict=True,
-    )
-)
+TABLES: Mapping[str, tuple[tuple[str, Kind], ...]] = {
+    "results": RESULT_COLUMNS,
+    "diagnoses": DIAGNOSIS_COLUMNS,
+    "failures": FAILURE_COLUMNS,
+    "sources": SOURCE_COLUMNS,
+}
+"""Columns of each table, in the order in which the tables of a part are written."""
+
 Row = Mapping[str, Any]
 
 
@@ -198,8 +197,6 @@ class ArchiveFolder:
     ----------
     folder : path
         Created if it does not exist; otherwise it has to be empty or an archive.
-    key : str
-        Key of the run, see `run_key`.
     identity : mapping
         Options and software of the run, see `run_identity`.
 
@@ -211,33 +208,28 @@ class ArchiveFolder:
         If the folder cannot be written.
     """
 
-    def __init__(self, folder: str | os.PathLike[str], key: str, identity: Row) -> None:
+    def __init__(self, folder: str | os.PathLike[str], identity: Row) -> None:
         _parquet()
         self.folder = Path(folder)
-        self.key = key
-        self._done = self.folder / "done" / f"{key}.txt"
-        with disk_errors(self.folder):
-            self._claim()
-            runs = self.folder / "runs"
-            runs.mkdir(exist_ok=True)
-            description = runs / f"{key}.json"
-            if not description.exists():
-                content = json.dumps({"run": key, **identity}, indent=1).encode()
-                with replaced_durably(description) as draft:
-                    draft.write_bytes(content)
-
-    def _claim(self) -> None:
+        text = json.dumps(identity, sort_keys=True)
+        self.key = hashlib.sha256(text.encode()).hexdigest()[:12]
         refuse_inside_survey(self.folder, "--archive")
         mark = self.folder / "archive.json"
-        if mark.exists():
-            return
-        if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
-            actual = "something else in it" if self.folder.is_dir() else "a file"
-            expected = "a folder that is new, empty or an archive of results"
-            raise OptionError(refusal(f"--archive {self.folder}", expected, actual))
-        self.folder.mkdir(parents=True, exist_ok=True)
-        with replaced_durably(mark) as draft:
-            draft.write_bytes(json.dumps(_ARCHIVE_MARK).encode())
+        description = self.folder / "runs" / f"{self.key}.json"
+        with disk_errors(self.folder):
+            is_new = not mark.exists()
+            if is_new and self.folder.exists():
+                expected = "a folder that is new, empty or an archive of results"
+                actual = "something else in it" if self.folder.is_dir() else "a file"
+                if not self.folder.is_dir() or any(self.folder.iterdir()):
+                    raise OptionError(refusal(f"--archive {self.folder}", expected, actual))
+            self.folder.mkdir(parents=True, exist_ok=True)
+            contents = {mark: _ARCHIVE_MARK, description: {"run": self.key, **identity}}
+            for path, content in contents.items():
+                if not path.exists():
+                    path.parent.mkdir(exist_ok=True)
+                    with replaced_durably(path) as draft:
+                        draft.write_text(json.dumps(content, indent=1), "utf-8")
 
     def clear_leftovers(self) -> list[int]:
         """Remove the temporary files and incomplete parts that a crash left.
@@ -249,31 +241,16 @@ class ArchiveFolder:
         """
         with disk_errors(self.folder):
             complete = self._numbers("sources")
-            # If the list is lost, the table of sources, which is written last, marks a part.
-            if self._done.exists():
-                lines = map(_DONE_LINE.fullmatch, self._done.read_text("latin-1").splitlines())
-                complete &= {int(line[1]) for line in lines if line}
-            self._done.parent.mkdir(exist_ok=True)
-            with replaced_durably(self._done) as draft:
-                draft.write_text("".join(map(_done_line, sorted(complete))), "ascii")
-            folders = (self.folder / "runs", self._done.parent)
-            for folder in (*folders, *map(self._table_folder, TABLE_NAMES)):
+            for folder in (self.folder / "runs", *map(self._table_folder, TABLES)):
                 for path in folder.glob("*.tmp"):
                     path.unlink()
-            for name in TABLE_NAMES:
+            for name in TABLES:
                 for number in self._numbers(name) - complete:
                     self._file(name, number).unlink()
             return sorted(complete)
 
-    def write(
-        self,
-        number: int,
-        results: Sequence[Row],
-        diagnoses: Sequence[Row],
-        failures: Sequence[Row],
-        sources: Sequence[Row],
-    ) -> None:
-        """Write the tables of one part, and its line in the list of finished parts.
+    def write(self, number: int, tables: Mapping[str, Sequence[Row]]) -> None:
+        """Write the tables of one part.
 
         After a crash in between the part is incomplete and is ignored.
 
@@ -281,8 +258,8 @@ class ArchiveFolder:
         ----------
         number : int
             Number of the part.
-        results, diagnoses, failures, sources : sequence of mapping
-            Rows of the four tables.
+        tables : mapping
+            Rows of each of `TABLES`.
 
         Raises
         ------
@@ -292,15 +269,10 @@ class ArchiveFolder:
         import pyarrow
 
         with disk_errors(self.folder):
-            for name, rows in zip(
-                TABLE_NAMES, (results, diagnoses, failures, sources), strict=True
-            ):
-                if rows or name == "sources":
-                    columns = [[row[column] for row in rows] for column, _ in _TABLE_COLUMNS[name]]
-                    self._write_table(name, number, pyarrow.table(columns, schema=_schema(name)))
-            with self._done.open("a", encoding="ascii", newline="\n") as stream:
-                stream.write(_done_line(number))
-            sync(self._done)
+            for name, columns in TABLES.items():
+                if rows := tables[name]:
+                    cells = [[row[column] for row in rows] for column, _ in columns]
+                    self._write_table(name, number, pyarrow.table(cells, schema=_schema(name)))
 
     def sources(self, number: int) -> list[dict[str, Any]]:
         """Return the rows of the table ``sources`` of a part.
@@ -328,7 +300,7 @@ class ArchiveFolder:
         SurveyError
             If a part is damaged or cannot be written.
         """
-        for name in TABLE_NAMES:  # the table of sources last: after a crash the removal is repeated
+        for name in TABLES:  # the table of sources last: after a crash the removal is repeated
             for number in sorted(self._numbers(name)):
                 table = self._read(name, number)
                 keep = [digest not in digests for digest in table["source_sha256"].to_pylist()]
@@ -383,10 +355,6 @@ def _is_sound_source(row: Row) -> bool:
     return None not in (*texts, *numbers) and 0 <= row["piece"] < row["pieces"] <= MAX_PIECES
 
 
-def _done_line(number: int) -> str:
-    return f"part-{number:06d}\n"
-
-
 def _unpacked(file: Any, schema: Any) -> Any:
     """Return the table of an open Parquet file.
 
@@ -421,7 +389,7 @@ def _schema(name: str) -> Any:
         "number": pyarrow.float64(),
         "flag": pyarrow.bool_(),
     }
-    return pyarrow.schema([(column, kinds[kind]) for column, kind in _TABLE_COLUMNS[name]])
+    return pyarrow.schema([(column, kinds[kind]) for column, kind in TABLES[name]])
 
 
 def _parquet() -> Any:

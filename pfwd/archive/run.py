@@ -2,7 +2,7 @@
 
 >>> options = AnalysisOptions(method="posterior")         # doctest: +SKIP
 >>> with contextlib.closing(ArchiveWorkers(options, 2)) as workers:  # doctest: +SKIP
-...     summary = invert_archive(["drops"], "results", options, workers)
+...     summary = invert_archive(["drops"], "results", workers)
 >>> summary.drops, summary.failed  # doctest: +SKIP
 """
 
@@ -10,24 +10,23 @@ import hashlib
 import json
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from filelock import FileLock, Timeout
 
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.archive.dataset import ArchiveFolder, Row, diagnosis_row, result_row
+from pfwd.archive.dataset import TABLES, ArchiveFolder, Row, diagnosis_row, result_row
 from pfwd.archive.sources import (
     Source,
     content_digest,
     find_sources,
     pieces_of,
-    refuse_missing,
 )
 from pfwd.archive.work import ArchiveWorkers, Batch, SourceFailure, SourceOutcome
 from pfwd.errors import OptionError, SurveyError, refusal
+from pfwd.files.output_path import replaced_at_once
 from pfwd_device.recording.drop_file import software_version
 
 TABLE_VERSION = 1
@@ -78,10 +77,6 @@ class Summary:
     """Processor time of the workers, s."""
     elapsed_s: float = 0.0
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the counts as JSON data."""
-        return asdict(self)
-
 
 ReportProgress = Callable[[Summary, Sequence[SourceFailure]], None]
 """Function that is called after every batch with the counts so far and the failures of the batch.
@@ -116,21 +111,11 @@ def run_identity(options: AnalysisOptions) -> dict[str, Any]:
     }
 
 
-def run_key(identity: dict[str, Any]) -> str:
-    """Return the key of a run: the first twelve hexadecimal digits of its identity's SHA-256."""
-    text = json.dumps(identity, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:12]
-
-
 def invert_archive(
     paths: Sequence[str],
     archive: str | os.PathLike[str],
-    options: AnalysisOptions,
     workers: ArchiveWorkers,
     report: ReportProgress | None = None,
-    *,
-    part_rows: int = PART_ROWS,
-    part_seconds: float = PART_SECONDS,
 ) -> Summary:
     """Invert the sources that have no stored results, and store theirs.
 
@@ -142,14 +127,9 @@ def invert_archive(
         Files, surveys and folders.
     archive : path
         Folder of the results, see :mod:`pfwd.archive.dataset`.
-    options : AnalysisOptions
     workers : ArchiveWorkers
     report : callable, optional
         Receives the counts after every batch.
-    part_rows : int
-        Number of drops after which a part is written.
-    part_seconds : float, s
-        Time after which a part is written.
 
     Raises
     ------
@@ -158,22 +138,16 @@ def invert_archive(
     SurveyError
         If another program uses the archive, it cannot be written, or the workers are lost.
     """
-    refuse_missing(paths)
-    identity = run_identity(options)
-    dataset = ArchiveFolder(archive, run_key(identity), identity)
-    lock = FileLock(dataset.folder / "archive.lock")
+    dataset = ArchiveFolder(archive, run_identity(workers.options))
     try:
-        lock.acquire(timeout=0)
+        with FileLock(dataset.folder / "archive.lock", timeout=0):
+            return _Run(dataset, report).go(paths, workers)
     except Timeout as err:
         expected, hint = "an archive that no other program uses", "wait for that program to end"
         raise SurveyError(refusal(str(archive), expected, "one in use", hint)) from err
-    with lock:
-        return _Run(dataset, report, part_rows, part_seconds).go(paths, workers)
 
 
-def invert_stream(
-    paths: Sequence[str], options: AnalysisOptions, workers: ArchiveWorkers
-) -> Iterator[SourceOutcome]:
+def invert_stream(paths: Sequence[str], workers: ArchiveWorkers) -> Iterator[SourceOutcome]:
     """Yield the outcome of each source when it is complete; nothing is stored.
 
     Raises
@@ -183,7 +157,6 @@ def invert_stream(
     SurveyError
         If the workers are lost.
     """
-    refuse_missing(paths)
     pieces = (piece for source in find_sources(paths) for piece in pieces_of(source))
     for outcomes in workers.run(batches_of(pieces)):
         yield from outcomes
@@ -191,38 +164,20 @@ def invert_stream(
 
 def batches_of(sources: Iterator[Source]) -> Iterator[Batch]:
     """Yield the sources in batches of at most 16, or of about 2 MB."""
-    batch: list[Source] = []
+    batch: Batch = ()
     size = 0
     for source in sources:
-        batch.append(source)
+        batch = (*batch, source)
         size += max(0, source.size)
         if len(batch) >= BATCH_SOURCES or size >= BATCH_BYTES:
-            yield Batch(tuple(batch))
-            batch, size = [], 0
+            yield batch
+            batch, size = (), 0
     if batch:
-        yield Batch(tuple(batch))
+        yield batch
 
 
-@dataclass(frozen=True, slots=True)
-class _SourceRows:
-    """All rows of one source, kept in one object so that an interrupt cannot separate them."""
-
-    source: Row
-    results: list[dict[str, Any]] = field(default_factory=list)
-    diagnoses: list[dict[str, Any]] = field(default_factory=list)
-    failures: list[dict[str, Any]] = field(default_factory=list)
-
-
-@dataclass(slots=True)
-class _Buffer:
-    """Rows in memory for the next part of the tables."""
-
-    sources: list[_SourceRows] = field(default_factory=list)
-    start_s: float = field(default_factory=time.monotonic)
-    number: int | None = None
-    """Number of the part; set at the first attempt to write it, and kept if that is interrupted."""
-    result_rows: int = 0
-    """Number of result rows and diagnosis rows."""
+SourceRows = Mapping[str, list[Row]]
+"""Rows of one source in each of `TABLES`."""
 
 
 @dataclass(slots=True)
@@ -301,42 +256,38 @@ class StoredSources:
 
 
 class _Run:
-    def __init__(
-        self,
-        dataset: ArchiveFolder,
-        report: ReportProgress | None,
-        part_rows: int,
-        part_seconds: float,
-    ) -> None:
+    def __init__(self, dataset: ArchiveFolder, report: ReportProgress | None) -> None:
         self._dataset, self._report = dataset, report
         self._stored = StoredSources()
         self._next_number = 1
         for number in dataset.clear_leftovers():
             self._stored.add(dataset.sources(number))
             self._next_number = number + 1
-        self._part_rows, self._part_seconds = part_rows, part_seconds
         self._summary = Summary(str(dataset.folder), dataset.key)
-        self._buffer = _Buffer()
+        # Rows for the next part of the tables. All rows of a source are one element, so that an
+        # interrupt cannot separate them.
+        self._buffer: list[SourceRows] = []
+        self._n_rows = 0
+        self._part_start_s = time.monotonic()
         # Sources that were sent to a worker, each with its copies.
         self._pending: dict[str, list[Source]] = {}
-        self._unfinished = _Unfinished(dataset.folder / "unfinished" / f"{dataset.key}.jsonl")
+        self._unfinished: list[Row] = []
 
     def go(self, paths: Sequence[str], workers: ArchiveWorkers) -> Summary:
         start_s = time.perf_counter()
         summary = self._summary
         try:
             self._remove_stale()
-            batches = batches_of(self._missing_pieces(paths))
-            for outcomes in workers.run(batches):
+            for outcomes in workers.run(batches_of(self._missing_pieces(paths))):
                 self._add_outcomes(outcomes)
                 self._write_if_due()
                 summary.elapsed_s = time.perf_counter() - start_s
         finally:
             # Store the completed sources after an interrupt, too.
             self._write()
-            self._unfinished.close()
+            self._write_unfinished()
         self._remove_stale()
-        summary.failed_in_all = self._stored.n_refused() + self._unfinished.count
+        summary.failed_in_all = self._stored.n_refused() + len(self._unfinished)
         summary.elapsed_s = time.perf_counter() - start_s
         self._report_progress([])
         return summary
@@ -390,14 +341,17 @@ class _Run:
                 self._fail(source, outcome.failures)
                 continue
             summary.failed += len(outcome.failures)
-            rows = _SourceRows(
-                _source_row(source, len(outcome.results), len(outcome.failures), None),
-                [result_row(item, source.digest, declared) for item, declared in outcome.results],
-                [diagnosis_row(result, source.digest) for result in outcome.diagnoses],
-                [_failure_row(source, failure) for failure in outcome.failures],
+            self._add_rows(
+                {
+                    "results": [
+                        result_row(result, source.digest, declared)
+                        for result, declared in outcome.results
+                    ],
+                    "diagnoses": [diagnosis_row(d, source.digest) for d in outcome.diagnoses],
+                    "failures": [_failure_row(source, failure) for failure in outcome.failures],
+                    "sources": [_source_row(source, outcome)],
+                }
             )
-            self._add_rows(rows)
-            self._buffer.result_rows += len(rows.results) + len(rows.diagnoses)
             for duplicate in duplicates:
                 self._add_duplicate(duplicate, source.path)
         self._report_progress(batch_failures)
@@ -406,43 +360,45 @@ class _Run:
         if piece.path == file:  # named twice
             return
         self._summary.duplicates += 1
-        failures = self._stored.n_failures(file)
-        self._add_rows(_SourceRows(_source_row(piece, 0, failures, file)))
+        row = _source_row(piece) | {"failures": self._stored.n_failures(file), "same_as": file}
+        self._add_rows({"results": [], "diagnoses": [], "failures": [], "sources": [row]})
 
-    def _add_rows(self, rows: _SourceRows) -> None:
-        self._buffer.sources.append(rows)
-        self._stored.add([rows.source])
+    def _add_rows(self, rows: SourceRows) -> None:
+        self._buffer.append(rows)
+        self._n_rows += len(rows["results"]) + len(rows["diagnoses"])
+        self._stored.add(rows["sources"])
 
     def _fail(self, source: Source, failures: Sequence[SourceFailure]) -> None:
         """Record failures that have no cause in the content, so that the next run tries again."""
         self._summary.failed += len(failures)
-        for failure in failures:
-            self._unfinished.add(_failure_row(source, failure))
+        self._unfinished += [_failure_row(source, failure) for failure in failures]
 
     def _write_if_due(self) -> None:
-        buffer = self._buffer
-        if (
-            buffer.result_rows >= self._part_rows
-            or len(buffer.sources) >= PART_SOURCES
-            or time.monotonic() - buffer.start_s >= self._part_seconds
-        ):
+        is_late = time.monotonic() - self._part_start_s >= PART_SECONDS
+        if self._n_rows >= PART_ROWS or len(self._buffer) >= PART_SOURCES or is_late:
             self._write()
 
     def _write(self) -> None:
-        buffer = self._buffer
-        if buffer.sources:
-            if buffer.number is None:
-                buffer.number = self._next_number
-                self._next_number += 1
-            self._dataset.write(
-                buffer.number,
-                [row for each in buffer.sources for row in each.results],
-                [row for each in buffer.sources for row in each.diagnoses],
-                [row for each in buffer.sources for row in each.failures],
-                [each.source for each in buffer.sources],
-            )
+        if self._buffer:
+            tables = {name: [row for rows in self._buffer for row in rows[name]] for name in TABLES}
+            self._dataset.write(self._next_number, tables)
             self._summary.parts += 1
-        self._buffer = _Buffer()
+            # In this order: after an interrupt the same rows may be written once more to this part.
+            self._buffer = []
+            self._n_rows = 0
+            self._next_number += 1
+        self._part_start_s = time.monotonic()
+
+    def _write_unfinished(self) -> None:
+        """List the sources to be tried again in a file; remove it if there are none."""
+        path = self._dataset.folder / "unfinished" / f"{self._dataset.key}.jsonl"
+        if not self._unfinished:
+            path.unlink(missing_ok=True)
+            return
+        path.parent.mkdir(exist_ok=True)
+        lines = [json.dumps(row) + "\n" for row in self._unfinished]
+        with replaced_at_once(path) as draft:
+            draft.write_text("".join(lines), encoding="utf-8", newline="\n")
 
     def _remove_stale(self) -> None:
         """Remove the stored rows of files that have changed since."""
@@ -455,40 +411,12 @@ class _Run:
             self._report(self._summary, failures)
 
 
-class _Unfinished:
-    """File that lists the sources to be tried again; removed when there are none."""
-
-    def __init__(self, path: Path) -> None:
-        self._path, self._draft = path, path.with_name(path.name + ".tmp")
-        self._stream: Any = None
-        self.count = 0
-
-    def add(self, row: Row) -> None:
-        if self._stream is None:
-            self._path.parent.mkdir(exist_ok=True)
-            self._stream = open(self._draft, "w", encoding="utf-8", newline="\n")  # noqa: SIM115
-        self._stream.write(json.dumps(row) + "\n")
-        self.count += 1
-
-    def close(self) -> None:
-        if self._stream is None:
-            self._path.unlink(missing_ok=True)
-            return
-        self._stream.close()
-        os.replace(self._draft, self._path)
+def _failure_row(source: Source, failure: SourceFailure) -> Row:
+    return {"file": source.path, "source_sha256": source.digest, **asdict(failure)}
 
 
-def _failure_row(source: Source, failure: SourceFailure) -> dict[str, Any]:
-    return {
-        "file": source.path,
-        "source_sha256": source.digest,
-        "point": failure.point,
-        "kind": failure.kind,
-        "reason": failure.reason,
-    }
-
-
-def _source_row(source: Source, drops: int, failures: int, same_as: str | None) -> dict[str, Any]:
+def _source_row(source: Source, outcome: SourceOutcome | None = None) -> dict[str, Any]:
+    """Return the row of a source; None: the results of another one are its results."""
     return {
         "file": source.path,
         "source_sha256": source.digest,
@@ -496,7 +424,7 @@ def _source_row(source: Source, drops: int, failures: int, same_as: str | None) 
         "mtime_ns": source.mtime_ns,
         "piece": source.piece,
         "pieces": source.pieces,
-        "drops": drops,
-        "failures": failures,
-        "same_as": same_as,
+        "drops": 0 if outcome is None else len(outcome.results),
+        "failures": 0 if outcome is None else len(outcome.failures),
+        "same_as": None,
     }

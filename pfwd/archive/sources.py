@@ -96,11 +96,6 @@ def refuse_missing(paths: Sequence[str]) -> None:
             raise OptionError(refusal(path, "a file or folder", "nothing of that name"))
 
 
-def count_sources(paths: Sequence[str], leave_out: str | None = None) -> int:
-    """Return the number of sources that :func:`find_sources` yields if nothing changes."""
-    return sum(1 for _ in find_sources(paths, leave_out))
-
-
 def _sources_below(folder: str, skipped: str | None, suffixes: tuple[str, ...]) -> Iterator[Source]:
     if skipped is not None and os.path.realpath(folder) == skipped:
         return
@@ -178,8 +173,8 @@ def content_digest(source: Source) -> str:
     return digest.hexdigest()
 
 
-def pieces_of(source: Source, piece_drops: int = PIECE_DROPS) -> list[Source]:
-    """Divide a survey into pieces of complete points, with about `piece_drops` drops each.
+def pieces_of(source: Source) -> list[Source]:
+    """Divide a survey into pieces of complete points, with about `PIECE_DROPS` drops each.
 
     Other sources, and a survey that cannot be read, are one piece: its inversion then reports the
     reason.
@@ -194,7 +189,7 @@ def pieces_of(source: Source, piece_drops: int = PIECE_DROPS) -> list[Source]:
     ends, drops = [0], 0
     for number, point in enumerate(points, start=1):
         drops += len(point.drops)
-        if drops >= piece_drops:
+        if drops >= PIECE_DROPS:
             ends.append(number)
             drops = 0
     if ends[-1] < len(points):

@@ -4,9 +4,9 @@ Nothing is written, so that a batch may be repeated at any time, on any computer
 """
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -35,13 +35,13 @@ TRANSIENT_FAILURES: frozenset[FailureKind] = frozenset({"worker", "changed"})
 """Kinds of failures that have no cause in the source; it is tried again when the archive is
 continued."""
 
-MAX_CONSECUTIVE_DEATHS = 20
-"""Processes that may die without a completed batch in between; more have a cause in the computer
-and not in a source."""
-
 MAX_DEATHS_PER_SOURCE = 3
-"""Workers that may die while they work on a source, before it counts as failed; the first ones may
-have been killed for another reason."""
+"""Workers that may die while they work on a batch, and then on each of its sources by itself; the
+first ones may have been killed for another reason."""
+
+MAX_CONSECUTIVE_FAILURES = 7
+"""Batches that may fail by the death of workers without a completed batch in between; more have a
+cause in the computer and not in a source."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,40 +77,8 @@ class SourceOutcome:
         return not any(failure.kind in TRANSIENT_FAILURES for failure in self.failures)
 
 
-@dataclass(frozen=True, slots=True)
-class Batch:
-    """Sources that are sent to one worker together."""
-
-    sources: tuple[Source, ...]
-    deaths: int = 0
-    """Number of workers that died while they worked on this batch."""
-
-    def retries_after_death(self) -> "list[Batch]":
-        """Return the batches to try after a worker died; empty after three deaths over one source.
-
-        Each source is then alone in its batch, which shows the source that is the cause.
-        """
-        if len(self.sources) > 1:
-            return [Batch((source,), self.deaths + 1) for source in self.sources]
-        if self.deaths + 1 >= MAX_DEATHS_PER_SOURCE:
-            return []
-        return [Batch(self.sources, self.deaths + 1)]
-
-    def worker_failures(self) -> list[SourceOutcome]:
-        """Return an outcome for each source that reports the death of its workers as a failure."""
-        return [
-            SourceOutcome(
-                source,
-                failures=[
-                    SourceFailure(
-                        "worker",
-                        f"{source.path}: expected an outcome, got the end of the worker process, "
-                        f"{MAX_DEATHS_PER_SOURCE} times; it may need more memory than there is",
-                    )
-                ],
-            )
-            for source in self.sources
-        ]
+Batch = tuple[Source, ...]
+"""Sources that are sent to one worker together."""
 
 
 class ArchiveWorkers:
@@ -124,8 +92,8 @@ class ArchiveWorkers:
     """
 
     def __init__(self, options: AnalysisOptions, count: int = 1) -> None:
-        self._options = options
-        self._jobs = Jobs(count, attempts=1)
+        self.options = options
+        self._jobs = Jobs(count, attempts=MAX_DEATHS_PER_SOURCE)
 
     def run(self, batches: Iterator[Batch]) -> Iterator[list[SourceOutcome]]:
         """Yield the outcomes of each batch when it is complete, in any order.
@@ -135,33 +103,33 @@ class ArchiveWorkers:
         Raises
         ------
         SurveyError
-            If the workers are lost, or 20 die without a completed batch in between.
+            If the workers are lost, or none of them stays alive.
         """
         submitted: dict[Any, Batch] = {}
         waiting: list[Batch] = []
-        deaths = 0
+        failed = 0
         while True:
             while len(submitted) < self._max_batches():
                 batch = waiting.pop() if waiting else next(batches, None)
                 if batch is None:
                     break
-                request = self._submit(invert_batch, list(batch.sources), self._options)
-                submitted[request] = batch
+                submitted[self._submit(invert_batch, batch, self.options)] = batch
             if not submitted:
                 return
             for request in self._wait(submitted):
                 batch = submitted.pop(request)
                 outcomes = self._outcomes(request)
-                deaths = deaths + 1 if outcomes is None else 0
-                if deaths >= MAX_CONSECUTIVE_DEATHS:
-                    expected, actual = "processes that stay alive", f"{deaths} that ended"
+                failed = failed + 1 if outcomes is None else 0
+                if failed >= MAX_CONSECUTIVE_FAILURES:
+                    actual = f"{failed * MAX_DEATHS_PER_SOURCE} that ended"
+                    expected = "processes that stay alive"
                     raise SurveyError(refusal("worker processes", expected, actual))
-                if outcomes is None:
-                    retries = batch.retries_after_death()
-                    waiting += retries
-                    outcomes = [] if retries else batch.worker_failures()
-                if outcomes:
+                if outcomes is not None:
                     yield outcomes
+                elif len(batch) > 1:  # by itself, the source that is the cause shows
+                    waiting += [(source,) for source in batch]
+                else:
+                    yield [SourceOutcome(batch[0], failures=[_death_of_workers(batch[0])])]
 
     def close(self) -> None:
         """End the workers; outcomes that were not yielded are lost."""
@@ -187,98 +155,77 @@ class ArchiveWorkers:
         return outcomes
 
 
-def invert_batch(sources: list[Source], options: AnalysisOptions) -> list[SourceOutcome]:
+def _death_of_workers(source: Source) -> SourceFailure:
+    actual = f"the end of the worker process, {MAX_DEATHS_PER_SOURCE} times"
+    hint = "it may need more memory than there is"
+    return SourceFailure("worker", refusal(source.path, "an outcome", actual, hint))
+
+
+def invert_batch(sources: Batch, options: AnalysisOptions) -> list[SourceOutcome]:
     """Return the outcomes of sources, in their order; an error of a source is in its outcome."""
     return [_invert(source, options) for source in sources]
 
 
 def _invert(source: Source, options: AnalysisOptions) -> SourceOutcome:
     start_s = time.process_time()
-    results: list[tuple[DropResult, Mapping[str, Any]]] = []
-    diagnoses: list[DiagnosisResult] = []
-    failures: list[SourceFailure] = []
-    points: list[TracePoint] = []
+    outcome = SourceOutcome(source)
     try:
-        if not is_unchanged(source) and source.size >= 0:
-            raise _Changed
-        for point in _points(source, options):
-            if isinstance(point, SourceFailure):
-                failures.append(point)
-            elif options.diagnose:
-                points.append(point)
-            else:
-                results += _results(source, point, options)
-        for diagnosis in _diagnoses(source, points, options):
-            if isinstance(diagnosis, SourceFailure):
-                failures.append(diagnosis)
-            else:
-                diagnoses.append(diagnosis)
-        if not is_unchanged(source) and source.size >= 0:
-            raise _Changed
-    except _Changed:
-        reason = refusal(source.path, "a file that does not change", "one that was written to")
-        results, diagnoses, failures = [], [], [SourceFailure("changed", reason)]
-    except (SurveyError, InversionError) as error:
-        results, diagnoses = [], []
-        failures = [*failures, SourceFailure("refused", str(error))]
+        _require_unchanged(source)
+        points = _points(source, options, outcome.failures)
+        if options.diagnose:
+            outcome.diagnoses.extend(_diagnoses(source, points, options, outcome.failures))
+        else:
+            for point in points:
+                outcome.results.extend(_results(source, point, options))
+        _require_unchanged(source)
     except Exception as error:
         # One bad source must not stop the archive; the reason is stored with the failures.
-        reason = f"{source.path}: an unexpected error: {type(error).__name__}: {error}"
-        results, diagnoses = [], []
-        failures = [*failures, SourceFailure("unforeseen", reason)]
-    seconds = time.process_time() - start_s
-    return SourceOutcome(source, results, diagnoses, failures, seconds)
+        outcome.results.clear()
+        outcome.diagnoses.clear()
+        outcome.failures.append(_failure_of(source, error))
+    return replace(outcome, processor_seconds=time.process_time() - start_s)
 
 
-def _diagnoses(
-    source: Source, points: Sequence[TracePoint], options: AnalysisOptions
-) -> Iterator[DiagnosisResult | SourceFailure]:
-    """Yield the diagnoses of a survey's points.
-
-    Points with the same device are diagnosed together.
-    """
-    if not points:
-        return
-    entries: list[DiagnosisPoint] = []
-    for point in points:
-        try:
-            entries.append(entry_of(source.path, point, options))
-        except InversionError as error:
-            yield SourceFailure("refused", f"{source.path}: {error}", str(point.setup.point or ""))
-    for diagnosis in diagnose_entries(entries):
-        if diagnosis.result is not None:
-            yield diagnosis.result
-        elif diagnosis.error is not None:
-            yield SourceFailure("refused", diagnosis.error)
+def _failure_of(source: Source, error: Exception) -> SourceFailure:
+    if isinstance(error, _Changed):
+        return SourceFailure("changed", str(error))
+    if isinstance(error, SurveyError | InversionError):
+        return SourceFailure("refused", str(error))
+    reason = f"{source.path}: an unexpected error: {type(error).__name__}: {error}"
+    return SourceFailure("unforeseen", reason)
 
 
-class _Changed(Exception):
+class _Changed(SurveyError):
     pass
 
 
-def _points(source: Source, options: AnalysisOptions) -> Iterator[TracePoint | SourceFailure]:
-    if source.survey or is_survey_file(source.path):
-        yield from _survey_points(source, options)
-    else:
+def _require_unchanged(source: Source) -> None:
+    if source.size >= 0 and not is_unchanged(source):
+        expected, actual = "a file that does not change", "one that was written to"
+        raise _Changed(refusal(source.path, expected, actual))
+
+
+def _points(
+    source: Source, options: AnalysisOptions, failures: list[SourceFailure]
+) -> Iterator[TracePoint]:
+    """Yield the points of a source; damage to a point of a survey does not affect the others."""
+    if not (source.survey or is_survey_file(source.path)):
         yield from read_points(source.path, options.header, options.overrides())
-
-
-def _survey_points(
-    source: Source, options: AnalysisOptions
-) -> Iterator[TracePoint | SourceFailure]:
-    """Yield the points of a survey; damage to one point does not affect the others."""
+        return
     content = _content(source.path, source.size, source.mtime_ns)
     if source.piece == 0:
         for text in content.damage:
-            yield SourceFailure("damage", f"{source.path}: damaged survey: {text}")
+            reason = f"{source.path}: damaged survey: {text}"
+            failures.append(SourceFailure("damage", reason))
         if not content.points:
-            yield SourceFailure("refused", refusal(source.path, "a survey with drops", "none"))
+            reason = refusal(source.path, "a survey with drops", "none")
+            failures.append(SourceFailure("refused", reason))
     declared = declarations_of(options.header, options.overrides())
     for point in content.points[source.first_point : source.end_point]:
         try:
             yield from points_of(source.path, point, declared)
         except (RecordingError, SurveyError) as error:
-            yield SourceFailure("refused", str(error), point.title)
+            failures.append(SourceFailure("refused", str(error), point.title))
 
 
 @lru_cache(maxsize=1)
@@ -287,20 +234,35 @@ def _content(path: str, _size: int, _mtime_ns: int) -> Survey:
     return survey_content(path)
 
 
+def _diagnoses(
+    source: Source,
+    points: Iterable[TracePoint],
+    options: AnalysisOptions,
+    failures: list[SourceFailure],
+) -> Iterator[DiagnosisResult]:
+    """Yield the diagnoses of a survey's points; those with the same device are one request."""
+    entries: list[DiagnosisPoint] = []
+    for point in points:
+        try:
+            entries.append(entry_of(source.path, point, options))
+        except InversionError as error:
+            reason = f"{source.path}: {error}"
+            failures.append(SourceFailure("refused", reason, str(point.setup.point or "")))
+    for diagnosis in diagnose_entries(entries):
+        if diagnosis.result is not None:
+            yield diagnosis.result
+        elif diagnosis.error is not None:
+            failures.append(SourceFailure("refused", diagnosis.error))
+
+
+DECLARED_COLUMNS = ("device", "site", "operator", "time_utc", "latitude", "longitude")
+"""Declarations of a point that are columns of the table of results."""
+
+
 def _results(
     source: Source, point: TracePoint, options: AnalysisOptions
-) -> list[tuple[DropResult, Mapping[str, Any]]]:
-    setup = point.setup
-    values = {
-        "site": setup.site,
-        "operator": setup.operator,
-        "device": setup.device,
-        "time_utc": setup.time_utc,
-        "latitude": setup.latitude,
-        "longitude": setup.longitude,
-    }
-    declared = {key: value for key, value in values.items() if value is not None}
-    return [
-        (drop_result(source.path, analysis, point.warnings, setup.point), declared)
-        for analysis in analyse_point(point, options, library_of_process())
-    ]
+) -> Iterator[tuple[DropResult, Mapping[str, Any]]]:
+    values = {name: getattr(point.setup, name) for name in DECLARED_COLUMNS}
+    declared = {name: value for name, value in values.items() if value is not None}
+    for analysis in analyse_point(point, options, library_of_process()):
+        yield drop_result(source.path, analysis, point.warnings, point.setup.point), declared

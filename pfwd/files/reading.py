@@ -21,6 +21,7 @@ from pfwd.files.header import (
     setup_from,
     setup_warnings,
 )
+from pfwd.files.opening import survey_content
 from pfwd.files.traces import TracePoint, is_trace_file, read_traces
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import (
@@ -28,7 +29,6 @@ from pfwd_device.recording import (
     Survey,
     SurveyPoint,
     read_drop_file,
-    read_survey,
 )
 
 
@@ -72,12 +72,8 @@ def read_points(
     file = os.fspath(path)
     declared = declarations_of(header, overrides)
     try:
-        if os.path.isdir(file):
-            return _survey_points(read_survey(file), declared)
-        if is_survey_file(file):
-            from pfwd.files.survey_file import read_survey_file  # its modules are for archives
-
-            return _survey_points(read_survey_file(file), declared)
+        if os.path.isdir(file) or is_survey_file(file):
+            return _survey_points(survey_content(file), declared)
         if is_hdf5(file):
             record = read_drop_file(file)
             return [_point(file, record.point, [record], declared)]

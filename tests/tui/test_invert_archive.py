@@ -57,7 +57,7 @@ def test_a_damaged_file_is_said_and_the_others_are_kept(
         (["--archive", "{drops}"], 2, "--archive {drops}: expected a folder that is new"),
         (["--archive", "{out}", "--plot", "x.png"], 2, "--plot with a folder"),
         (["--scheduler", "tcp://x:1", "--jobs", "2"], 2, "--scheduler and --jobs: expected one"),
-        (["{none}"], 2, "expected a file or folder, got nothing of that name"),
+        (["{none}", "--archive", "{out}"], 2, "expected a file or folder, got nothing of that"),
     ],
 )
 def test_wrong_usage_is_one_line_and_nothing_is_made(

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from pfwd.analysis.options import AnalysisOptions
 from pfwd.errors import OptionError, refusal
 from pfwd.message_groups import as_ranges
 from tui.arguments import (
@@ -71,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Diagnose the points of the files and print the results; return 1 if a file was refused."""
     from pfwd.files.output_path import require_writable
-    from tui.archive import has_folder_of_files
+    from tui.archive import is_archive, run_over_archive
 
     if args.allow is not None and args.leave_out not in ("next", "drop"):
         mode = args.leave_out or "none"
@@ -80,8 +79,8 @@ def run(args: argparse.Namespace) -> int:
         if path:
             require_writable(path, option)
     options = analysis_options(args)
-    if args.archive is not None or args.scheduler is not None or has_folder_of_files(args.files):
-        return _over_archive(args, options)
+    if is_archive(args):
+        return run_over_archive(args, replace(options, diagnose=True))
     from pfwd.analysis.diagnosis.device_file import device_of, read_device, write_device_file
     from pfwd.analysis.diagnosis.diagnose import diagnose_files
     from pfwd.analysis.diagnosis.entries import DiagnosisRequest
@@ -138,18 +137,6 @@ def _report_not_held_out(diagnosed: "Sequence[Diagnosed]", mode: str) -> None:
             "point": "two points or more of one device that share something",
         }[mode]
         say(f"--leave-out {mode}: expected {expected}, got fewer at {as_ranges(without, names)}")
-
-
-def _over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
-    """Diagnose all named files and all files in named folders, each survey by itself."""
-    from tui.archive import run_over_archive
-
-    for name in ("device", "write_device", "leave_out", "allow"):
-        if getattr(args, name) is not None:
-            option = "--" + name.replace("_", "-")
-            conflict = f"{option} with a folder, --archive or --scheduler"
-            raise OptionError(refusal(conflict, "one of them", "both", "name the files"))
-    return run_over_archive(args, replace(options, diagnose=True))
 
 
 def store_all(points: "Sequence[Diagnosed]", *, store: bool) -> None:

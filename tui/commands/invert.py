@@ -64,12 +64,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Invert the files and print the results; return 1 if a file was refused."""
     from pfwd.files.output_path import require_writable
-    from tui.archive import has_folder_of_files, run_over_archive
+    from tui.archive import is_archive, run_over_archive
 
     options = analysis_options(args)
     if args.plot:
         require_writable(args.plot, "--plot")
-    if args.archive is not None or args.scheduler is not None or has_folder_of_files(args.files):
+    if is_archive(args):
         return run_over_archive(args, options)
     from pfwd.analysis.analyse import analyse_files
 

@@ -25,14 +25,14 @@ class HereWorkers(ArchiveWorkers):
             yield self.work(batch)
 
     def work(self, batch: Batch) -> list[SourceOutcome]:
-        return invert_batch(list(batch.sources), self._options)
+        return invert_batch(batch, self.options)
 
 
 class QuickWorkers(HereWorkers):
     """Invents a result a source: for what has nothing to do with inverting."""
 
     def work(self, batch: Batch) -> list[SourceOutcome]:
-        return [SourceOutcome(source, [(invented(source), {})]) for source in batch.sources]
+        return [SourceOutcome(source, [(invented(source), {})]) for source in batch]
 
 
 def invented(source: Source) -> DropResult:

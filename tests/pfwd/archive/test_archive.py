@@ -32,7 +32,7 @@ def test_results_are_those_of_plain_inverting(
     drops: Path, tmp_path: Path, options: AnalysisOptions
 ) -> None:
     workers = HereWorkers(options)
-    summary = invert_archive([str(drops)], tmp_path / "out", options, workers)
+    summary = invert_archive([str(drops)], tmp_path / "out", workers)
     files = [str(path) for path in sorted(drops.rglob("*.csv"))]
     plain = [record.to_json() for one in analyse_files(files, options) for record in one.results]
     assert summary.drops == len(plain) == 12
@@ -51,7 +51,7 @@ def test_results_are_those_of_plain_inverting(
 def test_what_plain_inverting_says_has_a_column(
     drops: Path, tmp_path: Path, options: AnalysisOptions
 ) -> None:
-    invert_archive([str(drops)], tmp_path / "out", options, HereWorkers(options))
+    invert_archive([str(drops)], tmp_path / "out", HereWorkers(options))
     columns = set(rows(tmp_path / "out")[0])
     (plain, *_) = analyse_files([str(min(drops.rglob("*.csv")))], options)
     # Intervals and the half-sine stand in several columns; these, which tell of the fit and not of
@@ -87,10 +87,10 @@ def test_every_number_of_a_result_has_a_column() -> None:
 
 def test_a_second_run_does_nothing(drops: Path, tmp_path: Path, options: AnalysisOptions) -> None:
     out = tmp_path / "out"
-    invert_archive([str(drops)], out, options, QuickWorkers(options))
+    invert_archive([str(drops)], out, QuickWorkers(options))
     before = {path: path.stat().st_mtime_ns for path in out.rglob("*.parquet")}
     again = QuickWorkers(options)
-    summary = invert_archive([str(drops)], out, options, again)
+    summary = invert_archive([str(drops)], out, again)
     assert again.taken == []
     assert (summary.done_before, summary.drops, summary.parts) == (6, 0, 0)
     assert before == {path: path.stat().st_mtime_ns for path in out.rglob("*.parquet")}
@@ -100,17 +100,17 @@ def test_moved_touched_and_copied_files_are_not_done_again(
     drops: Path, tmp_path: Path, options: AnalysisOptions
 ) -> None:
     out = tmp_path / "out"
-    invert_archive([str(drops)], out, options, QuickWorkers(options))
+    invert_archive([str(drops)], out, QuickWorkers(options))
     first, second, third = sorted(drops.rglob("*.csv"))[:3]
     os.utime(first, ns=(1, 1))
     second.rename(second.with_name("moved.csv"))
     third.with_name("copy.csv").write_bytes(third.read_bytes())
     again = QuickWorkers(options)
-    summary = invert_archive([str(drops)], out, options, again)
+    summary = invert_archive([str(drops)], out, again)
     assert again.taken == []
     assert summary.duplicates == 2
     assert len(rows(out)) == 6
-    assert invert_archive([str(drops)], out, options, again).done_before == 7
+    assert invert_archive([str(drops)], out, again).done_before == 7
 
 
 def test_copies_within_one_run_are_done_once(
@@ -118,7 +118,7 @@ def test_copies_within_one_run_are_done_once(
 ) -> None:
     text = (drops / "area-0" / "point-0.csv").read_bytes()
     (drops / "area-0" / "point-0-copy.csv").write_bytes(text)
-    summary = invert_archive([str(drops)], tmp_path / "out", options, QuickWorkers(options))
+    summary = invert_archive([str(drops)], tmp_path / "out", QuickWorkers(options))
     assert (summary.duplicates, summary.drops) == (1, 6)
     same = [row["same_as"] for row in rows(tmp_path / "out", "sources") if row["same_as"]]
     assert len(same) == 1
@@ -128,12 +128,12 @@ def test_a_changed_file_is_done_again_and_its_old_rows_go(
     drops: Path, tmp_path: Path, options: AnalysisOptions
 ) -> None:
     out = tmp_path / "out"
-    invert_archive([str(drops)], out, options, QuickWorkers(options))
+    invert_archive([str(drops)], out, QuickWorkers(options))
     changed = drops / "area-0" / "point-0.csv"
     changed.write_text(changed.read_text().replace("demo-0", "renamed"))
     again = QuickWorkers(options)
-    invert_archive([str(drops)], out, options, again)
-    assert [source.path for batch in again.taken for source in batch.sources] == [str(changed)]
+    invert_archive([str(drops)], out, again)
+    assert [source.path for batch in again.taken for source in batch] == [str(changed)]
     assert len(rows(out)) == 6
     assert len(rows(out, "sources")) == 6
 
@@ -143,8 +143,8 @@ def test_other_options_are_another_run_beside_the_first(
 ) -> None:
     out = tmp_path / "out"
     other = AnalysisOptions(method="posterior", seed=1)
-    one = invert_archive([str(drops)], out, options, QuickWorkers(options))
-    two = invert_archive([str(drops)], out, other, QuickWorkers(other))
+    one = invert_archive([str(drops)], out, QuickWorkers(options))
+    two = invert_archive([str(drops)], out, QuickWorkers(other))
     assert one.run != two.run
     assert {row["run"] for row in rows(out)} == {one.run, two.run}
     assert json.loads((out / "runs" / f"{two.run}.json").read_text())["options"]["seed"] == 1
@@ -156,7 +156,7 @@ def test_the_content_of_a_header_file_is_part_of_the_run(tmp_path: Path) -> None
     for mass in (10, 12):
         header.write_text(f"plate_mass_kg = {mass}\n")
         options = AnalysisOptions(header=str(header))
-        keys.add(running.run_key(running.run_identity(options)))
+        keys.add(running.run_identity(options)["header_sha256"])
     assert len(keys) == 2
 
 
@@ -172,7 +172,7 @@ def test_damaged_and_foreign_files_are_collected_with_their_reasons(
     out = tmp_path / "out"
     met: list[SourceFailure] = []
     summary = invert_archive(
-        [str(drops)], out, options, HereWorkers(options), lambda _, new: met.extend(new)
+        [str(drops)], out, HereWorkers(options), lambda _, new: met.extend(new)
     )
     assert (summary.sources, summary.drops, summary.failed_in_all) == (9, 12, 3)
     failures = {Path(row["file"]).name: row for row in rows(out, "failures")}
@@ -183,7 +183,7 @@ def test_damaged_and_foreign_files_are_collected_with_their_reasons(
         row["reason"] for row in failures.values()
     )
     again = HereWorkers(options)
-    assert invert_archive([str(drops)], out, options, again).failed_in_all == 3
+    assert invert_archive([str(drops)], out, again).failed_in_all == 3
     assert again.taken == []
 
 
@@ -196,7 +196,7 @@ def test_an_error_nobody_foresaw_costs_its_source_alone(
         return read_points(path)
 
     monkeypatch.setattr(work, "read_points", read)
-    outcomes = list(invert_stream([str(drops)], options, HereWorkers(options)))
+    outcomes = list(invert_stream([str(drops)], HereWorkers(options)))
     (failure,) = [failure for one in outcomes for failure in one.failures]
     assert (failure.kind, "ZeroDivisionError: a bug" in failure.reason) == ("unforeseen", True)
     assert sum(len(one.results) for one in outcomes) == 10
@@ -207,16 +207,16 @@ def test_a_file_that_is_written_to_meanwhile_is_tried_again(
 ) -> None:
     class Writing(HereWorkers):
         def work(self, batch: Batch) -> list[SourceOutcome]:
-            with open(batch.sources[0].path, "a") as stream:
+            with open(batch[0].path, "a") as stream:
                 stream.write("\n")
             return super().work(batch)
 
     out = tmp_path / "out"
-    summary = invert_archive([str(drops)], out, options, Writing(options))
+    summary = invert_archive([str(drops)], out, Writing(options))
     assert (summary.drops, summary.failed_in_all) == (10, 1)
     (line,) = (out / "unfinished" / f"{summary.run}.jsonl").read_text().splitlines()
     assert json.loads(line)["kind"] == "changed"
-    summary = invert_archive([str(drops)], out, options, HereWorkers(options))
+    summary = invert_archive([str(drops)], out, HereWorkers(options))
     assert (summary.drops, summary.failed_in_all) == (2, 0)
     assert not (out / "unfinished" / f"{summary.run}.jsonl").exists()
 
@@ -234,9 +234,9 @@ def test_a_run_that_is_stopped_keeps_what_is_done(
 
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
-        invert_archive([str(drops)], out, options, Stopped(options))
+        invert_archive([str(drops)], out, Stopped(options))
     assert len(rows(out)) == 4
-    summary = invert_archive([str(drops)], out, options, QuickWorkers(options))
+    summary = invert_archive([str(drops)], out, QuickWorkers(options))
     assert (summary.done_before, summary.drops) == (4, 2)
 
 
@@ -253,12 +253,13 @@ def test_an_interrupt_right_after_a_part_leaves_no_row_twice(
             interrupted.append(number)
             raise KeyboardInterrupt
 
+    monkeypatch.setattr(running, "PART_ROWS", 1)
     monkeypatch.setattr(dataset.ArchiveFolder, "write", late)
     with pytest.raises(KeyboardInterrupt):
-        invert_archive([str(drops)], out, options, QuickWorkers(options), part_rows=1)
+        invert_archive([str(drops)], out, QuickWorkers(options))
     assert interrupted
     assert len(rows(out)) == 6
-    assert invert_archive([str(drops)], out, options, QuickWorkers(options)).drops == 0
+    assert invert_archive([str(drops)], out, QuickWorkers(options)).drops == 0
 
 
 @pytest.mark.parametrize("table", ["results", "failures", "sources"])
@@ -282,17 +283,17 @@ def test_a_crash_between_the_tables_of_a_part_leaves_no_row_twice(
 
     class Quick(QuickWorkers):
         def work(self, batch: Batch) -> list[SourceOutcome]:
-            broken = [s for s in batch.sources if s.path.endswith("damaged.csv")]
-            sound = Batch(tuple(s for s in batch.sources if s not in broken))
+            broken = [s for s in batch if s.path.endswith("damaged.csv")]
+            sound = tuple(s for s in batch if s not in broken)
             failed = [SourceOutcome(s, failures=[SourceFailure("refused", "bad")]) for s in broken]
             return super().work(sound) + failed
 
     with monkeypatch.context() as patch:
         patch.setattr(ArchiveFolder, "_write_table", crash)
         with pytest.raises(KeyboardInterrupt):
-            invert_archive([str(drops)], out, options, Quick(options))
+            invert_archive([str(drops)], out, Quick(options))
     assert rows(out, "sources") == []
-    invert_archive([str(drops)], out, options, Quick(options))
+    invert_archive([str(drops)], out, Quick(options))
     assert len(rows(out)) == 6
     assert len(rows(out, "failures")) == 1
 
@@ -318,40 +319,13 @@ def test_a_table_that_was_cut_off_is_no_part_for_its_readers(
     with monkeypatch.context() as patch:
         patch.setattr(dataset, "replaced_durably", cut_off)
         with pytest.raises(KeyboardInterrupt):
-            invert_archive([str(drops)], out, options, QuickWorkers(options))
+            invert_archive([str(drops)], out, QuickWorkers(options))
     # As pyarrow reads a folder: with all files in it that are not hidden.
     assert len(rows(out)) == len(rows(out, "sources")) == 2
     assert list(out.glob("**/*.tmp"))
-    invert_archive([str(drops)], out, options, QuickWorkers(options))
+    invert_archive([str(drops)], out, QuickWorkers(options))
     assert len(rows(out)) == 6
     assert list(out.glob("**/*.tmp")) == []
-
-
-@pytest.mark.parametrize("damage", ["lost", "torn", "behind", "not of this program"])
-def test_a_part_that_is_not_in_the_list_is_done_again(
-    damage: str, drops: Path, tmp_path: Path, options: AnalysisOptions
-) -> None:
-    out = tmp_path / "out"
-    run = invert_archive([str(drops / "area-0")], out, options, QuickWorkers(options)).run
-    invert_archive([str(drops)], out, options, QuickWorkers(options))
-    finished = out / "done" / f"{run}.txt"
-    assert finished.read_bytes().split() == [b"part-000001", b"part-000002"]
-    match damage:
-        case "lost":
-            finished.unlink()
-        case "torn":
-            finished.write_bytes(finished.read_bytes()[:-3])
-        case "behind":
-            finished.write_bytes(b"part-000001\n")
-        case _:
-            finished.write_bytes(b"\0\xff" * 5000)
-    again = QuickWorkers(options)
-    done = {"lost": 6, "torn": 3, "behind": 3}.get(damage, 0)
-    assert invert_archive([str(drops)], out, options, again).done_before == done
-    assert len(rows(out)) == len(rows(out, "sources")) == 6
-    last = QuickWorkers(options)
-    assert invert_archive([str(drops)], out, options, last).done_before == 6
-    assert last.taken == []
 
 
 def test_rows_of_a_content_stay_until_no_file_has_it(
@@ -360,22 +334,22 @@ def test_rows_of_a_content_stay_until_no_file_has_it(
     out = tmp_path / "out"
     first, second, *_ = sorted(drops.rglob("*.csv"))
     text = first.read_text()
-    invert_archive([str(drops)], out, options, QuickWorkers(options))
+    invert_archive([str(drops)], out, QuickWorkers(options))
     second.write_text(text)
-    assert invert_archive([str(drops)], out, options, QuickWorkers(options)).duplicates == 1
+    assert invert_archive([str(drops)], out, QuickWorkers(options)).duplicates == 1
     assert len(rows(out)) == 5
     first.write_text(text.replace("demo-0", "other"))
-    assert invert_archive([str(drops)], out, options, QuickWorkers(options)).drops == 1
+    assert invert_archive([str(drops)], out, QuickWorkers(options)).drops == 1
     assert len(rows(out)) == 6
     second.write_text(text.replace("demo-0", "another"))
-    assert invert_archive([str(drops)], out, options, QuickWorkers(options)).drops == 1
+    assert invert_archive([str(drops)], out, QuickWorkers(options)).drops == 1
     assert len(rows(out)) == len(rows(out, "sources")) == 6
 
 
 @pytest.fixture
 def part(drops: Path, tmp_path: Path, options: AnalysisOptions) -> Path:
     """Table of the sources of an archive with one part."""
-    run = invert_archive([str(drops)], tmp_path / "out", options, QuickWorkers(options)).run
+    run = invert_archive([str(drops)], tmp_path / "out", QuickWorkers(options)).run
     return tmp_path / "out" / "sources" / f"run={run}" / "part-000001.parquet"
 
 
@@ -384,15 +358,15 @@ def test_a_part_that_is_deleted_is_done_again(
 ) -> None:
     out = tmp_path / "out"
     part.unlink()
-    assert invert_archive([str(drops)], out, options, QuickWorkers(options)).drops == 6
+    assert invert_archive([str(drops)], out, QuickWorkers(options)).drops == 6
     assert len(rows(out)) == 6
 
 
 def test_the_results_within_the_drops_are_no_drops(drops: Path, options: AnalysisOptions) -> None:
     out = drops / "out"
-    invert_archive([str(drops)], out, options, QuickWorkers(options))
+    invert_archive([str(drops)], out, QuickWorkers(options))
     (out / "table.csv").write_text("a table made of the results")
-    assert invert_archive([str(drops)], out, options, QuickWorkers(options)).sources == 6
+    assert invert_archive([str(drops)], out, QuickWorkers(options)).sources == 6
 
 
 def test_two_programs_cannot_work_on_one_archive(
@@ -403,24 +377,16 @@ def test_two_programs_cannot_work_on_one_archive(
     class Meddling(QuickWorkers):
         def work(self, batch: Batch) -> list[SourceOutcome]:
             with pytest.raises(SurveyError, match="no other program uses"):
-                invert_archive([str(drops)], out, self._options, QuickWorkers(self._options))
+                invert_archive([str(drops)], out, QuickWorkers(self.options))
             return super().work(batch)
 
-    assert invert_archive([str(drops)], out, options, Meddling(options)).drops == 6
+    assert invert_archive([str(drops)], out, Meddling(options)).drops == 6
 
 
 def test_a_folder_with_something_else_is_left_alone(drops: Path, options: AnalysisOptions) -> None:
     with pytest.raises(OptionError, match=r"--archive .*expected a folder that is new"):
-        invert_archive([str(drops)], drops, options, QuickWorkers(options))
+        invert_archive([str(drops)], drops, QuickWorkers(options))
     assert not (drops / "archive.json").exists()
-
-
-def test_what_does_not_exist_is_refused_before_anything_is_made(
-    tmp_path: Path, options: AnalysisOptions
-) -> None:
-    with pytest.raises(OptionError, match="nothing of that name"):
-        invert_archive(["/no/such"], tmp_path / "out", options, QuickWorkers(options))
-    assert not (tmp_path / "out").exists()
 
 
 # Surveys
@@ -446,9 +412,9 @@ def test_a_large_survey_is_done_in_pieces_that_can_be_continued(
     survey: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (whole,) = find_sources([str(survey)])
-    pieces = pieces_of(whole, 4)
+    monkeypatch.setattr("pfwd.archive.sources.PIECE_DROPS", 4)
+    pieces = pieces_of(whole)
     assert [(one.first_point, one.end_point) for one in pieces] == [(0, 2), (2, 4), (4, 6)]
-    monkeypatch.setattr(running, "pieces_of", lambda source: pieces_of(source, 4))
     monkeypatch.setattr(running, "BATCH_SOURCES", 1)
 
     class Stopped(HereWorkers):
@@ -459,16 +425,16 @@ def test_a_large_survey_is_done_in_pieces_that_can_be_continued(
 
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
-        invert_archive([str(survey)], out, options, Stopped(options))
+        invert_archive([str(survey)], out, Stopped(options))
     assert len(rows(out)) == 4
-    summary = invert_archive([str(survey)], out, options, HereWorkers(options))
+    summary = invert_archive([str(survey)], out, HereWorkers(options))
     assert (summary.inverted, summary.drops) == (2, 8)
     (outcome,) = analyse_files([str(survey)], options)
     assert sorted(row["modulus_pa"] for row in rows(out)) == sorted(
         result.modulus_pa for result in outcome.results
     )
     again = HereWorkers(options)
-    assert invert_archive([str(survey)], out, options, again).done_before == 1
+    assert invert_archive([str(survey)], out, again).done_before == 1
     assert again.taken == []
 
 
@@ -494,7 +460,7 @@ def _a_text_that_stands_for_many(path: Path, count: int, length: int) -> None:
 
 def refused(part: Path, drops: Path, options: AnalysisOptions, message: str) -> None:
     with pytest.raises(SurveyError, match=rf"part-000001.*{message}.*remove it"):
-        invert_archive([str(drops)], part.parents[2], options, QuickWorkers(options))
+        invert_archive([str(drops)], part.parents[2], QuickWorkers(options))
 
 
 def test_a_damaged_part_is_said_with_what_to_do(

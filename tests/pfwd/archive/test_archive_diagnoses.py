@@ -67,7 +67,7 @@ def diagnosed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def test_a_row_a_point(drops: Path, tmp_path: Path, diagnosed: list[str]) -> None:
-    summary = invert_archive([str(drops)], tmp_path / "out", OPTIONS, HereWorkers(OPTIONS))
+    summary = invert_archive([str(drops)], tmp_path / "out", HereWorkers(OPTIONS))
     assert sorted(diagnosed) == [f"demo-{number}" for number in range(6)]
     assert (summary.points, summary.drops, summary.failed) == (5, 0, 1)
     kept = rows(tmp_path / "out", "diagnoses")
@@ -89,9 +89,9 @@ def test_a_row_a_point(drops: Path, tmp_path: Path, diagnosed: list[str]) -> Non
 def test_what_is_there_is_not_diagnosed_again(
     drops: Path, tmp_path: Path, diagnosed: list[str]
 ) -> None:
-    invert_archive([str(drops)], tmp_path / "out", OPTIONS, HereWorkers(OPTIONS))
+    invert_archive([str(drops)], tmp_path / "out", HereWorkers(OPTIONS))
     diagnosed.clear()
-    again = invert_archive([str(drops)], tmp_path / "out", OPTIONS, HereWorkers(OPTIONS))
+    again = invert_archive([str(drops)], tmp_path / "out", HereWorkers(OPTIONS))
     assert not diagnosed
     assert (again.done_before, again.points) == (6, 0)
 
@@ -99,8 +99,8 @@ def test_what_is_there_is_not_diagnosed_again(
 def test_a_run_of_diagnoses_is_none_of_inversions(
     drops: Path, tmp_path: Path, diagnosed: list[str], options: AnalysisOptions
 ) -> None:
-    invert_archive([str(drops)], tmp_path / "out", OPTIONS, HereWorkers(OPTIONS))
-    inverted = invert_archive([str(drops)], tmp_path / "out", options, HereWorkers(options))
+    invert_archive([str(drops)], tmp_path / "out", HereWorkers(OPTIONS))
+    inverted = invert_archive([str(drops)], tmp_path / "out", HereWorkers(options))
     assert inverted.drops == 12
     assert inverted.done_before == 0
     assert len(diagnosed) == 6

@@ -44,7 +44,7 @@ def test_a_killed_worker_costs_nothing_but_time(
                     process.kill()
                     killed.append(process)
 
-        summary = invert_archive([str(drops)], tmp_path / "out", options, workers, tell)
+        summary = invert_archive([str(drops)], tmp_path / "out", workers, tell)
     assert killed
     assert (summary.drops, summary.failed_in_all) == (12, 0)
     assert len(facts(tmp_path / "out")) == 12
@@ -55,7 +55,7 @@ def test_a_source_that_kills_its_workers_is_given_up_alone(
 ) -> None:
     monkeypatch.setattr("pfwd.archive.work.invert_batch", deadly)
     with contextlib.closing(ArchiveWorkers(options, 2)) as workers:
-        summary = invert_archive([str(drops)], tmp_path / "out", options, workers)
+        summary = invert_archive([str(drops)], tmp_path / "out", workers)
     assert (summary.drops, summary.failed_in_all) == (5, 1)
     (line,) = (tmp_path / "out" / "unfinished" / f"{summary.run}.jsonl").read_text().splitlines()
     failure = json.loads(line)
@@ -63,7 +63,7 @@ def test_a_source_that_kills_its_workers_is_given_up_alone(
     assert f"the end of the worker process, {MAX_DEATHS_PER_SOURCE} times" in failure["reason"]
 
 
-def deadly(sources: list[Source], options: AnalysisOptions) -> list[SourceOutcome]:
+def deadly(sources: Batch, options: AnalysisOptions) -> list[SourceOutcome]:
     """A worker that dies of one file and invents the others' results."""
     if any(source.path.endswith("point-3.csv") for source in sources):
         os._exit(9)
@@ -74,15 +74,15 @@ def test_processes_that_always_die_end_the_run(
     drops: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pfwd.archive.work.invert_batch", stillborn)
-    monkeypatch.setattr("pfwd.archive.work.MAX_CONSECUTIVE_DEATHS", 3)
+    monkeypatch.setattr("pfwd.archive.work.MAX_CONSECUTIVE_FAILURES", 1)
     with (
         contextlib.closing(ArchiveWorkers(options, 1)) as workers,
         pytest.raises(SurveyError, match="expected processes that stay alive, got 3"),
     ):
-        list(invert_stream([str(drops)], options, workers))
+        list(invert_stream([str(drops)], workers))
 
 
-def stillborn(sources: list[Source], options: AnalysisOptions) -> list[SourceOutcome]:
+def stillborn(sources: Batch, options: AnalysisOptions) -> list[SourceOutcome]:
     """A worker that does not live to do anything."""
     os._exit(1)
 
@@ -94,11 +94,12 @@ from pfwd.archive.work import ArchiveWorkers
 from pfwd.analysis.options import AnalysisOptions
 
 run.BATCH_SOURCES = 1
+run.PART_ROWS = 2
 options = AnalysisOptions(method="posterior", sensors="centre", bedrock_depth=1.2)
 with contextlib.closing(ArchiveWorkers(options, 2)) as workers:
     run.invert_archive(
-        [sys.argv[1]], sys.argv[2], options, workers,
-        lambda summary, failures: print(summary.parts, flush=True), part_rows=2,
+        [sys.argv[1]], sys.argv[2], workers,
+        lambda summary, failures: print(summary.parts, flush=True),
     )
 """
 
@@ -123,10 +124,10 @@ def test_a_killed_main_process_goes_on_where_it_was(
     # Results without their sources may have been left: they do not count.
     kept = sum(row["drops"] for row in rows(out, "sources"))
     assert kept >= 2
-    summary = invert_archive([str(drops)], out, options, HereWorkers(options))
+    summary = invert_archive([str(drops)], out, HereWorkers(options))
     assert summary.drops == 12 - kept
     whole = tmp_path / "whole"
-    invert_archive([str(drops)], whole, options, HereWorkers(options))
+    invert_archive([str(drops)], whole, HereWorkers(options))
     assert facts(out) == facts(whole)
 
 
@@ -139,6 +140,7 @@ def test_memory_does_not_grow_with_the_archive(
     monkeypatch.setattr(running, "content_digest", lambda source: f"{source.mtime_ns:064d}")
     monkeypatch.setattr(running, "pieces_of", lambda source: [source])
     monkeypatch.setattr(running, "PART_SOURCES", 2_000)
+    monkeypatch.setattr(running, "PART_ROWS", 2_000)
     process = psutil.Process()
     resident: list[int] = []
 
@@ -146,9 +148,7 @@ def test_memory_does_not_grow_with_the_archive(
         if summary.drops % 4_000 == 0:
             resident.append(process.memory_info().rss)
 
-    invert_archive(
-        [str(tmp_path)], tmp_path / "out", options, QuickWorkers(options), tell, part_rows=2_000
-    )
+    invert_archive([str(tmp_path)], tmp_path / "out", QuickWorkers(options), tell)
     assert len(resident) >= 10
     # A row takes 3 kB as Python objects: all of them would be 100 MB.
     assert max(resident[3:]) - resident[2] < 30e6
@@ -163,7 +163,7 @@ def test_no_more_is_taken_than_is_worked_on(
 
     def endless() -> Iterator[Batch]:
         while True:
-            yield Batch((Source(f"/{next(taken)}", 1, 1),))
+            yield (Source(f"/{next(taken)}", 1, 1),)
 
     with contextlib.closing(ArchiveWorkers(options, 2)) as workers:
         for _ in workers.run(endless()):
@@ -173,6 +173,6 @@ def test_no_more_is_taken_than_is_worked_on(
     assert next(taken) <= 20 + 2 + 2 + 1
 
 
-def quick(sources: list[Source], options: AnalysisOptions) -> list[SourceOutcome]:
+def quick(sources: Batch, options: AnalysisOptions) -> list[SourceOutcome]:
     """A worker that invents results."""
     return [SourceOutcome(source, [(invented(source), {})]) for source in sources]

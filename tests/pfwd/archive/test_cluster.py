@@ -42,10 +42,10 @@ def test_a_cluster_finds_what_processes_find(
     dask_cluster: Any, drops: Path, tmp_path: Path
 ) -> None:
     with contextlib.closing(ClusterWorkers(OPTIONS, dask_cluster.scheduler_address)) as workers:
-        summary = invert_archive([str(drops)], tmp_path / "there", OPTIONS, workers)
+        summary = invert_archive([str(drops)], tmp_path / "there", workers)
     assert (summary.drops, summary.failed_in_all) == (12, 0)
     with contextlib.closing(ArchiveWorkers(OPTIONS)) as workers:
-        invert_archive([str(drops)], tmp_path / "here", OPTIONS, workers)
+        invert_archive([str(drops)], tmp_path / "here", workers)
     assert moduli(tmp_path / "there") == moduli(tmp_path / "here")
 
 
@@ -61,7 +61,7 @@ def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(
             psutil.Process(killed[0]).kill()
 
     with contextlib.closing(ClusterWorkers(OPTIONS, dask_cluster.scheduler_address)) as workers:
-        summary = invert_archive([str(drops)], tmp_path / "out", OPTIONS, workers, tell)
+        summary = invert_archive([str(drops)], tmp_path / "out", workers, tell)
     assert killed
     assert (summary.drops, summary.failed_in_all) == (12, 0)
     assert len(moduli(tmp_path / "out")) == 12
@@ -87,7 +87,7 @@ def test_a_cluster_that_ends_is_said_with_what_to_do(
         n_workers=1, threads_per_worker=1, dashboard_address=":0", processes=True
     ) as found:
         workers = ClusterWorkers(OPTIONS, found.scheduler_address)
-        outcomes = invert_stream([str(drops)], OPTIONS, workers)
+        outcomes = invert_stream([str(drops)], workers)
     with (
         contextlib.closing(workers),
         pytest.raises(SurveyError, match="repeat the command: it continues where this one ended"),
