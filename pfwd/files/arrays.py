@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pfwd.errors import OptionError, TraceError, quote, refusal
-from pfwd.files.traces import MIN_SAMPLES, RELATIVE_STEP_TOLERANCE
+from pfwd.files.traces import MIN_SAMPLES, RELATIVE_STEP_TOLERANCE, too_short
 
 
 def time_and_load(
@@ -24,7 +24,7 @@ def time_and_load(
         if vector.ndim != 1:
             raise TraceError(refusal(name, "one dimension", f"shape {vector.shape}"))
     if axis.size < MIN_SAMPLES:
-        raise TraceError(refusal("time", f"at least {MIN_SAMPLES} samples", str(axis.size)))
+        raise TraceError(too_short("time", axis.size))
     if force.size != axis.size:
         raise TraceError(refusal("load", f"{axis.size} samples as in time", str(force.size)))
     steps = np.diff(axis)

@@ -9,7 +9,6 @@ changed.
 
 import contextlib
 import hashlib
-import io
 import json
 import os
 import re
@@ -24,6 +23,7 @@ from typing import Any
 
 from pfwd.errors import SurveyError, quote, refusal
 from pfwd.files.folders import MANIFEST, is_survey_file, refuse_no_survey
+from pfwd.files.foreign.archive import BoundedReads
 from pfwd_device.recording import Survey, read_survey
 from pfwd_device.recording.drop_file import software_version
 from pfwd_device.recording.files import file_facts, now
@@ -181,7 +181,7 @@ def _unpacked(path: str | os.PathLike[str]) -> Path:
         if size > room:
             expected = f"room for {size} bytes in the folder {parent.parent} for temporary files"
             raise SurveyError(refusal(file, expected, f"{room} bytes", "set TMPDIR"))
-        with _Stream(file) as stream, zipfile.ZipFile(stream) as archive:
+        with BoundedReads(file, MAX_LIST_BYTES) as stream, zipfile.ZipFile(stream) as archive:
             for member, checksum in _members(archive, file, size):
                 _unpack(archive, member, checksum, folder / member.filename)
     except BaseException as err:
@@ -194,17 +194,6 @@ def _unpacked(path: str | os.PathLike[str]) -> Path:
         expected = "an intact survey in one file"
         raise SurveyError(refusal(file, expected, clean(str(actual)), hint)) from err
     return folder
-
-
-class _Stream(io.FileIO):
-    """File that refuses very long reads: zipfile reads a directory of any length at once."""
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        if size is None or size < 0:  # the end of the archive, at most 65 kB
-            size = MAX_LIST_BYTES
-        if size > MAX_LIST_BYTES:
-            raise ValueError(f"a list of files of {size} bytes")
-        return super().read(size) or b""
 
 
 def _members(archive: zipfile.ZipFile, file: str, size: int) -> list[tuple[zipfile.ZipInfo, str]]:

@@ -13,7 +13,7 @@ import os
 import re
 import stat
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
@@ -162,7 +162,7 @@ def read_traces(
             setup = setup_from(top.declarations | (declared or {}), _at(file, top.names_line))
             table = _read_numbers(stream, file, top)
     except UnicodeDecodeError as err:
-        raise TraceError(_not_text(file, err.reason)) from err
+        raise TraceError(_no_text(file, "UTF-8 text", err.reason)) from err
     except (OSError, ValueError) as err:
         if isinstance(err, TraceError):
             raise
@@ -245,10 +245,9 @@ def _at(file: str, line: int) -> str:
     return f"{file}, line {line}"
 
 
-def _not_text(where: str, content: str) -> str:
-    return refusal(
-        where, "UTF-8 text", content, "save a table as CSV in UTF-8, copy a damaged file again"
-    )
+def _no_text(where: str, expected: str, content: str) -> str:
+    hint = "save a table as CSV in UTF-8, copy a damaged file again"
+    return refusal(where, expected, content, hint)
 
 
 def _check_file(file: str) -> None:
@@ -282,7 +281,7 @@ def _read_top(stream: TextIO, file: str, *, foreign: bool) -> _Top:
     declarations: Declarations = {}
     native = False
     length = 0
-    for line, text in _numbered(stream, file):
+    for line, text in numbered_lines(stream, file):
         where = _at(file, line)
         length += len(text)
         if length > LARGEST_TOML:
@@ -306,11 +305,25 @@ def _read_top(stream: TextIO, file: str, *, foreign: bool) -> _Top:
     raise TraceError(refusal(file, "a row of column names", "the end of the file"))
 
 
-def _numbered(stream: TextIO, file: str) -> Iterator[tuple[int, str]]:
+def numbered_lines(stream: TextIO, file: str) -> Iterator[tuple[int, str]]:
+    """Yield number (from 1) and text of each line.
+
+    Parameters
+    ----------
+    stream : TextIO
+        At its beginning.
+    file : str
+        Path, for messages.
+
+    Raises
+    ------
+    TraceError
+        If a line has binary data, or is longer than `MAX_TEXT_LINE_CHARACTERS`.
+    """
     for line in itertools.count(1):
         text = stream.readline(MAX_TEXT_LINE_CHARACTERS)
         if "\0" in text or len(text) == MAX_TEXT_LINE_CHARACTERS:
-            raise TraceError(_not_text(_at(file, line), "binary data"))
+            raise TraceError(_no_text(_at(file, line), "a line of text", "binary data"))
         if not text:
             return
         yield line, text
@@ -412,7 +425,7 @@ def _bad_line_of(lines: list[tuple[int, str]], file: str, top: _Top) -> str | No
     names = top.columns.names
     for line, text in lines:
         if "\0" in text or not text.isascii():
-            return _not_text(_at(file, line), "bytes that are no digits")
+            return _no_text(_at(file, line), "a line of text", "bytes that are no digits")
         cells = text.rstrip("\n").split(",")
         if len(cells) != len(names):
             expected = f"{len(names)} values, one per column"
@@ -434,19 +447,14 @@ def _is_number(cell: str) -> bool:
 def _split(table: NDArray[np.float64], file: str, top: _Top) -> tuple[Drop, ...]:
     """Return the drops of a table; refuse drops that are too short or have uneven time steps."""
     if table.shape[0] < MIN_SAMPLES:
-        raise TraceError(_too_short(_at(file, top.names_line), "", table.shape[0]))
+        raise TraceError(too_short(_at(file, top.names_line), table.shape[0]))
     columns = top.columns
     numbers = table[:, columns.drop] if columns.drop is not None else np.ones(table.shape[0])
-    _check_drop_numbers(numbers, file, top)
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(numbers)) + 1, [numbers.size]])
-    if starts.size > MAX_FILE_DROPS + 1:
-        raise TraceError(refusal(file, f"at most {MAX_FILE_DROPS} drops", str(starts.size - 1)))
     drops = []
-    for start, end in itertools.pairwise(starts.tolist()):
-        number = int(numbers[start])
+    for number, start, end in split_drops(numbers, file, lambda row: _row_place(file, top, row)):
         if end - start < MIN_SAMPLES:
             where = _row_place(file, top, start)
-            raise TraceError(_too_short(where, f" in drop {number}", end - start))
+            raise TraceError(too_short(where, end - start, f" in drop {number}"))
         rows = table[start:end]
         _check_time(rows[:, columns.time], start, file, top)
         channels = tuple(
@@ -457,25 +465,46 @@ def _split(table: NDArray[np.float64], file: str, top: _Top) -> tuple[Drop, ...]
     return tuple(drops)
 
 
-def _too_short(where: str, of: str, samples: int) -> str:
+def too_short(where: str, samples: int, of: str = "") -> str:
+    """Return the message that a record has fewer than `MIN_SAMPLES` samples."""
     return refusal(where, f"at least {MIN_SAMPLES} samples{of}", str(samples))
 
 
-def _check_drop_numbers(numbers: NDArray[np.float64], file: str, top: _Top) -> None:
-    odd = (numbers != np.floor(numbers)) | (numbers < 1) | (numbers > MAX_DROP_NUMBER)
+def split_drops(
+    numbers: NDArray[np.float64], file: str, place_of: Callable[[int], str]
+) -> list[tuple[int, int, int]]:
+    """Return number, first row and end of each drop in a table.
+
+    Parameters
+    ----------
+    numbers : (rows,) ndarray of float
+        Drop number of each row.
+    file : str
+        Path, for messages.
+    place_of : callable
+        Returns file and line of a row, for messages.
+
+    Raises
+    ------
+    TraceError
+        If a number is no drop number, a drop has rows at two places, or there are too many drops.
+    """
+    odd = ~((numbers == np.floor(numbers)) & (numbers >= 1) & (numbers <= MAX_DROP_NUMBER))
     if odd.any():
         row = int(np.argmax(odd))
-        where = _row_place(file, top, row)
-        raise TraceError(refusal(where, "a whole drop number from 1", f"{numbers[row]:g}"))
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(numbers)) + 1])
-    numbers_before: set[float] = set()
-    for row in starts.tolist():
-        if numbers[row] in numbers_before:
-            actual = f"drop {numbers[row]:g} again after another drop"
-            where = _row_place(file, top, row)
-            hint = "sort the rows by drop"
-            raise TraceError(refusal(where, "the rows of a drop together", actual, hint))
-        numbers_before.add(numbers[row])
+        raise TraceError(refusal(place_of(row), "a whole drop number from 1", f"{numbers[row]:g}"))
+    starts = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), numbers.size]
+    if len(starts) > MAX_FILE_DROPS + 1:
+        raise TraceError(refusal(file, f"at most {MAX_FILE_DROPS} drops", str(len(starts) - 1)))
+    drops: dict[int, tuple[int, int, int]] = {}
+    for start, end in itertools.pairwise(starts):
+        number = int(numbers[start])
+        if number in drops:
+            actual, hint = f"drop {number} again after another drop", "sort the rows by drop"
+            expected = "the rows of a drop together"
+            raise TraceError(refusal(place_of(start), expected, actual, hint))
+        drops[number] = (number, start, end)
+    return list(drops.values())
 
 
 def _check_time(time: NDArray[np.float64], start: int, file: str, top: _Top) -> None:

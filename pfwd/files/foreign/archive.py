@@ -5,7 +5,6 @@ Sizes are limited, nothing is extracted to the disk, and names with ``/`` or ``\
 
 import io
 import zipfile
-from pathlib import Path
 
 from pfwd.errors import TraceError, quote, refusal
 
@@ -19,9 +18,31 @@ twice as much memory as numbers, and as much again as drops."""
 MAX_DIRECTORY_BYTES = 4_000_000
 """Size of the list of members: about 40,000 of them, forty times those of a long day."""
 
-_END, _END_SIZE, _MAX_END_SIZE = b"PK\x05\x06", 22, 22 + 65_535
-_ZIP64_END, _ZIP64_END_SIZE = b"PK\x06\x07", 20
 _CHUNK_BYTES = 1 << 20
+
+
+class BoundedReads(io.FileIO):
+    """File that refuses very long reads: zipfile reads a list of members of any length at once.
+
+    Parameters
+    ----------
+    file : str
+        Path of the file.
+    limit : int
+        Largest number of bytes of a read.
+    """
+
+    def __init__(self, file: str, limit: int) -> None:
+        super().__init__(file)
+        self._limit = limit
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Return at most `size` bytes; all up to the limit if it is None or negative."""
+        if size is None or size < 0:  # the end of the archive, at most 65 kB
+            size = self._limit
+        if size > self._limit:
+            raise ValueError(f"a list of members of {size} bytes")
+        return super().read(size) or b""
 
 
 class Archive:
@@ -41,15 +62,14 @@ class Archive:
     def __init__(self, file: str) -> None:
         self.file = file
         self._remaining_bytes = MAX_ARCHIVE_BYTES
+        self._stream = BoundedReads(file, MAX_DIRECTORY_BYTES)
         try:
-            _check_directory(file)
-            self._zip = zipfile.ZipFile(file)
-        except TraceError:
-            raise
+            self._zip = zipfile.ZipFile(self._stream)
         except Exception as err:  # zipfile documents no errors for damaged archives
-            reason = getattr(err, "strerror", None) or str(err) or type(err).__name__
+            self._stream.close()
             hint = "it may be cut off: copy it again"
-            raise TraceError(refusal(file, "a readable zip archive", quote(reason), hint)) from err
+            reason = quote(str(err) or type(err).__name__)
+            raise TraceError(refusal(file, "a readable zip archive", reason, hint)) from err
         # Some programs write backslashes into the names, on every system.
         self._members = {
             member.filename.replace("\\", "/").lower(): member
@@ -62,6 +82,7 @@ class Archive:
 
     def __exit__(self, *_: object) -> None:
         self._zip.close()
+        self._stream.close()
 
     @property
     def names(self) -> list[str]:
@@ -84,48 +105,20 @@ class Archive:
         member = self._members[name]
         where = f"{self.file}, {quote(name)[1:-1]}"
         if member.flag_bits & 1:
-            raise TraceError(
-                refusal(where, "a plain member", "an encrypted one", "save it unencrypted")
-            )
+            hint = "save it unencrypted"
+            raise TraceError(refusal(where, "a plain member", "an encrypted one", hint))
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise TraceError(refusal(where, "a member packed by deflate", "another method"))
         limit = min(MAX_MEMBER_BYTES, self._remaining_bytes)
         if member.file_size > limit:
             raise TraceError(refusal(where, f"at most {limit / 1e6:.0f} MB", "more"))
-        content, size = io.BytesIO(), 0
         try:
             with self._zip.open(member) as stream:
-                # In pieces: the real size may exceed the declared one.
-                while chunk := stream.read(_CHUNK_BYTES):
-                    size += len(chunk)
-                    if size > limit:
-                        raise TraceError(refusal(where, f"at most {limit / 1e6:.0f} MB", "more"))
-                    content.write(chunk)
-        except TraceError:
-            raise
+                # Never more than declared. In pieces, as every read of the stream is bounded.
+                content = b"".join(iter(lambda: stream.read(_CHUNK_BYTES), b""))
         except Exception as err:  # zipfile documents no errors for damaged archives
             hint = "copy the file again"
-            raise TraceError(
-                refusal(where, "an intact member", f"damage: {quote(str(err))}", hint)
-            ) from err
-        self._remaining_bytes -= size
-        return content.getvalue()
-
-
-def _check_directory(file: str) -> None:
-    """Refuse an archive whose list of members would fill the memory."""
-    size = Path(file).stat().st_size
-    with open(file, "rb") as stream:
-        stream.seek(max(0, size - _MAX_END_SIZE))
-        tail = stream.read(_MAX_END_SIZE)
-    at = tail.rfind(_END)
-    if at < 0 or at + _END_SIZE > len(tail):
-        hint = "it was cut off: copy it again" if size else ""
-        raise TraceError(refusal(file, "a zip archive", "a file without the end of one", hint))
-    if tail[max(0, at - _ZIP64_END_SIZE) : at].startswith(_ZIP64_END):
-        # The list of members of zip64 is elsewhere, and may be of any length.
-        raise TraceError(refusal(file, "an archive of less than 4 GB", "a zip64 archive"))
-    length = int.from_bytes(tail[at + 12 : at + 16], "little")
-    if length > MAX_DIRECTORY_BYTES:
-        expected = f"a list of members of at most {MAX_DIRECTORY_BYTES} bytes"
-        raise TraceError(refusal(file, expected, str(length), "import parts of the project"))
+            actual = f"damage: {quote(str(err))}"
+            raise TraceError(refusal(where, "an intact member", actual, hint)) from err
+        self._remaining_bytes -= len(content)
+        return content

@@ -25,7 +25,7 @@ from pfwd.files.header import (
     setup_from,
     setup_warnings,
 )
-from pfwd.files.traces import MIN_SAMPLES, TracePoint
+from pfwd.files.traces import MIN_SAMPLES, TracePoint, too_short
 from pfwd_device import Channel, Drop
 from pfwd_device.drop import Peaks
 from pfwd_device.text import LONGEST_TEXT, clean
@@ -168,11 +168,6 @@ def peaks_drop(
     return Drop.of_peaks(number, Peaks(load, pairs))
 
 
-def too_short(where: str, samples: int) -> str:
-    """Return the message that a record has fewer than `MIN_SAMPLES` samples."""
-    return refusal(where, f"at least {MIN_SAMPLES} samples", str(samples))
-
-
 def refuse_infinite(values: Values, name: str, where: str) -> None:
     """Raise TraceError if values are NaN or infinite."""
     bad = np.flatnonzero(~np.isfinite(values))
@@ -187,7 +182,8 @@ def distinct_sensors(offsets: Sequence[float]) -> tuple[list[int], list[Notice]]
     Parameters
     ----------
     offsets : sequence of float, m
-        Distance from the plate centre, negative on the other side of the plate.
+        Distance from the plate centre, negative on the other side of the plate; NaN: the sensor is
+        omitted without a remark.
 
     Returns
     -------
@@ -199,6 +195,8 @@ def distinct_sensors(offsets: Sequence[float]) -> tuple[list[int], list[Notice]]
     indices: list[int] = []
     remarks = []
     for index, offset in enumerate(offsets):
+        if math.isnan(offset):
+            continue
         if any(abs(offsets[index_before] - offset) < SAME_OFFSET_M for index_before in indices):
             remarks.append(Notice("sensor-at-same-place", {"offset_m": offset}))
         else:

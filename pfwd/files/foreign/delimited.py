@@ -1,7 +1,6 @@
 """Reader of a delimited text that a column map (:mod:`.column_map`) describes."""
 
 import csv
-import itertools
 from array import array
 from collections.abc import Iterator, Sequence
 from typing import TextIO
@@ -12,19 +11,11 @@ from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.foreign.column_map import Column, ColumnMap, read_map
 from pfwd.files.foreign.common import Request, Values, even_time, make_drop, point_of
 from pfwd.files.plausible_units import refuse_wrong_units
-from pfwd.files.traces import (
-    MAX_DROP_NUMBER,
-    MAX_FILE_DROPS,
-    MAX_TEXT_LINE_CHARACTERS,
-    TracePoint,
-    refuse_long,
-)
+from pfwd.files.traces import TracePoint, numbered_lines, refuse_long, split_drops
 from pfwd_device import Drop
 
 MAX_TEXT_COLUMNS = 1024
 """Number of columns of a line that are read; further ones are ignored."""
-
-Line = tuple[int, list[str]]
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
@@ -103,14 +94,8 @@ def _numbers(stream: TextIO, file: str, columns: ColumnMap) -> tuple[Values, Seq
     return np.frombuffer(table).reshape(-1, len(positions)) * factors, line_numbers
 
 
-def _cells(stream: TextIO, file: str, columns: ColumnMap) -> Iterator[Line]:
-    for number in itertools.count(1):
-        text = stream.readline(MAX_TEXT_LINE_CHARACTERS)
-        if len(text) == MAX_TEXT_LINE_CHARACTERS or "\0" in text:
-            actual = "binary data, or another encoding"
-            raise TraceError(refusal(f"{file}, line {number}", "a line of text", actual))
-        if not text:
-            return
+def _cells(stream: TextIO, file: str, columns: ColumnMap) -> Iterator[tuple[int, list[str]]]:
+    for number, text in numbered_lines(stream, file):
         if columns.delimiter is None:
             cells = text.split()
         else:
@@ -149,20 +134,9 @@ def _number(cell: str, columns: ColumnMap, where: str) -> float:
 
 def _drops(table: Values, lines: Sequence[int], file: str, columns: ColumnMap) -> list[Drop]:
     numbers = table[:, -1] if columns.drop is not None else np.ones(len(table))
-    odd = ~((numbers == np.floor(numbers)) & (numbers >= 1) & (numbers <= MAX_DROP_NUMBER))
-    if odd.any():
-        row = int(np.argmax(odd))
-        where = f"{file}, line {lines[row]}"
-        raise TraceError(refusal(where, "a whole drop number from 1", f"{numbers[row]:g}"))
-    starts = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(table)]
-    if len(starts) > MAX_FILE_DROPS + 1:
-        raise TraceError(refusal(file, f"at most {MAX_FILE_DROPS} drops", str(len(starts) - 1)))
-    drops: dict[int, Drop] = {}
-    for start, end in itertools.pairwise(starts):
-        number = int(numbers[start])
+    drops = []
+    for number, start, end in split_drops(numbers, file, lambda row: f"{file}, line {lines[row]}"):
         where = f"{file}, line {lines[start]}, drop {number}"
-        if number in drops:
-            raise TraceError(refusal(where, "the rows of a drop together", "the drop again"))
         rows = table[start:end]
         if columns.time is not None:
             time = even_time(rows[:, 0] - columns.trigger, where)
@@ -174,5 +148,5 @@ def _drops(table: Values, lines: Sequence[int], file: str, columns: ColumnMap) -
             (sensor.offset, sensor.quantity, rows[:, 1 + index])
             for index, sensor in enumerate(columns.sensors)
         ]
-        drops[number] = make_drop(number, time, rows[:, 0], sensors, where)
-    return list(drops.values())
+        drops.append(make_drop(number, time, rows[:, 0], sensors, where))
+    return drops

@@ -28,8 +28,8 @@ match.
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import zip_longest
+from math import inf
 
 from inversion.notices import Notice, Value
 from pfwd.errors import TraceError, quote, refusal
@@ -89,22 +89,6 @@ def read(file: str, request: Request) -> list[TracePoint]:
     return reader.points()
 
 
-@dataclass(frozen=True, slots=True)
-class _DropLine:
-    """Values of one line that is a drop."""
-
-    station: StationDrops
-    line: int
-    load: float
-    """Peak load, N."""
-    deflections: dict[int, float]
-    """Peak deflections, m, by the index of the sensor's position."""
-    fields: int
-    """Number of deflection columns."""
-    too_short: bool
-    """True if the line has fewer columns than line 5020 has positions."""
-
-
 class _Reader:
     """Parser of the lines in their order; a header line applies to the drops after it."""
 
@@ -122,16 +106,18 @@ class _Reader:
         self._position: dict[str, float] = {}
         self._unreadable_lines: list[int] = []
         """Numbers of the lines that do not begin with a number."""
-        self._drops: list[_DropLine] = []
+        self._width_before = inf
+        """Number of deflection columns of the last drop."""
+        self._cut_off = False
+        """True if the last line is a drop that is cut off."""
         self._remarks: dict[str, list[dict[str, Value]]] = {}
         """Values of the remarks on drop lines, by the code of the remark."""
-        self._last_line = 0
 
     def take(self, fields: list[str], line: int) -> None:
         """Parse one line of the file, split into its fields."""
         where = f"{self._file}, line {line}"
         cells = [field.strip() for field in fields]
-        self._last_line = line
+        self._cut_off = False
         kind = finite(cells[0])
         if kind is None:
             self._unreadable_lines.append(line)
@@ -217,11 +203,10 @@ class _Reader:
             raise TraceError(refusal(where, expected, f"{1e3 * self._radius:g} mm"))
         width = len(self._columns)
         # A row may end with empty fields for sensors that the device does not have.
-        surplus = len(_without_empty_end(cells[2:])) - width
-        joined = _with_joined_thousands(fields, surplus)
+        joined = _with_joined_thousands(fields, len(_without_empty_end(cells[2:])) - width)
         if joined is not None and self._largest_is_at_plate(joined[2:]):
             self._add_remark("thousands-joined", line)
-            cells, surplus = joined, 0
+            cells = joined
         values = cells[2:]
         deflections = {
             index: 1e-6 * number_of(cell, "a deflection, um", where)
@@ -246,7 +231,11 @@ class _Reader:
         if too_short:
             self._add_remark("deflections-missing", line, **counts)
         load = force_of(1e3 * pressure, self._radius)
-        self._drops.append(_DropLine(station, line, load, deflections, len(values), too_short))
+        peaks = tuple(deflections.get(index) for index in range(len(self._offsets)))
+        station.drops.append((load, peaks, line))
+        # If the drop before is as short, the device has fewer sensors.
+        self._cut_off = too_short and self._width_before > len(values)
+        self._width_before = len(values)
 
     def _largest_is_at_plate(self, values: Sequence[str]) -> bool:
         """Return whether the largest deflection is at the position nearest to the plate's centre.
@@ -270,18 +259,6 @@ class _Reader:
         name = os.path.basename(self._file)
         self._remarks.setdefault(code, []).append({"file": name, "line": line, **values})
 
-    def _drop_lines(self) -> list[_DropLine]:
-        """Return the lines of drops, without a last line that is cut off."""
-        if not self._drops:
-            return []
-        last = self._drops[-1]
-        if last.line != self._last_line or not last.too_short:
-            return self._drops
-        if len(self._drops) > 1 and self._drops[-2].fields <= last.fields:
-            return self._drops  # the drop before is as short: the device has fewer sensors
-        self._add_remark("drop-cut-off", last.line)
-        return self._drops[:-1]
-
     def points(self) -> list[TracePoint]:
         """Return the test points of all stations that have drops."""
         if not self._offsets:
@@ -291,9 +268,9 @@ class _Reader:
             )
         common = {key: value for key, value in self._common.items() if value}
         name = os.path.basename(self._file)
-        for drop in self._drop_lines():
-            deflections = tuple(drop.deflections.get(index) for index in range(len(self._offsets)))
-            drop.station.drops.append((drop.load, deflections, drop.line))
+        if self._cut_off:
+            *_, line = self._stations[-1].drops.pop()
+            self._add_remark("drop-cut-off", line)
         if len(self._radii) == 1:
             (radius,) = self._radii
             remarks = [Notice("load-from-pressure", {"file": name, "plate_radius_m": radius})]

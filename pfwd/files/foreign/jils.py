@@ -15,6 +15,8 @@ import re
 from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
@@ -32,25 +34,21 @@ from pfwd.files.foreign.common import (
 )
 from pfwd.files.foreign.jils_peaks import (
     HEADING_LINE,
-    PeaksStation,
+    Key,
     compare_peaks,
-    find_peaks_file,
     head_facts,
     parse,
     sensor_offsets,
     station_name,
 )
-from pfwd.files.foreign.peaks_text import OFFSETS_KEY
+from pfwd.files.foreign.peaks_text import OFFSETS_KEY, StationDrops
 from pfwd.files.foreign.units import TIME_UNITS
-from pfwd.files.traces import MAX_FILE_DROPS, MAX_FILE_NUMBERS, TracePoint
+from pfwd.files.traces import MAX_FILE_DROPS, MAX_FILE_NUMBERS, TracePoint, numbered_lines
 from pfwd_device import Drop
 from pfwd_plugins.quantities import POUND_FORCE_N, Measurand
 
 MAX_DROP_SAMPLES = 1_000_000
 """Largest number of samples of a drop; longer records are damaged headers."""
-
-MAX_JILS_LINE_CHARACTERS = 4096
-"""Longest line; a file with a longer one is no text."""
 
 _THY_STATION = re.compile(r"\s*Station:\s*(\S*)\s+Lane:\s*(\S*)\s+Milepost:\s*(\S*)")
 _THY_DROP = re.compile(r"\s*Drop\s*#\s*(\d{1,6})\s+Desired peak force:\s*(\S+)")
@@ -62,7 +60,7 @@ _THY_COLUMNS = re.compile(r"\s*Time\s+Force((?:\s+Disp\d{1,3})+)\s*$")
 class _Block:
     """Traces of one drop, in the units of the file."""
 
-    station: tuple[str, str, str]
+    station: Key
     """Station, lane and milepost."""
     number: int
     desired_load: float | None
@@ -100,7 +98,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
         If the file has another format or is cut off, or the plate radius is not declared.
     """
     with open(file, encoding="latin-1", newline=None) as stream:
-        headings, blocks = _parse(_Lines(stream, file))
+        headings, blocks = _parse(stream, file)
     if not blocks:
         hint = "is it a JILS time history?"
         raise TraceError(refusal(file, "drops with Impact: and rows of numbers", "none", hint))
@@ -109,7 +107,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
     offsets, remarks = sensor_offsets(file, declared and declared.value, count, headings)
     peaks_name, peaks = _read_peaks_file(file, remarks)
     common, head_noted = head_facts(headings, "JILS time history (.THY)")
-    stations: dict[tuple[str, str, str], list[_Block]] = {}
+    stations: dict[Key, list[_Block]] = {}
     for block in blocks:
         stations.setdefault(block.station, []).append(block)
     names = distinct_names([station_name(station) for station in stations])
@@ -122,7 +120,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
         point_remarks = list(remarks)
         peaks_station = peaks.pop(station, None)
         if peaks_station is not None:
-            values |= peaks_station.position
+            values |= peaks_station.declared
             noted |= peaks_station.noted
             traced = [_block_peaks(block) for block in station_blocks]
             point_remarks += compare_peaks(traced, peaks_station, peaks_name)
@@ -132,9 +130,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
     return points
 
 
-def _read_peaks_file(
-    file: str, remarks: list[Notice]
-) -> tuple[str, dict[tuple[str, str, str], PeaksStation]]:
+def _read_peaks_file(file: str, remarks: list[Notice]) -> tuple[str, dict[Key, StationDrops]]:
     """Read the ``.DAT`` that belongs to a ``.THY``; if it is damaged, add a remark.
 
     Returns
@@ -144,53 +140,33 @@ def _read_peaks_file(
     stations : dict
         By station, lane and milepost.
     """
-    path = find_peaks_file(file)
+    candidates = (Path(file).with_suffix(suffix) for suffix in (".DAT", ".dat", ".Dat"))
+    path = next((candidate for candidate in candidates if candidate.is_file()), None)
     if path is None:
         return "", {}
-    name = os.path.basename(path)
     try:
-        stations = parse(path)[1]
+        return path.name, parse(os.fspath(path))[1]
     except (TraceError, OSError) as err:
-        reason = str(err).removeprefix(path).lstrip(", :")
-        remarks.append(Notice("peaks-file-not-read", {"file": name, "reason": reason}))
+        reason = str(err).removeprefix(os.fspath(path)).lstrip(", :")
+        remarks.append(Notice("peaks-file-not-read", {"file": path.name, "reason": reason}))
         return "", {}
-    return name, {station.key: station for station in stations}
 
 
-def _block_peaks(block: _Block) -> tuple[float, list[float]]:
+def _block_peaks(block: _Block) -> tuple[float, Values]:
     """Return peak load, N, and peak deflections, m, of a drop."""
     table = block.table
     deflections = -table[:, 2:].min(axis=0) * Measurand.DISPLACEMENT.units["mil"]
-    return float(table[:, 1].max()) * Measurand.LOAD.units["kip"], deflections.tolist()
+    return float(table[:, 1].max()) * Measurand.LOAD.units["kip"], deflections
 
 
-class _Lines:
-    """Lines of a text with their numbers; a line that is too long is refused."""
-
-    def __init__(self, stream: Iterator[str], file: str) -> None:
-        self._stream = stream
-        self._file = file
-        self.number = 0
-
-    @property
-    def where(self) -> str:
-        return f"{self._file}, line {self.number}"
-
-    def next(self) -> str | None:
-        """Return the next line; None: the end of the text."""
-        text: str = self._stream.readline(MAX_JILS_LINE_CHARACTERS)  # type: ignore[attr-defined]
-        self.number += 1
-        if len(text) == MAX_JILS_LINE_CHARACTERS or "\0" in text:
-            raise TraceError(refusal(self.where, "a line of text", "binary data"))
-        return text or None
-
-
-def _parse(lines: _Lines) -> tuple[dict[str, str], list[_Block]]:
+def _parse(stream: TextIO, file: str) -> tuple[dict[str, str], list[_Block]]:
     headings: dict[str, str] = {}
     blocks: list[_Block] = []
     station, number, desired, columns = ("", "", ""), 0, None, 0
     total = 0
-    while (text := lines.next()) is not None:
+    lines = numbered_lines(stream, file)
+    for line, text in lines:
+        where = f"{file}, line {line}"
         if match := _THY_STATION.match(text):
             station = (match[1], match[2], match[3])
         elif match := _THY_DROP.match(text):
@@ -200,38 +176,39 @@ def _parse(lines: _Lines) -> tuple[dict[str, str], list[_Block]]:
         elif match := _THY_IMPACT.match(text):
             if not columns:
                 expected = "a line Time Force Disp1 ... before the first Impact"
-                raise TraceError(refusal(lines.where, expected, "none"))
-            block = _Block(station, number, desired, lines.number + 1, columns + 2)
-            _rows(lines, block, int(match[2]))
+                raise TraceError(refusal(where, expected, "none"))
+            block = _Block(station, number, desired, line + 1, columns + 2)
+            samples = int(match[2])
+            if not 0 < samples <= MAX_DROP_SAMPLES:
+                raise TraceError(refusal(where, f"1 to {MAX_DROP_SAMPLES} samples", str(samples)))
+            _read_rows(lines, file, block, samples)
             blocks.append(block)
             total += len(block.numbers)
             if total > MAX_FILE_NUMBERS or len(blocks) > MAX_FILE_DROPS:
                 expected = f"at most {MAX_FILE_DROPS} drops and {MAX_FILE_NUMBERS} numbers"
-                raise TraceError(refusal(lines.where, expected, "more"))
+                raise TraceError(refusal(where, expected, "more"))
         elif (match := HEADING_LINE.match(text)) and not blocks:
             headings.setdefault(match[1], match[2])
         elif text.strip() and columns and text.split()[0].lstrip("-").replace(".", "").isdigit():
             expected = "the number of rows that Number_of_samples states"
             actual = f"another row: {quote(text.strip())}"
-            raise TraceError(refusal(lines.where, expected, actual))
+            raise TraceError(refusal(where, expected, actual))
     return headings, blocks
 
 
-def _rows(lines: _Lines, block: _Block, samples: int) -> None:
-    if not 0 < samples <= MAX_DROP_SAMPLES:
-        expected = f"1 to {MAX_DROP_SAMPLES} samples"
-        raise TraceError(refusal(lines.where, expected, str(samples)))
+def _read_rows(lines: Iterator[tuple[int, str]], file: str, block: _Block, samples: int) -> None:
     for row in range(samples):
-        text = lines.next()
+        where = f"{file}, line {block.line + row}"
+        _, text = next(lines, (0, None))
         if text is None:
             hint = "the file was cut off: copy it again"
             actual = f"the end of the file after {row}"
-            raise TraceError(refusal(lines.where, f"{samples} rows", actual, hint))
+            raise TraceError(refusal(where, f"{samples} rows", actual, hint))
         cells = text.split()
-        numbers = [finite(cell) for cell in cells]
-        if len(cells) != block.width or None in numbers:
-            raise TraceError(refusal(lines.where, f"{block.width} numbers", quote(text.strip())))
-        block.numbers.extend([number for number in numbers if number is not None])
+        numbers = [number for cell in cells if (number := finite(cell)) is not None]
+        if not len(numbers) == len(cells) == block.width:
+            raise TraceError(refusal(where, f"{block.width} numbers", quote(text.strip())))
+        block.numbers.extend(numbers)
 
 
 def _numbered(blocks: Sequence[_Block]) -> Iterator[tuple[int, _Block]]:

@@ -10,20 +10,19 @@ The reader of ``.THY`` (:mod:`.jils`) uses the functions for the first lines, th
 stations and the sensor offsets as well.
 """
 
-import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from math import isnan, nan
-from pathlib import Path
+from dataclasses import replace
+from math import nan
 from typing import Any
 
 import numpy as np
 
-from inversion.notices import Notice, Value
+from inversion.notices import Notice
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.foreign.common import (
     Request,
+    Values,
     distinct_sensors,
     finite,
     position_of,
@@ -55,21 +54,12 @@ _GPS = re.compile(
 )
 _DILUTION = re.compile(r"[PH]DOP\s*=\s*(\d{1,4}(?:\.\d{1,4})?)")
 _AIR = re.compile(r"Air Temp \(F\):\s*(-?\d{1,4}(?:\.\d{1,4})?)")
+_TEMPERATURE = re.compile(r"\s*(-?\d{1,4}(?:\.\d{1,4})?)")
 _DAT_TIME = re.compile(r"Completed Time:\s*(\d{1,2}:\d{2})")
 
 
-@dataclass(frozen=True, slots=True)
-class PeaksStation:
-    """Station of a ``.DAT`` file with its drops."""
-
-    key: tuple[str, str, str]
-    """Station, lane and milepost as in a ``.THY``."""
-    position: dict[str, float] = field(default_factory=dict)
-    """Latitude and longitude, degrees; empty: not in the file."""
-    noted: dict[str, object] = field(default_factory=dict)
-    """Further data to store with the point."""
-    drops: list[tuple[float, tuple[float, ...], int]] = field(default_factory=list)
-    """Peak load (N), peak deflections (m) and line of each drop."""
+Key = tuple[str, str, str]
+"""Station, lane and milepost."""
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
@@ -94,22 +84,17 @@ def read(file: str, request: Request) -> list[TracePoint]:
         hint = "is it a JILS .DAT?"
         raise TraceError(refusal(file, "lines with load and deflections", "none", hint))
     request, declared = request.without(OFFSETS_KEY)
-    count = len(stations[0].drops[0][1])
+    count = len(next(iter(stations.values())).drops[0][1])
     offsets, remarks = sensor_offsets(file, declared and declared.value, count, headings)
     common, head_noted = head_facts(headings, "JILS peaks (.DAT)")
-    converted = [
-        StationDrops(
-            station_name(station.key),
-            dict(station.position),
-            head_noted | station.noted | {"milepost": station.key[2]},
-            [(load, tuple(deflections), line) for load, deflections, line in station.drops],
-        )
-        for station in stations
+    complete = [
+        replace(station, noted=head_noted | station.noted | {"milepost": key[2]})
+        for key, station in stations.items()
     ]
-    return points_of_stations(file, converted, offsets, common, request, remarks)
+    return points_of_stations(file, complete, offsets, common, request, remarks)
 
 
-def parse(file: str) -> tuple[dict[str, str], list[PeaksStation]]:
+def parse(file: str) -> tuple[dict[str, str], dict[Key, StationDrops]]:
     """Return the first lines (value by name) and the stations of a file.
 
     Raises
@@ -118,31 +103,32 @@ def parse(file: str) -> tuple[dict[str, str], list[PeaksStation]]:
         If a line of a drop is damaged, or drops have different numbers of deflections.
     """
     headings: dict[str, str] = {}
-    by_key: dict[tuple[str, str, str], PeaksStation] = {}
-    last: PeaksStation | None = None
+    stations: dict[Key, StationDrops] = {}
+    last: StationDrops | None = None
     for number, line in lines_of(file):
         if _DAT_DROP.match(line):
-            last = _add_drop(by_key, line.split(), f"{file}, line {number}", number)
+            last = _add_drop(stations, line.split(), f"{file}, line {number}", number)
         elif last is None:
             if match := HEADING_LINE.match(line):
                 headings.setdefault(match[1], match[2])
         else:
             _add_facts(last, line)
-    stations = list(by_key.values())
-    counts = {len(deflections) for station in stations for _, deflections, _ in station.drops}
+    counts = {
+        len(deflections) for station in stations.values() for _, deflections, _ in station.drops
+    }
     if len(counts) > 1:
         raise TraceError(refusal(file, "one number of sensors", f"{sorted(counts)}"))
     return headings, stations
 
 
 def _add_drop(
-    stations: dict[tuple[str, str, str], PeaksStation], cells: list[str], where: str, line: int
-) -> PeaksStation:
+    stations: dict[Key, StationDrops], cells: list[str], where: str, line: int
+) -> StationDrops:
     if len(cells) < MIN_DROP_CELLS:
         raise TraceError(refusal(where, "a load and deflections", quote(" ".join(cells))))
     key = (cells[0], cells[1], cells[2])
     load, *deflections = [number_of(cell, "a load and deflections", where) for cell in cells[4:-1]]
-    station = stations.setdefault(key, PeaksStation(key))
+    station = stations.setdefault(key, StationDrops(station_name(key)))
     kip, mil = Measurand.LOAD.units["kip"], Measurand.DISPLACEMENT.units["mil"]
     station.drops.append((kip * load, tuple(mil * deflection for deflection in deflections), line))
     surface = finite(cells[-1])
@@ -151,12 +137,12 @@ def _add_drop(
     return station
 
 
-def _add_facts(station: PeaksStation, line: str) -> None:
+def _add_facts(station: StationDrops, line: str) -> None:
     if match := _GPS.search(line):
         north = int(match[1]) + float(match[2]) / 60
         east = int(match[4]) + float(match[5]) / 60
         sides = (-north if match[3] == "S" else north, -east if match[6] == "W" else east)
-        station.position.update(position_of(*sides))
+        station.declared.update(position_of(*sides))
         dilution = _DILUTION.search(line)
         station.noted["position_dop"] = float(dilution[1]) or None if dilution else None
     elif match := _AIR.search(line):
@@ -171,18 +157,6 @@ def _celsius(fahrenheit: float) -> float | None:
     return temperature_of(round(celsius(fahrenheit), 2))
 
 
-def find_peaks_file(file: str) -> str | None:
-    """Return the path of the ``.DAT`` with the name of a ``.THY``, in its folder; None: there is
-    none.
-    """
-    path = Path(file)
-    for suffix in (".DAT", ".dat", ".Dat"):
-        candidate = path.with_suffix(suffix)
-        if candidate.is_file():
-            return os.fspath(candidate)
-    return None
-
-
 LOAD_ROUNDING_N = 0.006 * Measurand.LOAD.units["kip"]
 """Largest difference of a load that rounding to two decimals in kip explains."""
 
@@ -191,14 +165,14 @@ DEFLECTION_ROUNDING_M = 0.011 * Measurand.DISPLACEMENT.units["mil"]
 
 
 def compare_peaks(
-    traced: Sequence[tuple[float, Sequence[float]]], station: PeaksStation, name: str
+    traced: Sequence[tuple[float, Values]], station: StationDrops, name: str
 ) -> list[Notice]:
     """Compare the peaks of a ``.DAT`` with those of the traces.
 
     Parameters
     ----------
-    traced : sequence of load (N) and deflections (m, NaN: not compared), one for each drop
-    station : PeaksStation
+    traced : sequence of load (N) and deflections ((sensors,), m), one for each drop
+    station : StationDrops
     name : str
         Name of the ``.DAT``.
 
@@ -208,42 +182,25 @@ def compare_peaks(
         Remarks on differences that rounding does not explain; for each sensor on the largest one.
     """
     if len(traced) != len(station.drops):
-        counts: dict[str, Value] = {
-            "file": name,
-            "file_drops": len(station.drops),
-            "drops": len(traced),
-        }
-        return [Notice("peaks-file-drops-differ", counts)]
-    remarks = []
-    worst: dict[int, tuple[float, int]] = {}
-    for (load, deflections), (file_load, file_deflections, line) in zip(
-        traced, station.drops, strict=True
-    ):
-        if abs(load - file_load) > LOAD_ROUNDING_N:
-            values: dict[str, Value] = {
-                "file": name,
-                "line": line,
-                "file_load_n": file_load,
-                "load_n": load,
-            }
-            remarks.append(Notice("peaks-file-load-differs", values))
-        for index, (ours, theirs) in enumerate(
-            zip(deflections, file_deflections, strict=False), start=1
-        ):
-            off = abs(ours - theirs)
-            if (
-                not np.isnan(off)
-                and off > DEFLECTION_ROUNDING_M
-                and off > worst.get(index, (0.0, 0))[0]
-            ):
-                worst[index] = (off, line)
-    remarks += [
+        counts = {"file_drops": len(station.drops), "drops": len(traced)}
+        return [Notice("peaks-file-drops-differ", {"file": name, **counts})]
+    loads, deflections, lines = zip(*station.drops, strict=True)
+    remarks = [
         Notice(
-            "peaks-file-deflection-differs",
-            {"file": name, "line": line, "sensor": index, "difference_m": off},
+            "peaks-file-load-differs",
+            {"file": name, "line": line, "file_load_n": file_load, "load_n": load},
         )
-        for index, (off, line) in sorted(worst.items())
+        for (load, _), file_load, line in zip(traced, loads, lines, strict=True)
+        if abs(load - file_load) > LOAD_ROUNDING_N
     ]
+    ours, theirs = np.array([peaks for _, peaks in traced]), np.array(deflections, np.float64)
+    sensors = min(ours.shape[1], theirs.shape[1])
+    off = np.abs(ours[:, :sensors] - theirs[:, :sensors])
+    for sensor, row in enumerate(off.argmax(axis=0).tolist()):
+        difference = float(off[row, sensor])
+        if difference > DEFLECTION_ROUNDING_M:
+            values = {"line": lines[row], "sensor": sensor + 1, "difference_m": difference}
+            remarks.append(Notice("peaks-file-deflection-differs", {"file": name, **values}))
     return remarks
 
 
@@ -275,13 +232,11 @@ def sensor_offsets(
         remark = Notice("positions-not-declared", {"sensors": sensors})
         return [0.0] + [nan] * (count - 1), [remark] if count > 1 else []
     offsets = declared_offsets(declared, count, file)
-    with_offset = [index for index, offset in enumerate(offsets) if not isnan(offset)]
-    distinct, remarks = distinct_sensors([offsets[index] for index in with_offset])
-    used = {with_offset[index] for index in distinct}
+    used, remarks = distinct_sensors(offsets)
     return [offset if index in used else nan for index, offset in enumerate(offsets)], remarks
 
 
-def station_name(station: tuple[str, str, str]) -> str:
+def station_name(station: Key) -> str:
     """Return the name of a test point, such as "station 12 lane 1".
 
     Parameters
@@ -291,15 +246,6 @@ def station_name(station: tuple[str, str, str]) -> str:
     """
     place = f"station {station[0] or '?'}"
     return f"{place} lane {station[1]}" if station[1] else place
-
-
-def first_temperature(text: str) -> float | None:
-    """Return the first number of a text in degrees Fahrenheit, converted to degrees Celsius.
-
-    The first one is the temperature of the air, a second one that of the surface.
-    """
-    match = re.match(r"\s*(-?\d{1,4}(?:\.\d{1,4})?)", text)
-    return None if match is None else _celsius(float(match[1]))
 
 
 def head_facts(headings: Mapping[str, str], source: str) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -312,11 +258,13 @@ def head_facts(headings: Mapping[str, str], source: str) -> tuple[dict[str, Any]
     noted : dict
         Further data to store with each point.
     """
+    # The first temperature is that of the air, a second one that of the surface.
+    air = _TEMPERATURE.match(headings.get("Temp", ""))
     common = {
         "site": short_text(headings.get("Location")),
         "operator": short_text(headings.get("Operator")),
         "source": source,
-        "temperature_c": first_temperature(headings.get("Temp", "")),
+        "temperature_c": None if air is None else _celsius(float(air[1])),
     }
     noted = {
         # The file has no time zone, and the order of day and month is uncertain.

@@ -1,11 +1,10 @@
 """Shared parts of the readers of texts with peaks: lines, numbers, plates, sensors, points."""
 
 import datetime
-import itertools
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import isinf, isnan, pi
+from math import isinf, pi
 from typing import Any
 
 from inversion.notices import Notice
@@ -46,8 +45,8 @@ class StationDrops:
     noted: dict[str, Any] = field(default_factory=dict)
     """Further data to store with the point."""
     drops: list[tuple[float, tuple[float | None, ...], int]] = field(default_factory=list)
-    """Peak load (N), peak deflections (m, one for each sensor; None: not measured) and line of each
-    drop."""
+    """Peak load (N), peak deflections (m, in the order of the sensors; None or no entry: not
+    measured) and line of each drop."""
 
 
 def lines_of(file: str) -> Iterator[tuple[int, str]]:
@@ -200,17 +199,13 @@ def points_of_stations(
         raise TraceError(refusal(file, "drops with a load and deflections", "none"))
     if sum(len(station.drops) for station in stations) > MAX_FILE_DROPS:
         raise TraceError(refusal(file, f"at most {MAX_FILE_DROPS} drops", "more"))
-    with_offset = [index for index, offset in enumerate(offsets) if not isnan(offset)]
-    distinct, sensor_remarks = distinct_sensors([offsets[index] for index in with_offset])
-    used = [with_offset[index] for index in distinct]
+    used, sensor_remarks = distinct_sensors(offsets)
     points = []
     names = distinct_names([station.name for station in stations])
     for name, station in zip(names, stations, strict=True):
         drops: list[Drop] = []
-        for number, (load, deflections, line) in zip(
-            itertools.count(1), station.drops, strict=False
-        ):
-            pairs = [(offsets[index], deflections[index]) for index in used]
+        for number, (load, deflections, line) in enumerate(station.drops, start=1):
+            pairs = [(offsets[i], deflections[i]) for i in used if i < len(deflections)]
             drops.append(peaks_drop(number, load, pairs, f"{file}, line {line}"))
         declared = {**common, **station.declared, "point": name}
         all_remarks = (PEAKS_REMARK, *remarks, *sensor_remarks)

@@ -9,7 +9,7 @@ import itertools
 import os
 from collections import defaultdict, deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -70,8 +70,6 @@ SMOOTHING_HZ, N_SMOOTHING_POLES = 320.0, 6
 """Cut-off and poles of the filter of Minidyn's software. On 45 drops of a rig the filtered traces
 have its peak loads within 0.01 % and its peak deflections within 0.03 %; unfiltered ones are up to
 1.6 % off."""
-
-STORED_REMARK = Notice("stored-traces")
 
 _DEVIATION_CODES = {"stored-load-differs", "stored-deflection-differs"}
 """Codes of the remarks that stored peaks differ from those of the traces."""
@@ -205,11 +203,10 @@ def _raw_points(project: _Project, request: Request) -> list[TracePoint]:
         if len(set(numbers)) < len(numbers):
             where = f"{project.file}, {point.name}"
             raise TraceError(refusal(where, "every drop once", f"drops {numbers}"))
-        where = f"{_short(f'{project.file}, {project.json}')}"
-        stored = peaks.get(point.name, ())
-        compared = compare_raw_peaks(drops, stored, where)
-        point = _with_deviations(point, peak_deviations(drops, stored))
-        points.append(_point(source, point, drops, *compared))
+        where = _short(f"{project.file}, {project.json}")
+        remarks, deviations = compare_raw_peaks(drops, peaks.get(point.name, ()), where)
+        noted = {PEAK_DEVIATIONS: deviations or None}
+        points.append(_point(source, point, drops, remarks, **noted))
     return points
 
 
@@ -229,7 +226,7 @@ def _stored_points(project: _Project, request: Request, *remarks: Notice) -> lis
             expected = f"traces in {TRACE_FOLDER}, or peaks of load and deflection in the database"
             raise TraceError(refusal(project.file, expected, "none"))
         return points
-    all_remarks = (*remarks, *project.remarks, *facts.remarks, STORED_REMARK)
+    all_remarks = (*remarks, *project.remarks, *facts.remarks)
     source = _Source(project.file, facts, request, "stored", all_remarks, project.rate)
     traces: dict[str, Stored] = {}
     order = {name: place for place, name in enumerate(project.stored)}
@@ -259,8 +256,7 @@ def _stored_points(project: _Project, request: Request, *remarks: Notice) -> lis
     free_names = (name for n in itertools.count(1) if (name := f"point {n}") not in names_used)
     for (member, stored), name in zip(unassigned.items(), free_names, strict=False):
         remark = Notice("traces-without-point", {"file": _short(f"{project.file}, {member}")})
-        single = replace(source, remarks=(*source.remarks, remark))
-        points.append(_stored_point(single, PointFacts("", name), stored, member))
+        points.append(_stored_point(source, PointFacts("", name), stored, member, remark))
     return points
 
 
@@ -276,10 +272,12 @@ def _numbers_of(member: str, stored: Stored) -> set[int]:
     return {name_identity, stored.identity & IDENTITY_MASK}
 
 
-def _stored_point(source: _Source, point: PointFacts, stored: Stored, member: str) -> TracePoint:
+def _stored_point(
+    source: _Source, point: PointFacts, stored: Stored, member: str, *more: Notice
+) -> TracePoint:
     facts, where = source.facts, f"{source.file}, {member}"
     rate = source.rate or stored.rate or facts.rate
-    remarks = _rate_remarks(source, stored, where)
+    remarks = [Notice("stored-traces"), *more, *_rate_remarks(source, stored, where)]
     channels = stored.drops[0].displacement.shape[0]
     offsets = facts.offsets or (0.0,)
     if len(offsets) != channels:
@@ -293,9 +291,11 @@ def _stored_point(source: _Source, point: PointFacts, stored: Stored, member: st
         quantity = Measurand.DISPLACEMENT
         sensors = [(offsets[i], quantity, stored_drop.displacement[i]) for i in used]
         drops.append(make_drop(number, time, stored_drop.load, sensors, f"{where}, drop {number}"))
-    remarks += compare_peaks(drops, point.peaks, _short(facts.where), "stored_traces")
-    point = _with_deviations(point, peak_deviations(drops, point.peaks))
-    return _point(source, point, drops, *remarks)
+    differences, deviations = compare_peaks(
+        drops, point.peaks, _short(facts.where), "stored_traces"
+    )
+    remarks += differences
+    return _point(source, point, drops, remarks, **{PEAK_DEVIATIONS: deviations or None})
 
 
 def _peaks_point(source: _Source, point: PointFacts) -> list[TracePoint]:
@@ -317,10 +317,7 @@ def _peaks_point(source: _Source, point: PointFacts) -> list[TracePoint]:
     if not drops:
         return []
     durations = [peaks.duration for peaks in point.peaks if peaks.duration is not None]
-    source_remarks = tuple(peaks for peaks in source.remarks if peaks != STORED_REMARK)
-    source = replace(source, remarks=source_remarks)
-    point = replace(point, noted={**point.noted, "pulse_durations_s": durations or None})
-    return [_point(source, point, drops, *remarks)]
+    return [_point(source, point, drops, remarks, pulse_durations_s=durations or None)]
 
 
 def _rate_remarks(source: _Source, stored: Stored, where: str) -> list[Notice]:
@@ -356,46 +353,9 @@ def _rate_remarks(source: _Source, stored: Stored, where: str) -> list[Notice]:
     return [Notice("rate-and-samples-of-traces", values)]
 
 
-def peak_deviations(drops: Sequence[Drop], stored: Sequence[StoredPeaks]) -> Mapping[str, float]:
-    """Return by how much load and centre deflection of the traces deviate from the stored peaks.
-
-    The maker's program searches the deflection within the pulse only. It is therefore compared with
-    the maximum of the trace that is nearest to it.
-
-    Parameters
-    ----------
-    drops : sequence of Drop
-    stored : sequence of StoredPeaks
-        Peaks in the database, in the same order.
-
-    Returns
-    -------
-    mapping of str to float
-        By drop number the larger of the two relative differences, if it exceeds
-        `RELATIVE_PEAK_TOLERANCE`. If all drops have the same samples, each has the difference of
-        the first.
-    """
-    if len(drops) != len(stored):
-        return {}
-    deviations_by_drop = {}
-    copies = len(drops) > 1 and all(drop.has_samples_of(drops[0]) for drop in drops[1:])
-    for drop, peaks in zip(drops, stored, strict=True):
-        compared = stored[0] if copies else peaks
-        deviations = [abs(trace_peaks(drop).load / compared.load - 1)] if compared.load else []
-        if len(compared.deflections) == len(drop.channels):
-            for channel, deflection in zip(drop.channels, compared.deflections, strict=True):
-                if deflection > 0 and abs(channel.offset) < CENTRE_TOLERANCE_M:
-                    _, nearest = _maxima(displacement_of(channel, drop.time), deflection)
-                    deviations.append(abs(nearest / deflection - 1))
-        largest = max(deviations, default=0.0)
-        if largest > RELATIVE_PEAK_TOLERANCE:
-            deviations_by_drop[str(drop.number)] = round(largest, 6)
-    return deviations_by_drop
-
-
 def compare_peaks(
     drops: Sequence[Drop], stored: Sequence[StoredPeaks], where: str, traces: str
-) -> list[Notice]:
+) -> tuple[list[Notice], dict[str, float]]:
     """Compare the peaks of the traces with those in the maker's database.
 
     The maker's program searches a deflection within the pulse only; the trace may drift to a larger
@@ -413,35 +373,45 @@ def compare_peaks(
 
     Returns
     -------
-    list of Notice
+    remarks : list of Notice
         Remarks on different numbers of drops, drops with identical samples, and different loads or
         deflections; empty: all agree.
+    deviations : dict of str to float
+        By drop number the larger of the relative differences of load and centre deflection, if it
+        exceeds `RELATIVE_PEAK_TOLERANCE`. If all drops have the same samples, each has the
+        difference of the first.
     """
     if not stored:
-        return []
+        return [], {}
     about: dict[str, Value] = {"file": where, "traces": traces}
     if len(drops) != len(stored):
         counts = {"stored_drops": len(stored), "drops": len(drops)}
-        return [Notice("stored-drops-differ", about | counts)]
+        return [Notice("stored-drops-differ", about | counts)], {}
     remarks = []
+    groups = [[drop] for drop in drops]
     if len(drops) > 1 and all(drop.has_samples_of(drops[0]) for drop in drops[1:]):
         remarks.append(Notice("traces-identical", about | {"drops": len(drops)}))
-        drops, stored = drops[:1], stored[:1]
+        groups = [list(drops)]
+    deviations_by_drop: dict[str, float] = {}
     loads, deflection_deviations, rising = [], [], False
-    for drop, recorded in zip(drops, stored, strict=True):
-        peaks = trace_peaks(drop)
-        if recorded.load:
-            loads.append(peaks.load / recorded.load - 1)
-        if len(recorded.deflections) != len(drop.channels):
-            continue
-        for channel, recorded_deflection in zip(drop.channels, recorded.deflections, strict=True):
-            if recorded_deflection > 0:
-                largest, nearest = _maxima(displacement_of(channel, drop.time), recorded_deflection)
-                agrees = abs(nearest / recorded_deflection - 1) <= RELATIVE_PEAK_TOLERANCE
-                deflection_deviations.append(
-                    (nearest if agrees else largest) / recorded_deflection - 1
-                )
-                rising = rising or (agrees and largest > (1 + RELATIVE_PEAK_TOLERANCE) * nearest)
+    for (drop, *copies), recorded in zip(groups, stored, strict=False):
+        own = [trace_peaks(drop).load / recorded.load - 1] if recorded.load else []
+        loads += own
+        same_sensors = len(recorded.deflections) == len(drop.channels)
+        deflections = recorded.deflections if same_sensors else ()
+        for channel, deflection in zip(drop.channels, deflections, strict=False):
+            if deflection <= 0:
+                continue
+            largest, nearest = _maxima(displacement_of(channel, drop.time), deflection)
+            deviation = nearest / deflection - 1
+            agrees = abs(deviation) <= RELATIVE_PEAK_TOLERANCE
+            deflection_deviations.append(deviation if agrees else largest / deflection - 1)
+            rising = rising or (agrees and largest > (1 + RELATIVE_PEAK_TOLERANCE) * nearest)
+            if abs(channel.offset) < CENTRE_TOLERANCE_M:
+                own.append(deviation)
+        worst = max(map(abs, own), default=0.0)
+        if worst > RELATIVE_PEAK_TOLERANCE:
+            deviations_by_drop |= {str(each.number): round(worst, 6) for each in (drop, *copies)}
     for code, deviations in (
         ("stored-load-differs", loads),
         ("stored-deflection-differs", deflection_deviations),
@@ -453,12 +423,12 @@ def compare_peaks(
             rising = False
     if rising:
         remarks.append(Notice("stored-deflection-earlier", about))
-    return remarks
+    return remarks, deviations_by_drop
 
 
 def compare_raw_peaks(
     drops: Sequence[Drop], stored: Sequence[StoredPeaks], where: str
-) -> list[Notice]:
+) -> tuple[list[Notice], dict[str, float]]:
     """Compare the peaks of raw channels with those in the maker's database.
 
     The maker's program filters the channels before it searches peaks. If they differ from the peaks
@@ -471,22 +441,23 @@ def compare_raw_peaks(
 
     Returns
     -------
-    list of Notice
+    remarks, deviations
+        As of :func:`compare_peaks`; the deviations are those of the raw channels.
     """
-    as_recorded = compare_peaks(drops, stored, where, "raw_channels")
+    as_recorded, deviations = compare_peaks(drops, stored, where, "raw_channels")
     if not _DEVIATION_CODES & {remark.code for remark in as_recorded}:
-        return as_recorded
+        return as_recorded, deviations
     smoothed = [smoothed_as_stored(drop) for drop in drops]
-    remarks = compare_peaks(smoothed, stored, where, "raw_channels")
+    remarks, _ = compare_peaks(smoothed, stored, where, "raw_channels")
     if _DEVIATION_CODES & {remark.code for remark in remarks}:
-        return as_recorded
+        return as_recorded, deviations
     values: dict[str, Value] = {
         "file": where,
         "cutoff_hz": SMOOTHING_HZ,
         "poles": N_SMOOTHING_POLES,
         "tolerance": RELATIVE_PEAK_TOLERANCE,
     }
-    return [*remarks, Notice("stored-peaks-smoothed", values)]
+    return [*remarks, Notice("stored-peaks-smoothed", values)], deviations
 
 
 def smoothed_as_stored(drop: Drop) -> Drop:
@@ -525,14 +496,13 @@ def _maxima(values: Values, target: float) -> tuple[float, float]:
     return largest, float(min(candidates, key=lambda value: abs(value - target)))
 
 
-def _with_deviations(point: PointFacts, deviations: Mapping[str, float]) -> PointFacts:
-    """Return the point with the deviations of its peaks under the key `PEAK_DEVIATIONS`."""
-    if not deviations:
-        return point
-    return replace(point, noted={**point.noted, PEAK_DEVIATIONS: dict(deviations)})
-
-
-def _point(source: _Source, point: PointFacts, drops: list[Drop], *remarks: Notice) -> TracePoint:
+def _point(
+    source: _Source,
+    point: PointFacts,
+    drops: list[Drop],
+    remarks: Sequence[Notice],
+    **noted: object,
+) -> TracePoint:
     suffix = source.file.rpartition(".")[2].lower()
     declared = {
         **source.facts.declared,
@@ -546,6 +516,6 @@ def _point(source: _Source, point: PointFacts, drops: list[Drop], *remarks: Noti
         declared,
         drops,
         source.request,
-        noted=point.noted,
+        noted={**point.noted, **noted},
         remarks=(*source.remarks, *remarks),
     )

@@ -26,40 +26,8 @@ IMPACT_FILE_KIND = 0x8D937355
 MAX_STORED_CHANNELS = 64
 MAX_STORED_DROPS = 1000
 
-
-@dataclass(frozen=True, slots=True)
-class _Layout:
-    """Byte order and first bytes of one of the two layouts."""
-
-    order: str
-    """Byte order in the notation of struct and numpy."""
-    begin: bytes
-    """Bytes from byte 4 on that identify the layout."""
-    head: struct.Struct
-    """Structure of the header of 28 bytes."""
-
-    @property
-    def point(self) -> struct.Struct:
-        return struct.Struct(f"{self.order}iqiii")
-
-    @property
-    def rate(self) -> struct.Struct:
-        return struct.Struct(f"{self.order}d")
-
-    @property
-    def count(self) -> struct.Struct:
-        return struct.Struct(f"{self.order}i")
-
-    @property
-    def shape(self) -> struct.Struct:
-        return struct.Struct(f"{self.order}ii")
-
-
-_LAYOUTS = (
-    _Layout("<", bytes([len(STORED_SIGNATURE)]) + STORED_SIGNATURE, struct.Struct("<i16sIi")),
-    _Layout(">", STORED_SIGNATURE, struct.Struct(">i15sIi")),
-)
-"""The layout of newer files, then that of older ones."""
+_BEGINS = {"<": bytes([len(STORED_SIGNATURE)]) + STORED_SIGNATURE, ">": STORED_SIGNATURE}
+"""Bytes from byte 4 on that identify the newer and the older layout, by their byte order."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -98,65 +66,54 @@ def parse_stored(data: bytes, where: str) -> Stored:
     TraceError
         If the member has another format, or its size differs from that in the header.
     """
-    layout = next(
-        (candidate for candidate in _LAYOUTS if data[4:].startswith(candidate.begin)), None
-    )
-    if layout is None or len(data) < layout.head.size:
+    order = next((o for o, begin in _BEGINS.items() if data[4:].startswith(begin)), None)
+    if order is None:
+        expected = f"traces that begin with {STORED_SIGNATURE.decode()}"
         actual = f"{len(data)} bytes that begin with {quote(data[:16])}"
-        raise TraceError(
-            refusal(where, f"traces that begin with {STORED_SIGNATURE.decode()}", actual)
-        )
-    if layout.head.unpack_from(data)[2] != IMPACT_FILE_KIND:
+        raise TraceError(refusal(where, expected, actual))
+    head = struct.Struct(f"{order}4x{len(_BEGINS[order])}xI4x4xqiii")
+    if len(data) < head.size:
+        raise TraceError(_cut_off(where, head.size, len(data)))
+    kind, identity, samples, drops, channels = head.unpack_from(data)
+    if kind != IMPACT_FILE_KIND:
         raise TraceError(refusal(where, "a file of impacts", "another kind of file"))
-    start = layout.head.size + layout.point.size
-    if len(data) < start:
-        raise TraceError(_cut_off(where, start, len(data)))
-    _, identity, samples, drops, channels = layout.point.unpack_from(data, layout.head.size)
     if not (samples > 1 and 0 < drops <= MAX_STORED_DROPS and 0 < channels <= MAX_STORED_CHANNELS):
         actual = f"{drops} drops of {samples} samples, {channels} channels"
-        raise TraceError(
-            refusal(
-                where,
-                "drops with samples and channels",
-                actual,
-                "the file is damaged: copy it again",
-            )
-        )
-    content_size = drops * (layout.count.size + layout.shape.size + 4 * samples * (1 + channels))
+        hint = "the file is damaged: copy it again"
+        raise TraceError(refusal(where, "drops with samples and channels", actual, hint))
+    size = len(data) - drops * 4 * (3 + samples * (1 + channels))
     rate = None
-    if len(data) == start + layout.rate.size + content_size:
-        rate = finite(layout.rate.unpack_from(data, start)[0])
-        start += layout.rate.size
-    elif len(data) != start + content_size:
-        raise TraceError(_cut_off(where, start + content_size, len(data)))
-    traces = []
-    for number in range(1, drops + 1):
-        with np.errstate(invalid="ignore"):  # NaN is refused later, where its place is known
-            place = f"{where}, drop {number}"
-            drop, start = _drop(data, layout, start, samples, channels, place)
-        traces.append(drop)
+    if size == head.size + 8:
+        rate = finite(struct.unpack_from(f"{order}d", data, head.size)[0])
+    elif size != head.size:
+        raise TraceError(_cut_off(where, len(data) - size + head.size, len(data)))
+    layout = np.dtype(
+        [
+            ("samples", f"{order}i4"),
+            ("load", f"{order}f4", (samples,)),
+            ("shape", f"{order}i4", (2,)),
+            ("displacement", f"{order}f4", (channels * samples,)),
+        ]
+    )
+    traces = [
+        _drop(record, samples, channels, f"{where}, drop {number}")
+        for number, record in enumerate(np.frombuffer(data, layout, drops, size), start=1)
+    ]
     return Stored(identity, rate if rate and rate > 0 else None, tuple(traces))
 
 
-def _drop(
-    data: bytes, layout: _Layout, start: int, samples: int, channels: int, where: str
-) -> tuple[RincentStoredDrop, int]:
-    (count,) = layout.count.unpack_from(data, start)
-    if count != samples:
-        raise TraceError(refusal(where, f"{samples} samples of the load", str(count)))
-    number, start = np.dtype(f"{layout.order}f4"), start + layout.count.size
-    load = np.frombuffer(data, number, samples, start).astype(np.float64)
-    start += 4 * samples
-    shape = layout.shape.unpack_from(data, start)
+def _drop(record: np.void, samples: int, channels: int, where: str) -> RincentStoredDrop:
+    if record["samples"] != samples:
+        raise TraceError(refusal(where, f"{samples} samples of the load", str(record["samples"])))
+    shape = tuple(record["shape"].tolist())
     if sorted(shape) != sorted((channels, samples)):
         expected = f"{channels} channels of {samples} samples"
         raise TraceError(refusal(where, expected, f"{shape[0]} rows of {shape[1]}"))
-    start += layout.shape.size
-    values = np.frombuffer(data, number, channels * samples, start)
-    table = values.astype(np.float64).reshape(shape)
+    with np.errstate(invalid="ignore"):  # NaN is refused later, where its place is known
+        load = record["load"].astype(np.float64)
+        table = record["displacement"].astype(np.float64).reshape(shape)
     # Some versions write one row for each channel, others one row for each sample.
-    by_channel = table if shape == (channels, samples) else table.T
-    return RincentStoredDrop(load, by_channel), start + 4 * channels * samples
+    return RincentStoredDrop(load, table if shape == (channels, samples) else table.T)
 
 
 def _cut_off(where: str, expected: int, actual: int) -> str:

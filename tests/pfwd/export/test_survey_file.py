@@ -268,7 +268,7 @@ def test_a_long_directory_and_a_full_disk_are_refused(
 ) -> None:
     with monkeypatch.context() as patch:
         patch.setattr(survey_file, "MAX_LIST_BYTES", 300)
-        assert "a list of files of" in refused(packed, temporary)
+        assert "a list of members of" in refused(packed, temporary)
     usage = shutil.disk_usage(temporary)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=10))
     assert "expected room for" in refused(packed, temporary)

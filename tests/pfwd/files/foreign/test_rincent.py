@@ -203,9 +203,9 @@ ENTITIES = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;">]>\n'
 NAN = [Traces(np.full(300, np.nan), pulse().sensors)]
 
 WRONG: list[tuple[str, bytes, str]] = [
-    ("empty.dynz", b"", "expected a zip archive, got a file without the end of one"),
-    ("text.prjz", b"hello", "expected a zip archive"),
-    ("cut.dynz", dynz(RAW)[:-300], "without the end of one; it was cut off"),
+    ("empty.dynz", b"", "expected a readable zip archive, got"),
+    ("text.prjz", b"hello", "expected a readable zip archive"),
+    ("cut.dynz", dynz(RAW)[:-300], "not a zip file.*; it may be cut off"),
     ("other.dynz", zipped({"a.txt": b"x"}), "database.json or database.xml.*got 'a.txt'"),
     ("dtd.dynz", dynz(RAW, head=ENTITIES), "without a document type, got one with entities"),
     ("xml.dynz", zipped({"database.xml": dataset(RAW)[:500]}), "complete XML, got"),

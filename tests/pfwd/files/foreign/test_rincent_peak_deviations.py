@@ -5,10 +5,14 @@ from dataclasses import replace
 
 import pytest
 
-from pfwd.files.foreign.rincent import peak_deviations
+from pfwd.files.foreign.rincent import compare_peaks
 from pfwd.files.foreign.rincent_facts import StoredPeaks
 from pfwd_device import Channel, Drop
 from pfwd_device.signals import trace_peaks
+
+
+def peak_deviations(drops: list[Drop], stored: list[StoredPeaks]) -> dict[str, float]:
+    return compare_peaks(drops, stored, "a.prjz", "stored_traces")[1]
 
 
 def peaks_of(drop: Drop, load: float = 1.0, deflection: float = 1.0) -> StoredPeaks:
