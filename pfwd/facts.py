@@ -73,6 +73,7 @@ def facts_of_state(state: FittedState | None) -> dict[str, Fact]:
         "viscosity": Fact("viscosity", state.viscosity_pa_s),
         "bedrock": Fact("depth", state.bedrock_depth_m),
         "density": Fact("density", state.density_kg_m3),
+        "stress": Fact("pressure", state.stress_pa),
     }
 
 

@@ -8,13 +8,13 @@ import argparse
 import contextlib
 import os
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.errors import OptionError, refusal
 from pfwd.export.json_text import json_text
-from tui.diagnosis_lines import show_diagnosis
+from tui.diagnosis_lines import printed_diagnosis
 from tui.format import printed_results
 from tui.output import clean, counted, say
 from tui.progress import ProgressBars
@@ -72,10 +72,10 @@ def run_over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
     else:
         workers = ArchiveWorkers(options, args.jobs)
     with contextlib.closing(workers):
-        if args.archive is None:
-            n_sources, n_failures = _print_all(args, workers)
-        else:
+        if args.archive is not None:
             n_sources, n_failures = _store_all(args, workers)
+        else:
+            n_sources, n_failures = _print_all(args, workers)
     if not n_sources:
         say(refusal(", ".join(args.files), "a survey, or files with drops in the folder", "none"))
     return 1 if n_failures or not n_sources else 0
@@ -86,6 +86,7 @@ def _print_all(args: argparse.Namespace, workers: "ArchiveWorkers") -> tuple[int
     failures.
     """
     from pfwd.archive.run import invert_stream
+    from pfwd.judging.verdicts import modulus_in_force
 
     n_sources = n_failures = 0
     for outcome in invert_stream(args.files, workers):
@@ -93,12 +94,15 @@ def _print_all(args: argparse.Namespace, workers: "ArchiveWorkers") -> tuple[int
         n_failures += len(outcome.failures)
         for failure in outcome.failures:
             say(failure.reason)
+        lines: list[str] = []
         for diagnosis in outcome.diagnoses:
-            show_diagnosis(diagnosis, as_json=args.json)
+            judged = replace(diagnosis, point_modulus=modulus_in_force(diagnosis))
+            lines += printed_diagnosis(judged, as_json=args.json)
         if not workers.options.diagnose:
             results = [result for result, _ in outcome.results]
-            for line in printed_results(results, as_json=args.json, by=args.by):
-                print(line, flush=True)
+            lines += printed_results(results, as_json=args.json, by=args.by)
+        for line in lines:
+            print(line, flush=True)
     return n_sources, n_failures
 
 
@@ -122,8 +126,10 @@ def _store_all(args: argparse.Namespace, workers: "ArchiveWorkers") -> tuple[int
                     say(failure.reason)
                 elif n_failures == MAX_PRINTED_FAILURES + 1:
                     say(f"further failures are stored in {args.archive}")
-            done = counted(summary.points, "point") if diagnosed else counted(summary.drops, "drop")
-            bars.update(f"{done}, {summary.failed} failures", summary.sources, n_sources)
+            results = (
+                counted(summary.points, "point") if diagnosed else counted(summary.drops, "drop")
+            )
+            bars.update(f"{results}, {summary.failed} failures", summary.sources, n_sources)
 
         diagnosed = workers.options.diagnose
         summary = invert_archive(args.files, args.archive, workers, report)

@@ -8,8 +8,8 @@ import itertools
 import math
 import os
 import textwrap
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal, NamedTuple, TypeGuard
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple, TypeGuard, TypeVar
 
 from pfwd.analysis.options import PLATE_WORDS
 from pfwd.analysis.results import (
@@ -28,8 +28,7 @@ from pfwd.units import SI, Fact, Units, modulus_text, percent, unit_of_effect
 from tui.format import MODEL_WORDS, word
 from tui.output import clean, spelled
 
-if TYPE_CHECKING:
-    from pfwd.procedures import PointModulus
+_T = TypeVar("_T", bound=Hashable)
 
 WIDTH, SCREEN_LINES = 120, 40
 """Characters and lines of a common terminal. The table of a survey fits the width; the warnings are
@@ -51,6 +50,13 @@ _VERDICTS = {
 }
 _NO_DROP = "NOTHING TO DIAGNOSE: no drop of the point can be used, see the warnings"
 USES = {"design": "design value", "with-care": "use with care", "do-not-use": "do not use"}
+_USE_WORDS = {
+    "design": "with a design value",
+    "with-care": "to use with care",
+    "equivalent": "with the equivalent modulus alone",
+    "fit": "with the fit without effects",
+    "do-not-use": "not to use",
+}
 _ACTIONS = {
     "design": "use it",
     "with-care": "design with the lower end",
@@ -72,11 +78,7 @@ _PARAMETER_WORDS = {
 
 
 def diagnosis_lines(
-    result: DiagnosisResult,
-    *,
-    warnings: bool = True,
-    device_advice: bool = True,
-    modulus: "PointModulus | Literal['unknown'] | None" = "unknown",
+    result: DiagnosisResult, *, warnings: bool = True, device_advice: bool = True
 ) -> list[str]:
     """Return the diagnosis of a point as lines of text, in engineering units.
 
@@ -87,31 +89,32 @@ def diagnosis_lines(
         True: warnings are included; for several points `diagnosis_warnings` joins them.
     device_advice : bool
         True: advice on device effects is included; for several points `device_lines` joins it.
-    modulus : PointModulus or None, optional
-        Modulus to use at the point; None: there is none. "unknown": not known here.
     """
+    before, after = (facts_of_state(state) for state in (result.before, result.after))
     drops = ", ".join(map(str, result.drops or ())) or "none"
     device = "" if result.device is None else f", device {clean(result.device)}"
     point = "" if result.point is None else f", point {clean(result.point)}"
-    lines = [f"{clean(result.file)}{point}{device}, drops {drops}", f"  {_verdict(result)}"]
+    verdict = _VERDICTS.get(result.verdict or "", clean(result.verdict))
+    lines = [
+        f"{clean(result.file)}{point}{device}, drops {drops}",
+        f"  {_NO_DROP if result.drops == () else verdict}",
+    ]
     if result.before is not None and result.after is not None:
-        lines.append(
+        lines += [
             f"  {word(PLATE_WORDS, result.plate)}, radius {declared(result.plate_radius_m, 'm')}; "
-            f"Poisson's ratio {declared(result.poisson_ratio)}"
-        )
-        lines.append(f"  before  {_state(result.before)}")
-        lines.append(f"  after   {_state(result.after)}")
+            f"Poisson's ratio {declared(result.poisson_ratio)}",
+            f"  before  {_state(result.before, before)}",
+            f"  after   {_state(result.after, after)}",
+        ]
         if result.effects:
-            lines += _change(result.before, result.after)
-        elif result.verdict == "unexplained" and (
-            facts_of_state(result.before)["modulus"] != facts_of_state(result.after)["modulus"]
-        ):
+            lines += _change(before["modulus"], after["modulus"])
+        elif result.verdict == "unexplained" and before["modulus"] != after["modulus"]:
             lines.append("  no effect is accepted: after is the base model within usual soils")
-        sentence = use_sentence(result, modulus)
+        sentence = use_sentence(result)
         lines += [f"  {sentence}"] if sentence else []
-        if (equivalent := _equivalent_use(result, modulus)) is not None:
-            value = SI.show(facts_of_state(result.after)["equivalent"])
-            lines.append(f"  Equivalent modulus {value}: {equivalent}.")
+        if result.equivalent_use is not None:
+            value, use = SI.show(after["equivalent"]), USES[result.equivalent_use]
+            lines.append(f"  Equivalent modulus {value}: {use}.")
     for effect in result.effects or ():
         lines += _effect(effect, advice=device_advice or effect.scope != "device")
     lines += _held_out(result.held_out)
@@ -119,90 +122,47 @@ def diagnosis_lines(
     return [*lines, *diagnosis_warnings([result])] if warnings else lines
 
 
-def _verdict(result: DiagnosisResult) -> str:
-    if result.drops == ():
-        return _NO_DROP
-    return _VERDICTS.get(result.verdict or "", clean(result.verdict))
-
-
-def use_sentence(
-    result: DiagnosisResult, modulus: "PointModulus | Literal['unknown'] | None" = "unknown"
-) -> str:
+def use_sentence(result: DiagnosisResult) -> str:
     """Return a sentence that states what the modulus of a point may be used for.
 
-    Parameters
-    ----------
-    result : DiagnosisResult
-    modulus : PointModulus or None, optional
-        Modulus to use at the point; None: there is none. "unknown": not known here.
-
-    Returns
-    -------
-    str
-        Empty: the drops fell on a rig, which has no modulus.
+    It is empty if the drops fell on a rig, which has no modulus.
     """
     after = result.after
     if after is None or after.modulus_interval_pa is None:
         return ""
-    if objection := _objection(result, modulus):
-        if modulus == "unknown" or modulus is None or _record_fault(modulus) or not modulus.value:
+    if result.use == "do-not-use":
+        objection = f"{result.use_reason}; {result.remedy}"
+        if not result.modulus:
             return f"Do not use: {objection}."
-        text = modulus_text(modulus.value, modulus.interval)
+        text = modulus_text(result.modulus, result.modulus_interval)
         return f"Use the fit without effects: {text}. Do not use the modulus after: {objection}."
+    facts = facts_of_state(after)
     heading = "Design value" if result.use == "design" else "Use with care:"
-    text = f"{heading} {modulus_text(after.modulus_pa, after.modulus_interval_pa)}"
-    if _is_finite(after.stress_pa):
-        text += f", secant modulus at {after.stress_pa / 1e3:.0f} kPa"
+    text = f"{heading} {SI.show(facts['modulus'])}"
+    if facts["stress"].value is not None:
+        text += f", secant modulus at {SI.show(facts['stress'])}"
         at_100_kpa = modulus_at_100_kpa(after)
         text += f" ({at_100_kpa} MPa at 100 kPa)" if at_100_kpa else ""
     reason = f": {result.use_reason}" if result.use == "with-care" else ""
     return f"{text}{reason}."
 
 
-def _objection(result: DiagnosisResult, modulus: "PointModulus | Literal['unknown'] | None") -> str:
-    """Return why a diagnosed modulus must not be used, and the remedy; empty: it may be used."""
-    if (fault := _record_fault(modulus)) is not None:
-        return f"{fault}; measure again"
-    has_modulus = result.after is not None and _is_finite(result.after.modulus_pa)
-    if has_modulus and result.use != "do-not-use":
-        return ""
-    return f"{result.use_reason}; {result.remedy}"
-
-
-def _equivalent_use(
-    result: DiagnosisResult, modulus: "PointModulus | Literal['unknown'] | None"
-) -> str | None:
-    """Return what the equivalent modulus may be used for; None: the same as the modulus."""
-    if result.equivalent_use is None or _record_fault(modulus) is not None:
-        return None
-    return USES[result.equivalent_use]
-
-
-def _record_fault(modulus: "PointModulus | Literal['unknown'] | None") -> str | None:
-    """Return the reason why the records of a point support no modulus; None: no reason known."""
-    return None if modulus is None or modulus == "unknown" else modulus.not_supported
-
-
-def survey_lines(
-    results: Sequence[DiagnosisResult], moduli: "Sequence[PointModulus | None]", width: int = WIDTH
-) -> list[str]:
+def survey_lines(results: Sequence[DiagnosisResult], width: int = WIDTH) -> list[str]:
     """Return a table of several points, one line for each, and the advice below it.
 
     Parameters
     ----------
     results : sequence of DiagnosisResult
-    moduli : sequence of PointModulus or None
-        Modulus to use at each point; None: there is none.
+        With the modulus to use at each point.
     width : int
         Largest number of characters of a line.
     """
+    uses = [_USE_WORDS[_use_of(result)] for result in results]
+    counted = [f"{uses.count(use)} {use}" for use in _USE_WORDS.values() if use in uses]
+    lines = [f"{len(results)} points: {', '.join(counted)}", ""]
     names = _names(results)
-    diagnosed = [
-        (name, result, modulus)
-        for name, result, modulus in zip(names, results, moduli, strict=True)
-        if result.drops != ()
-    ]
-    lines = [_summary(results, moduli), ""]
+    points = list(zip(names, results, strict=True))
+    diagnosed = [(name, result) for name, result in points if result.drops != ()]
     if diagnosed:
         rows = [point_cells(*point) for point in diagnosed]
         modes = {result.held_out.mode for result in results if result.held_out is not None}
@@ -212,12 +172,28 @@ def survey_lines(
         filled = [place for place in range(len(columns)) if any(row[place] for row in rows)]
         table = [[row[place] for place in filled] for row in (columns, *rows)]
         lines += [*table_lines(table, width), ""]
+    unusable = [
+        (name, f"{result.use_reason}; {result.remedy}")
+        for name, result in diagnosed
+        if result.use == "do-not-use"
+        and result.modulus is None
+        and result.after is not None
+        and result.after.modulus_interval_pa is not None
+    ]
+    equivalent = [(name, USES[r.equivalent_use]) for name, r in diagnosed if r.equivalent_use]
+    # Points whose modulus must not be used have an advice already.
+    advice = [
+        (name, (_words(effect.name), effect.advice))
+        for name, result in points
+        for effect in result.effects or ()
+        if effect.advice and effect.scope != "device" and result.use != "do-not-use"
+    ]
     notes = [
-        *_conditions([result for _, result, _ in diagnosed]),
+        *_conditions([result for _, result in diagnosed]),
         *undiagnosed_lines(results),
-        *_unusable_lines(diagnosed, names),
-        *_equivalent_use_lines(diagnosed, names),
-        *_advice_of_points(results),
+        *(f"Do not use the modulus of {at}: {text}." for text, at in _joined(unusable, names)),
+        *(f"Equivalent modulus of {at}: {use}" for use, at in _joined(equivalent, names)),
+        *(clean(f"{effect}, {at}: {text}") for (effect, text), at in _joined(advice, names)),
         *device_lines(results),
     ]
     return [*lines, *(part for note in notes for part in wrapped(note, width))]
@@ -240,36 +216,6 @@ def _conditions(results: Sequence[DiagnosisResult]) -> list[str]:
         f"{' or '.join(plates)}, Poisson's ratio {' or '.join(ratios)}. "
         "Unexplained: what the model lacks, over the peak, an allowance of 0.3 % for its error "
         "included."
-    ]
-
-
-def _unusable_lines(
-    points: "Sequence[tuple[str, DiagnosisResult, PointModulus | None]]", names: Sequence[str]
-) -> list[str]:
-    """Return the reasons why moduli must not be used, each once with its points and the remedy."""
-    where: dict[str, list[str]] = {}
-    for name, result, modulus in points:
-        lacks_modulus = modulus is None or modulus.value is None
-        is_unusable = lacks_modulus and result.use == "do-not-use"
-        has_modulus = result.after is not None and result.after.modulus_interval_pa is not None
-        if has_modulus and (is_unusable or _record_fault(modulus) is not None):
-            where.setdefault(_objection(result, modulus), []).append(name)
-    return [
-        f"Do not use the modulus of {_where(chosen, names)}: {text}."
-        for text, chosen in where.items()
-    ]
-
-
-def _equivalent_use_lines(
-    points: "Sequence[tuple[str, DiagnosisResult, PointModulus | None]]", names: Sequence[str]
-) -> list[str]:
-    """Return the uses of the equivalent modulus that differ from those of the modulus."""
-    where: dict[str, list[str]] = {}
-    for name, result, modulus in points:
-        if (use := _equivalent_use(result, modulus)) is not None:
-            where.setdefault(use, []).append(name)
-    return [
-        f"Equivalent modulus of {_where(chosen, names)}: {use}" for use, chosen in where.items()
     ]
 
 
@@ -298,9 +244,14 @@ class PointCells(NamedTuple):
     """What to do with the modulus, or at the point."""
 
 
-def point_cells(
-    name: str, result: DiagnosisResult, modulus: "PointModulus | None", units: Units = SI
-) -> PointCells:
+def _use_of(result: DiagnosisResult) -> str:
+    """Return the use of the modulus in force at a point, a key of `_USE_WORDS`."""
+    if result.modulus_source == "fitted":
+        return "fit"
+    return "equivalent" if result.in_force and result.modulus is None else result.use
+
+
+def point_cells(name: str, result: DiagnosisResult, units: Units = SI) -> PointCells:
     """Return the cells of a point in a table of diagnoses.
 
     Parameters
@@ -308,41 +259,32 @@ def point_cells(
     name : str
         Name of the point in the table.
     result : DiagnosisResult
-    modulus : PointModulus or None
-        Modulus to use at the point; None: there is none.
+        With the modulus to use at the point.
     units : Units, optional
     """
-    after = result.after or FittedState()
-    if _record_fault(modulus) is not None:
-        modulus, key = None, "do-not-use"
-    else:
-        key = result.use
-    use, action = USES[key], _ACTIONS[key]
-    is_diagnosed = modulus is not None and modulus.source == "diagnosed"
-    stress = ""
-    if modulus is not None and modulus.source == "fitted":
+    facts = facts_of_state(result.after)
+    use, action, stress = USES[result.use], _ACTIONS[result.use], ""
+    if result.modulus_source == "fitted":
         use, action = "fit without effects", ""
-    elif modulus is not None and modulus.value is None:
-        key = result.equivalent_use or key
+    elif result.in_force and result.modulus is None:
+        key = result.equivalent_use or result.use
         use, action = f"equivalent: {USES[key]}", _ACTIONS[key]
-    elif modulus is not None and _is_finite(after.stress_pa):
-        stress = f"{after.stress_pa / 1e3:.0f}"
-    elif after.model == "rig":
+    elif result.in_force and facts["stress"].value is not None:
+        stress = units.show(facts["stress"], with_unit=False)
+    elif result.after is not None and result.after.model == "rig":
         use, action = "no ground", ""
     effects = [_short_effect(e) for e in result.effects or () if not _is_shared(e)]
     more = ["..."] if len(effects) > MAX_EFFECTS_IN_TABLE else []
-    listed = ", ".join([*effects[:MAX_EFFECTS_IN_TABLE], *more]) or "no effect"
+    modulus = Fact("modulus", result.modulus, result.modulus_interval)
     return PointCells(
         name,
-        "none"
-        if modulus is None or modulus.value is None
-        else units.show(Fact("modulus", modulus.value, modulus.interval), with_unit=False),
+        "none" if modulus.value is None else units.show(modulus, with_unit=False),
         stress,
-        units.show(facts_of_state(after)["equivalent"], with_unit=False) if is_diagnosed else "",
+        units.show(facts["equivalent"], with_unit=False) if result.in_force else "",
         use,
         percent(result.explained_to),
         _prediction_cell(result.held_out),
-        listed,
+        ", ".join([*effects[:MAX_EFFECTS_IN_TABLE], *more]) or "no effect",
         action,
     )
 
@@ -394,7 +336,8 @@ def _short_effect(effect: EffectResult) -> str:
     """Return the name of an effect, with its depth if its value is one."""
     name = _words(effect.name)
     if effect.unit == "m" and _is_finite(effect.value) and _is_finite(effect.sd):
-        return f"{name} {rounded(effect.value, effect.sd)} m"
+        # Three digits are enough in a table.
+        return f"{name} {rounded(effect.value, max(effect.sd, 5e-3 * effect.value))} m"
     return name
 
 
@@ -403,78 +346,45 @@ def _is_shared(effect: EffectResult) -> bool:
     return effect.scope == "device" and not _is_finite(effect.evidence)
 
 
-def _summary(results: Sequence[DiagnosisResult], moduli: "Sequence[PointModulus | None]") -> str:
-    """Return the number of points for each use of the modulus, as text."""
-    uses = []
-    for result, modulus in zip(results, moduli, strict=True):
-        if _record_fault(modulus) is not None:
-            uses.append(USES["do-not-use"])
-        elif modulus is not None and modulus.source == "fitted":
-            uses.append("fit")
-        elif modulus is not None and modulus.value is None:
-            uses.append("equivalent")
-        else:
-            uses.append(USES[result.use])
-    words = {
-        "design value": "with a design value",
-        "use with care": "to use with care",
-        "equivalent": "with the equivalent modulus alone",
-        "fit": "with the fit without effects",
-        "do not use": "not to use",
-    }
-    counted = [f"{uses.count(use)} {text}" for use, text in words.items() if use in uses]
-    return f"{len(results)} points: {', '.join(counted)}"
-
-
-def _advice_of_points(results: Sequence[DiagnosisResult]) -> list[str]:
-    """Return the advice on effects of the ground, each once with its points.
-
-    Points whose modulus must not be used are left out, because `_unusable_lines` has them.
-    """
-    names = _names(results)
-    points: dict[tuple[str, str], list[str]] = {}
-    for name, result in zip(names, results, strict=True):
-        for effect in result.effects or ():
-            if effect.advice and effect.scope != "device" and result.use != "do-not-use":
-                points.setdefault((str(effect.name), effect.advice), []).append(name)
-    return [
-        clean(f"{_words(effect)}, {_where(where, names)}: {advice}")
-        for (effect, advice), where in points.items()
-    ]
-
-
 def device_lines(results: Sequence[DiagnosisResult]) -> list[str]:
     """Return the effects of devices with their advice, each once with its points."""
     names = _names(results)
-    points: dict[tuple[str, str], list[str]] = {}
+    effects: list[tuple[str, tuple[str, str]]] = []
     for name, result in zip(names, results, strict=True):
         for effect in result.effects or ():
             if effect.scope == "device" and (_is_shared(effect) or result.use != "do-not-use"):
                 values = [_parameter(p, effect) for p in effect.parameters or ()]
                 numbers = f" ({'; '.join(values)})" if _is_shared(effect) and values else ""
-                text = f"device: {_words(effect.name)}{numbers}"
-                points.setdefault((text, effect.advice or ""), []).append(name)
-    return [
-        clean(f"{text}, {_where(where, names)}" + (f": {advice}" if advice else ""))
-        for (text, advice), where in points.items()
-    ]
+                advice = f": {effect.advice}" if effect.advice else ""
+                effects.append((name, (f"{_words(effect.name)}{numbers}", advice)))
+    joined = _joined(effects, names)
+    return [clean(f"device: {text}, {points}{advice}") for (text, advice), points in joined]
 
 
-def _where(chosen: Sequence[str], names: Sequence[str]) -> str:
-    """Return names of points as text, with consecutive ones as ranges."""
+def _joined(texts: Iterable[tuple[str, _T]], names: Sequence[str]) -> Iterator[tuple[_T, str]]:
+    """Yield each different text with the points that have it, consecutive ones as ranges.
+
+    Parameters
+    ----------
+    texts : iterable of (name of the point, text)
+    names : sequence of str
+        Names of all points in their order.
+    """
+    points: dict[_T, dict[str, None]] = {}
+    for name, text in texts:
+        points.setdefault(text, {})[name] = None
     order = list(dict.fromkeys(names))
-    return "all points" if len(set(chosen)) == len(order) else as_ranges(chosen, order)
+    for text, chosen in points.items():
+        yield text, "all points" if len(chosen) == len(order) else as_ranges(chosen, order)
 
 
 def undiagnosed_lines(results: Sequence[DiagnosisResult]) -> list[str]:
     """Return a line with the points that have no usable drop; empty: all have one."""
     names = _names(results)
     empty = [name for name, result in zip(names, results, strict=True) if result.drops == ()]
-    if not empty:
-        return []
     return [
-        f"NOTHING TO DIAGNOSE at {_where(empty, names)} ({len(empty)}): no drop can be used, "
-        "see the warnings"
+        f"NOTHING TO DIAGNOSE at {points} ({len(empty)}): no drop can be used, see the warnings"
+        for _, points in _joined(((name, "") for name in empty), names)
     ]
 
 
@@ -595,8 +505,7 @@ def _peak_error(error: float | None, held: HeldOut) -> list[str]:
     return [f"    recorded peak {100 * (error or 0.0):+.1f} % from the predicted one; {expected}"]
 
 
-def _state(state: FittedState) -> str:
-    facts = facts_of_state(state)
+def _state(state: FittedState, facts: Mapping[str, Fact]) -> str:
     modulus = SI.show(facts["modulus"])
     text = "no ground" if modulus == MISSING else f"E {modulus}"
     if state.equivalent_modulus_interval_pa is not None:
@@ -609,15 +518,14 @@ def _state(state: FittedState) -> str:
     )
 
 
-def _change(before: FittedState, after: FittedState) -> list[str]:
+def _change(before: Fact, after: Fact) -> list[str]:
     """Return a line with the change of the modulus; empty: a modulus is missing or undetermined."""
-    first, last = (facts_of_state(state)["modulus"] for state in (before, after))
-    if not first.value or not last.value:
+    if not before.value or not after.value:
         return []
-    values = (SI.text("modulus", fact.value) for fact in (first, last))
+    values = (SI.text("modulus", fact.value) for fact in (before, after))
     return [
         f"  the modulus changes from {' to '.join(values)} MPa, by "
-        f"{100 * (last.value / first.value - 1):+z.0f} %"
+        f"{100 * (after.value / before.value - 1):+z.0f} %"
     ]
 
 
@@ -664,36 +572,21 @@ def _is_finite(value: float | None) -> TypeGuard[float]:
     return value is not None and math.isfinite(value)
 
 
-def show_diagnosis(
-    result: DiagnosisResult,
-    *,
-    as_json: bool,
-    device_advice: bool = True,
-    modulus: "PointModulus | Literal['unknown'] | None" = "unknown",
-) -> None:
-    """Print the diagnosis of a point.
+def printed_diagnosis(
+    result: DiagnosisResult, *, as_json: bool, device_advice: bool = True
+) -> list[str]:
+    """Return the lines that ``pfwd diagnose`` prints for a point: one JSON object, or text.
 
     Parameters
     ----------
     result : DiagnosisResult
+        With the modulus to use at the point.
     as_json : bool
-        True: as one JSON object.
     device_advice : bool
         True: the text includes the advice on device effects.
-    modulus : PointModulus or None, optional
-        Modulus to use at the point. "unknown": it is derived from this diagnosis alone.
     """
-    if modulus == "unknown":
-        from pfwd.judging.verdicts import modulus_in_force
+    if not as_json:
+        return diagnosis_lines(result, warnings=False, device_advice=device_advice)
+    from pfwd.procedures.point import in_force_as_dict
 
-        modulus = modulus_in_force(result)
-    if as_json:
-        from pfwd.procedures.point import in_force_as_dict
-
-        supported = None if _record_fault(modulus) is not None else modulus
-        print(json_text(result.to_json() | in_force_as_dict(supported)), flush=True)
-        return
-    for line in diagnosis_lines(
-        result, warnings=False, device_advice=device_advice, modulus=modulus
-    ):
-        print(line, flush=True)
+    return [json_text(result.to_json() | in_force_as_dict(result.supported_modulus))]

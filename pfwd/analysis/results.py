@@ -188,20 +188,23 @@ class DiagnosisResult(JsonRecord, Displayable):
         return None if self.point_modulus is None else self.point_modulus.not_supported
 
     @property
-    def _in_force(self) -> PointModulus | None:
+    def supported_modulus(self) -> PointModulus | None:
+        """Modulus of the point, unless its records support none."""
         return self.point_modulus if self._fault is None else None
 
-    modulus: ClassVar[float | None] = alias("_in_force.value")
+    modulus: ClassVar[float | None] = alias("supported_modulus.value")
     """Modulus to use, Pa: fitted with the effects, or without them if `use` is ``do-not-use``;
     None: none."""
-    modulus_interval: ClassVar[Interval | None] = alias("_in_force.interval")
+    modulus_interval: ClassVar[Interval | None] = alias("supported_modulus.interval")
     """95 % interval of `modulus`, Pa; None: there is no modulus."""
-    equivalent_modulus: ClassVar[float | None] = alias("_in_force.equivalent")
+    equivalent_modulus: ClassVar[float | None] = alias("supported_modulus.equivalent")
     """Modulus of the half-space that deflects as much under the plate, Pa, from the source of
     `modulus`; None: none."""
-    equivalent_modulus_interval: ClassVar[Interval | None] = alias("_in_force.equivalent_interval")
+    equivalent_modulus_interval: ClassVar[Interval | None] = alias(
+        "supported_modulus.equivalent_interval"
+    )
     """95 % interval of `equivalent_modulus`, Pa."""
-    modulus_source: ClassVar[str | None] = alias("_in_force.source")
+    modulus_source: ClassVar[str | None] = alias("supported_modulus.source")
     """Source of `modulus`: ``diagnosed`` (with the effects) or ``fitted``; None: none."""
 
     @property
@@ -213,7 +216,7 @@ class DiagnosisResult(JsonRecord, Displayable):
     def equivalent_use(self) -> Use | None:
         """Permitted use of the equivalent modulus; None: as `use`, or there is none."""
         after = self.after
-        if after is None or after.equivalent_modulus_interval_pa is None:
+        if self._fault or after is None or after.equivalent_modulus_interval_pa is None:
             return None
         use = self._assess_use(
             after.equivalent_modulus_pa, after.equivalent_modulus_interval_pa
@@ -223,7 +226,7 @@ class DiagnosisResult(JsonRecord, Displayable):
     @property
     def remedy(self) -> str:
         """Advice for a new measurement if the modulus is not to be used; else empty."""
-        return self._assess_modulus().remedy
+        return self._assess_modulus().remedy if self._fault is None else _REMEDY_FAULT
 
     def _assess_modulus(self) -> _UseAssessment:
         after = self.after
@@ -371,6 +374,7 @@ class _UseAssessment(NamedTuple):
     remedy: str = ""
 
 
+_REMEDY_FAULT = "measure again"
 _REMEDY_OPEN = (
     "measure again with one more sensor beside the plate and a longer record, or declare the depth "
     "of rock"

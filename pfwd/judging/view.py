@@ -28,7 +28,7 @@ from pfwd.judging.drops import RATE_DEVIATION, DropView, drop_from_traces
 from pfwd.judging.job import Job, job_of
 from pfwd.judging.places import place_in
 from pfwd.judging.verdicts import PointView, modulus_in_force
-from pfwd.procedures import Kind, PointDrop, PointModulus, Procedure
+from pfwd.procedures import Kind, PointDrop, Procedure
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Survey, SurveyDrop, SurveyPoint
 from pfwd_device.recording.drop_payload import DropFacts
@@ -144,8 +144,8 @@ def job_of_folder(folder: str | os.PathLike[str], instead: Procedure | None = No
         return replace(job_of(survey, instead), procedure=None)
 
 
-def moduli_in_force(diagnoses: Sequence[DiagnosisResult]) -> list[PointModulus | None]:
-    """Return the modulus that may be used after each diagnosis, see `modulus_in_force`.
+def with_moduli_in_force(diagnoses: Sequence[DiagnosisResult]) -> list[DiagnosisResult]:
+    """Return diagnoses with the modulus to use at each point, see `modulus_in_force`.
 
     Each survey among the diagnosed files is read once, for the stored fits of its drops.
     """
@@ -156,9 +156,10 @@ def moduli_in_force(diagnoses: Sequence[DiagnosisResult]) -> list[PointModulus |
             with contextlib.suppress(RecordingError, SurveyError):
                 views = point_views(survey_content(file))
                 points |= {(file, view.shown_name): view for view in views}
+    moduli = (modulus_in_force(d, points.get((str(d.file), str(d.point)))) for d in diagnoses)
     return [
-        modulus_in_force(diagnosis, points.get((str(diagnosis.file), str(diagnosis.point))))
-        for diagnosis in diagnoses
+        replace(diagnosis, point_modulus=modulus)
+        for diagnosis, modulus in zip(diagnoses, moduli, strict=True)
     ]
 
 

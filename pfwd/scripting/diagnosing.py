@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from pfwd import display
 from pfwd.analysis.results import DiagnosisResult as Diagnosis
 from pfwd.errors import OptionError, SurveyError, refusal
-from pfwd.judging.view import moduli_in_force
+from pfwd.judging.view import with_moduli_in_force
 from pfwd.scripting.measured import Data, Drop, Point, points_of, requested
 from pfwd.scripting.options import DIAGNOSE_OPTIONS
 
@@ -106,10 +106,7 @@ def diagnose(
         if outcome.result is None:
             raise SurveyError(outcome.error or refusal(outcome.file, "a diagnosis", "none"))
         results.append(replace(outcome.result, predictor=predictor))
-    diagnoses = Diagnoses(
-        replace(result, point_modulus=modulus)
-        for result, modulus in zip(results, moduli_in_force(results), strict=True)
-    )
+    diagnoses = Diagnoses(with_moduli_in_force(results))
     return diagnoses[0] if isinstance(data, Drop | Point) else diagnoses
 
 

@@ -122,4 +122,4 @@ def test_left_out_sensors_are_not_judged_where_the_sides_of_the_plate_differ() -
     assert diagnosis_lines(result)[2:] == [
         "  each sensor predicted, but not judged: sides of the plate differ by 13 % of the peak"
     ]
-    assert point_cells("A", result, None).prediction_error == "sides differ 13 %"
+    assert point_cells("A", result).prediction_error == "sides differ 13 %"

@@ -21,7 +21,7 @@ from tui.diagnosis_lines import (
     diagnosis_lines,
     diagnosis_sentence,
     diagnosis_warnings,
-    show_diagnosis,
+    printed_diagnosis,
     survey_lines,
     undiagnosed_lines,
     use_sentence,
@@ -225,7 +225,11 @@ def survey() -> list[DiagnosisResult]:
 
 
 def lines_of(points: list[DiagnosisResult], width: int = 140) -> list[str]:
-    return survey_lines(points, [modulus_in_force(point) for point in points], width)
+    return survey_lines(list(map(judged, points)), width)
+
+
+def judged(point: DiagnosisResult) -> DiagnosisResult:
+    return replace(point, point_modulus=modulus_in_force(point))
 
 
 def test_the_use_of_the_equivalent_modulus_is_said_where_it_differs() -> None:
@@ -315,27 +319,25 @@ def test_a_fit_in_force_is_named_beside_a_diagnosis_that_is_not_to_be_used() -> 
     point = survey()[2]
     assert point.before is not None
     point = replace(point, before=replace(point.before, contact_residual_rms_over_peak=0.01))
-    modulus = modulus_in_force(point)
     assert "fit without effects" in lines_of([point, *survey()])[3]
-    assert use_sentence(point, modulus).startswith(
+    assert use_sentence(judged(point)).startswith(
         "Use the fit without effects: 40 MPa (20 to 60). Do not use the modulus after: 5 %"
     )
 
 
-def test_a_modulus_of_unsupported_records_is_not_to_be_used(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_modulus_of_unsupported_records_is_not_to_be_used() -> None:
     point, *others = survey()
     modulus = PointModulus(50e6, (47e6, 53e6), "diagnosed", "drop 3: its record is a copy")
-    lines = survey_lines([point, *others], [modulus, *map(modulus_in_force, others)])
+    point = replace(point, point_modulus=modulus)
+    lines = survey_lines([point, *map(judged, others)])
     assert lines[0] == "3 points: 1 to use with care, 2 not to use"
     row = re.split(" {2,}", lines[3])
     assert (row[1], row[2], row[-1]) == ("none", "do not use", "measure again")
     sentence = "drop 3: its record is a copy; measure again."
     assert f"Do not use the modulus of A: {sentence}" in lines
-    assert use_sentence(point, modulus) == f"Do not use: {sentence}"
-    show_diagnosis(point, as_json=True, modulus=modulus)
-    assert json.loads(capsys.readouterr().out)["modulus_in_force_pa"] is None
+    assert use_sentence(point) == f"Do not use: {sentence}"
+    (printed,) = printed_diagnosis(point, as_json=True)
+    assert json.loads(printed)["modulus_in_force_pa"] is None
 
 
 @pytest.mark.parametrize("code", ["sensor-steps", "load-steps"])

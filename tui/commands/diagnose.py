@@ -19,7 +19,7 @@ from tui.arguments import (
     add_stored,
     analysis_options,
 )
-from tui.output import clean, say
+from tui.output import clean, counted, say
 from tui.progress import diagnosis_progress
 
 if TYPE_CHECKING:
@@ -174,12 +174,12 @@ def show_all(points: "Sequence[Diagnosed]", *, as_json: bool, details: bool = Fa
     details : bool
         True: several points are printed in full as well.
     """
-    from pfwd.judging.view import moduli_in_force
+    from pfwd.judging.view import with_moduli_in_force
     from tui.diagnosis_lines import (
         SCREEN_LINES,
         WIDTH,
         diagnosis_warnings,
-        show_diagnosis,
+        printed_diagnosis,
         survey_lines,
         wrapped,
     )
@@ -187,31 +187,21 @@ def show_all(points: "Sequence[Diagnosed]", *, as_json: bool, details: bool = Fa
     for diagnosed in points:
         if diagnosed.error is not None:
             say(diagnosed.error)
-    results = [diagnosed.result for diagnosed in points if diagnosed.result is not None]
+    results = with_moduli_in_force([p.result for p in points if p.result is not None])
     several = len(results) > 1
-    moduli = moduli_in_force(results)
-    if as_json:
-        for result, modulus in zip(results, moduli, strict=True):
-            show_diagnosis(result, as_json=True, modulus=modulus)
-        return
-    warnings = diagnosis_warnings(results)
-    if several:
-        table = survey_lines(results, moduli)
-        _print(table)
-    if several and not details:
-        lines = [part for warning in warnings for part in wrapped(warning, WIDTH)]
-        if not lines or len(table) + len(lines) < SCREEN_LINES:
-            _print([*lines, "--details shows each point in full"])
+    lines = survey_lines(results) if several and not as_json else []
+    if as_json or details or not several:
+        for result in results:
+            if as_json or not several or result.drops != ():
+                lines += printed_diagnosis(result, as_json=as_json, device_advice=not several)
+        lines += [] if as_json else diagnosis_warnings(results)
+    else:
+        warnings = diagnosis_warnings(results)
+        warning_lines = [part for warning in warnings for part in wrapped(warning, WIDTH)]
+        if not warning_lines or len(lines) + len(warning_lines) < SCREEN_LINES:
+            lines += [*warning_lines, "--details shows each point in full"]
         else:
-            noun = "warning" if len(warnings) == 1 else "warnings"
-            _print([f"{len(warnings)} {noun}: --details shows them, and each point in full"])
-        return
-    for result, modulus in zip(results, moduli, strict=True):
-        if not several or result.drops != ():
-            show_diagnosis(result, as_json=False, device_advice=not several, modulus=modulus)
-    _print(warnings)
-
-
-def _print(lines: "Sequence[str]") -> None:
+            number = counted(len(warnings), "warning")
+            lines.append(f"{number}: --details shows them, and each point in full")
     for line in lines:
         print(line, flush=True)

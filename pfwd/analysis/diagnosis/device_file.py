@@ -14,7 +14,7 @@ from inversion.inference.population import ERROR_BUDGET
 from inversion.records import known
 from pfwd.analysis.diagnosis.diagnose import Diagnosed
 from pfwd.errors import OptionError, refusal
-from pfwd.files.output_path import replaced_at_once, require_writable
+from pfwd.files.output_path import replaced_at_once
 from pfwd.files.toml import toml_line
 from pfwd.toml_reading import parse_user_toml, read_toml_text
 from pfwd_device.schema import Integer, Key, Number, TableReader, Text, TomlTable
@@ -93,10 +93,9 @@ def write_effects(
 
     Raises
     ------
-    OptionError, OSError
+    OSError
         If the file cannot be written.
     """
-    require_writable(path, "device file")
     lines = [
         toml_line("device", device or ""),
         toml_line("date", datetime.date.today().isoformat()),

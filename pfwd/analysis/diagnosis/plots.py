@@ -15,14 +15,13 @@ from pfwd.analysis.results import DiagnosisResult
 from pfwd.display import AFTER_COLOUR, BEFORE_COLOUR, draw_residual
 from pfwd.errors import SurveyError, refusal
 from pfwd.facts import facts_of_state
-from pfwd.files.output_path import require_writable
 from pfwd.matplotlib_start import start_matplotlib
 from pfwd.units import SI, percent
 
 _DATA = "#222222"
 
 
-def plot_diagnoses(results: Sequence[DiagnosisResult], path: str | os.PathLike[str]) -> Path:
+def plot_diagnoses(results: Sequence[DiagnosisResult], path: str | os.PathLike[str]) -> None:
     """Write a picture of diagnoses, one row of four diagrams for each point.
 
     Parameters
@@ -31,15 +30,10 @@ def plot_diagnoses(results: Sequence[DiagnosisResult], path: str | os.PathLike[s
         Results without traces are skipped.
     path : path ending in .png, .svg or .pdf
 
-    Returns
-    -------
-    Path
-        The written file.
-
     Raises
     ------
     SurveyError
-        If no result has traces, or the file cannot be written.
+        If no result has traces.
     """
     start_matplotlib()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -57,9 +51,7 @@ def plot_diagnoses(results: Sequence[DiagnosisResult], path: str | os.PathLike[s
         draw_residual(row[1], result.curves, title)
         _draw_spectrum(row[2], result)
         _draw_ladder(row[3], result)
-    target = require_writable(path, "--plot")
-    figure.savefig(target, dpi=110)
-    return target
+    figure.savefig(path, dpi=110)
 
 
 def _draw_traces(axis: Any, result: DiagnosisResult) -> None:

@@ -263,7 +263,8 @@ def judged_row(row: PointRow, point: "PointView") -> PointRow:
     if diagnosis is not None and diagnosis.after is not None:
         from tui.diagnosis_lines import point_cells
 
-        cells = point_cells(point.shown_name, diagnosis, modulus)
+        judged = dataclasses.replace(diagnosis, point_modulus=modulus)
+        cells = point_cells(point.shown_name, judged)
         use, unexplained = cells.use, cells.unexplained
     return dataclasses.replace(
         row,

@@ -10,7 +10,6 @@ from pfwd.analysis.response_tables import BUILDING
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.facts import facts_of_state
 from pfwd.judging.verdicts import modulus_in_force
-from pfwd.procedures import PointModulus
 from pfwd.units import Units
 from tui.diagnosis_lines import device_lines, diagnosis_lines, point_cells
 from tui.screen.drawing.lines import (
@@ -123,9 +122,9 @@ class DiagnosisPage(Page):
         device[:0] = [()] if device else []
         table_room = max(3, (room - len(device)) // 2)
         visible = window(len(results), self.place, table_room - 1)
-        moduli = {at: self._modulus_in_force(results[at]) for at in {*visible, self.place}}
+        judged = {at: self._judged(results[at]) for at in {*visible, self.place}}
         rows = [
-            result_row(results[at], names[at], moduli[at], self.pfwd.units, chosen=at == self.place)
+            result_row(judged[at], names[at], self.pfwd.units, chosen=at == self.place)
             for at in visible
         ]
         unit = self.pfwd.units.unit("modulus")
@@ -137,17 +136,17 @@ class DiagnosisPage(Page):
         ]
         table = table_lines(columns, rows, width)
         text: list[Line] = [(), line(cell(f" point {names[self.place]}", "strong"))]
-        for row in diagnosis_lines(results[self.place], modulus=moduli[self.place])[1:]:
+        for row in diagnosis_lines(judged[self.place])[1:]:
             text += [line(" ", part) for part in wrap(row.strip(), width - 2)]
         text_rows = room - len(table) - len(device)
         self.first = max(0, min(self.first, len(text) - text_rows))
         return [*table, *device, *text[self.first : self.first + text_rows]]
 
-    def _modulus_in_force(self, result: DiagnosisResult) -> PointModulus | None:
-        """Return the modulus in force at the point of a diagnosis, as ``pfwd diagnose`` does."""
+    def _judged(self, result: DiagnosisResult) -> DiagnosisResult:
+        """Return a diagnosis with the modulus in force at its point, as ``pfwd diagnose`` does."""
         points = self.pfwd.state.points.values()
         point = next((point for point in points if point.shown_name == str(result.point)), None)
-        return modulus_in_force(result, point)
+        return dataclasses.replace(result, point_modulus=modulus_in_force(result, point))
 
     def action_run(self) -> None:
         """Start the diagnosis of all points in a process of its own."""
@@ -185,29 +184,21 @@ def progress_bar(count: int, total: int, width: int) -> Line:
 _ROLE: dict[str, TextRole] = {"clean": "good", "explained": "good", "unexplained": "warn"}
 
 
-def result_row(
-    result: DiagnosisResult,
-    name: str,
-    modulus: PointModulus | None,
-    units: Units,
-    *,
-    chosen: bool,
-) -> TableRow:
+def result_row(result: DiagnosisResult, name: str, units: Units, *, chosen: bool) -> TableRow:
     """Return the row of a point in the table of diagnoses.
 
     Parameters
     ----------
     result : DiagnosisResult
+        With the modulus in force at the point.
     name : str
         Name of the point in the table.
-    modulus : PointModulus or None
-        Modulus in force at the point.
     units : Units
     chosen : bool
         The row is marked, and the text below the table is about its point.
     """
     verdict = str(result.verdict)
-    cells = point_cells(name, result, modulus, units)
+    cells = point_cells(name, result, units)
     return TableRow(
         (
             shorten(cell(name).text, 24),

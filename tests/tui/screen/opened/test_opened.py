@@ -443,7 +443,8 @@ def test_screen_and_diagnose_print_the_same_modulus_and_unexplained_part(survey:
     point = next(iter(point_views(read_survey(survey))))
     result, modulus = point.diagnosis_in_force, point.progress.modulus
     assert result is not None
-    printed = next(row for row in survey_lines([result], [modulus]) if row.startswith("0+000"))
+    judged = dataclasses.replace(result, point_modulus=modulus)
+    printed = next(row for row in survey_lines([judged]) if row.startswith("0+000"))
     assert "81 (72 to 112)" in printed
     assert "1.4 %" in printed
 
@@ -451,12 +452,13 @@ def test_screen_and_diagnose_print_the_same_modulus_and_unexplained_part(survey:
     assert modulus_in_force_text(opened_row) == "81 (72 to 112)"
     assert (opened_row.use, opened_row.unexplained) == ("use with care", "1.4 %")
     assert SI.show(fact_of_modulus(point.progress.modulus)) == "81 MPa (72 to 112)"
-    page_row = result_row(result, "0+000", modulus, SI, chosen=False).texts
+    page_row = result_row(judged, "0+000", SI, chosen=False).texts
     assert {"81 (72 to 112)", "1.4 %", "UNEXPLAINED"} <= set(page_row)
     assert modulus is not None
-    unsupported = dataclasses.replace(modulus, not_supported="the plate was lifted")
-    printed = point_cells("0+000", result, unsupported)
-    page_row = result_row(result, "0+000", unsupported, SI, chosen=False).texts
+    fault = dataclasses.replace(modulus, not_supported="the plate was lifted")
+    unsupported = dataclasses.replace(result, point_modulus=fault)
+    printed = point_cells("0+000", unsupported)
+    page_row = result_row(unsupported, "0+000", SI, chosen=False).texts
     assert (page_row[3], page_row[4]) == (printed.modulus, printed.use) == ("none", "do not use")
     sentence = diagnosis_sentence(result, SI)
     assert "81 MPa (72 to 112), use with care; 1.4 % of the peak unexplained" in sentence
