@@ -5,7 +5,7 @@ from pathlib import Path
 from benchmarks.output import Reporter
 from inversion import PlateProblem
 from inversion.forward.growth import build_growth_surrogate
-from inversion.forward.library import dump_growth, dump_surrogate, growth_key, surrogate_key
+from inversion.forward.library import dump_table, growth_key, surrogate_key
 from inversion.forward.surrogate_building import build_surrogate
 
 _FOLDER = Path(__file__).resolve().parents[1] / "inversion" / "forward" / "tables"
@@ -36,11 +36,11 @@ def run(arguments: list[str]) -> int:
     for name, problem in problems.items():
         path = _FOLDER / name
         if not path.exists():
-            path.write_bytes(dump_surrogate(build_surrogate(problem)))
+            path.write_bytes(dump_table(build_surrogate(problem)))
             report.record(table=name, bytes=path.stat().st_size)
     for name, exponent in exponents.items():
         path = _FOLDER / name
         if not path.exists():
-            path.write_bytes(dump_growth(build_growth_surrogate(_CENTRE_PROBLEM, exponent)))
+            path.write_bytes(dump_table(build_growth_surrogate(_CENTRE_PROBLEM, exponent)))
             report.record(table=name, bytes=path.stat().st_size)
     return 0

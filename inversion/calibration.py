@@ -120,7 +120,6 @@ class Calibration:
     damping_ratios : tuple of float, of the rigs
     drops : int, number of drops
     misfit : float, root mean square of the residual over the peak velocity
-    per_drop : (drops,) ndarray of float, misfit of each drop
     reasons : tuple of str, why the constants must not be used; empty if they may
     """
 
@@ -129,13 +128,7 @@ class Calibration:
     damping_ratios: tuple[float, ...]
     drops: int
     misfit: float
-    per_drop: FloatArray
     reasons: tuple[str, ...]
-
-    @property
-    def repeats(self) -> bool:
-        """True if the drops agree, so that the constants may be used."""
-        return not self.reasons
 
     def of(self, name: str) -> Constant:
         """Return the constant with this name: gain, natural_frequency, damping or delay."""
@@ -185,7 +178,6 @@ def calibrate(drops: Sequence[RigDrop]) -> Calibration:
         tuple(float(ratio) for ratio in rigs[:, 1]),
         len(drops),
         misfit,
-        per_drop,
         _reasons(drops, best, constants, misfit, per_drop),
     )
 

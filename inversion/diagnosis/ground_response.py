@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inversion.arrays import ComplexArray, FloatArray
+from inversion.arrays import ComplexArray, FloatArray, remember
 from inversion.effects.base import Ground
 from inversion.forward.layered import (
     FIELDS,
@@ -36,15 +36,12 @@ from inversion.forward.model import (
 )
 from inversion.forward.surrogate import PlateResponse, Surrogate
 
-# Largest number of cached responses: those for the drops of a point, and a few earlier ones.
-_MAX_CACHED = 24
 _SOIL = ("modulus", "viscosity", "density")
 _HOMOGENEOUS = (*_SOIL, "inverse_depth", "inverse_growth_depth", "loss_exponent")
 # Laplace variables below this value, 1/s, represent static load.
 _STATIC_BELOW_PER_S = 0.1
 _MEDIUM_FIELDS: tuple[Field, ...] = ("modulus", "viscosity", "density", "thickness")
 _Key = tuple[int, complex, Ground]
-_K = TypeVar("_K")
 
 
 class GroundResponse:
@@ -102,7 +99,7 @@ class GroundResponse:
                 response = layered_transfer(self._setup, ground.plate_mass, s, grounds)[0]
             else:
                 response = self._solve([ground], s)[0]
-            _remember(self._cache, key, response)
+            remember(self._cache, key, response)
         return response
 
     def is_layered(self, ground: Ground) -> bool:
@@ -327,7 +324,7 @@ class GroundResponse:
             grounds = LayeredGrounds.of([ground.layered(self._poisson_ratio)])
             _, slopes = layered_transfer_slopes(self._setup, ground.plate_mass, s, grounds, varied)
             slopes_of_ground = slopes[0]
-        _remember(self._slope_cache, key, slopes_of_ground)
+        remember(self._slope_cache, key, slopes_of_ground)
         return slopes_of_ground
 
 
@@ -368,12 +365,6 @@ def _stiffness_at_rest(loss_exponent: FloatArray, s: ComplexArray) -> FloatArray
 
 def _key(s: ComplexArray, ground: Ground) -> _Key:
     return s.size, complex(s[0]), ground
-
-
-def _remember(memory: dict[_K, ComplexArray], key: _K, value: ComplexArray) -> None:
-    if len(memory) >= _MAX_CACHED:
-        memory.pop(next(iter(memory)))
-    memory[key] = value
 
 
 def _homogeneous(grounds: Sequence[Ground]) -> Grounds:

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from inversion.arrays import ComplexArray, FloatArray
+from inversion.arrays import ComplexArray, FloatArray, remember
 from inversion.diagnosis.channel import MotionChannel
 from inversion.diagnosis.flat_tops import (
     REST_SAMPLES,
@@ -47,7 +47,6 @@ MAX_SAMPLES = 180
 # below the negligible fraction.
 _BAND_HZ, _MIN_BAND_HZ = 900.0, 300.0
 _NEGLIGIBLE_SPECTRUM = 0.003
-_MAX_CACHED = 24
 # Laplace variable that represents static load, 1/s.
 _AT_REST_S = 1e-3
 # Fits begin with this sample: the first one is zero by construction.
@@ -533,9 +532,7 @@ class DropModel:
             still = float(compliance[self._plate, -1].real)
             bent, solution = self._nonlinear_motion(parts, stages.law, still)
             motion[self._under_plate] += bent
-        if len(self._motions) >= _MAX_CACHED:
-            self._motions.pop(next(iter(self._motions)))
-        self._motions[stages.key] = motion, solution
+        remember(self._motions, stages.key, (motion, solution))
         return motion
 
     def _impulse_response(self, stages: _Stages) -> FloatArray:

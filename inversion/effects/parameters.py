@@ -50,14 +50,6 @@ class Parameter:
             return np.asarray(self.lower * (self.upper / self.lower) ** unit_value)
         return np.asarray(self.lower + (self.upper - self.lower) * unit_value)
 
-    def unit_value(self, value: float) -> float:
-        """Return the point of the unit interval for a physical value, clipped to the interval."""
-        if self.logarithmic:
-            unit_value = np.log(value / self.lower) / np.log(self.upper / self.lower)
-        else:
-            unit_value = (value - self.lower) / (self.upper - self.lower)
-        return float(np.clip(unit_value, 0.0, 1.0))
-
 
 @dataclass(frozen=True)
 class Coordinate:

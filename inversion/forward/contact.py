@@ -89,6 +89,11 @@ class PlateProblem:
         if not self.offsets or min(self.offsets) < 0.0:
             raise ModelError(f"sensor offsets: expected values >= 0, got {self.offsets}")
 
+    def require_sensors(self, count: int) -> None:
+        """Raise ModelError if a response table has another number of sensors."""
+        if count != len(self.offsets):
+            raise ModelError(f"sensors: expected {len(self.offsets)}, got {count}")
+
     @property
     def terms(self) -> int:
         """Number of pressure terms, and of shear terms for a bonded plate."""

@@ -26,10 +26,15 @@ from inversion.forward.layered import (
     FAST,
     LayeredGrounds,
     PlateSetup,
-    WavenumberRule,
     displacement_per_force,
 )
-from inversion.forward.rational import evaluate, evaluate_with_slope, fit_sums, numerators
+from inversion.forward.rational import (
+    barycentric_shares,
+    evaluate,
+    evaluate_with_slope,
+    fit_sums,
+    numerators,
+)
 from inversion.forward.ray_sampling import ray
 from inversion.threads import single_threaded_blas
 
@@ -141,7 +146,6 @@ def growth_compliance(
     growth: float,
     p: ComplexArray,
     count: int = N_SUBLAYERS,
-    rule: WavenumberRule = _RULE,
 ) -> ComplexArray:
     """Return Phi of the effective ground from the layered solver, (n_offsets, n), at p (n,)."""
     thickness, moduli = sublayers(exponent, growth, count)
@@ -150,7 +154,7 @@ def growth_compliance(
     group = np.floor(np.log(np.abs(p)) / np.log(_GROUP_FACTOR)).astype(int)
     for place in np.unique(group):
         rows = group == place
-        result[:, rows] = displacement_per_force(_setup(problem), grounds, p[rows], rule)[0]
+        result[:, rows] = displacement_per_force(_setup(problem), grounds, p[rows], _RULE)[0]
     return result
 
 
@@ -175,10 +179,8 @@ class GrowthSurrogate:
     coefficients: FloatArray
     stiffening: FloatArray
 
-    def surface_modulus(self, effective_modulus: float, growth: float) -> float:
-        """Return the modulus at the surface, Pa, from the effective modulus, Pa, and a/z0."""
-        share = self._shares(np.array([growth]))[0]
-        return float(effective_modulus / np.exp(share @ np.log(self.stiffening)))
+    def __post_init__(self) -> None:
+        self.problem.require_sensors(self.coefficients.shape[1])
 
     @cached_property
     def _weights(self) -> FloatArray:
@@ -191,21 +193,13 @@ class GrowthSurrogate:
                 f"growth of the modulus: expected 0 to {MAX_GROWTH:g} per plate radius, got "
                 f"{growth[(growth < 0.0) | (growth > MAX_GROWTH)][0]:.4g}"
             )
-        nodes = self.coordinates
-        order = np.arange(nodes.size)
-        weights = (-1.0) ** order * np.sin(np.pi * (order + 0.5) / nodes.size)
-        distance = (growth / (1.0 + growth))[:, None] - nodes
-        distance[distance == 0.0] = 1e-300
-        share = weights / distance
-        result: FloatArray = share / share.sum(axis=1, keepdims=True)
-        return result
+        return barycentric_shares(self.coordinates, growth / (1.0 + growth))
 
     def compliance(
-        self, p: ComplexArray, inverse_depth: FloatArray | None, single: bool = False
+        self, p: ComplexArray, inverse_depth: FloatArray, single: bool = False
     ) -> ComplexArray:
-        """Return Phi, (m, n_offsets, n), at p (m, n) and a/z0 (m,); None: the half-space."""
-        growth = np.zeros(p.shape[0]) if inverse_depth is None else inverse_depth
-        weights = np.tensordot(self._shares(growth), self._weights, axes=1)
+        """Return Phi, (m, n_offsets, n), at p (m, n) and a/z0 (m,); zero: the half-space."""
+        weights = np.tensordot(self._shares(inverse_depth), self._weights, axes=1)
         return evaluate(p, self.poles, weights, single)
 
     def compliance_slopes(

@@ -14,9 +14,10 @@ import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from platformdirs import user_cache_path
@@ -36,7 +37,7 @@ _SHIPPED = Path(__file__).parent / "tables"
 _DAMAGED_FILE_ERRORS = (
     OSError,
     ValueError,
-    KeyError,
+    TypeError,  # other arrays
     EOFError,
     RuntimeError,  # raised by zipfile if a damaged bit names an unknown compression or encryption
     zipfile.BadZipFile,
@@ -86,9 +87,7 @@ class SurrogateLibrary:
         """
         for candidate_depth in _candidates(problem, depth):
             key = surrogate_key(problem, candidate_depth)
-            surrogate = self._surrogates.get(key) or self._read(
-                key, lambda c: load_surrogate(c, problem)
-            )
+            surrogate = self._surrogates.get(key) or self._read(key, partial(Surrogate, problem))
             if surrogate is not None:
                 return self._remember(key, surrogate)
         distances = tuple(dict.fromkeys(problem.offsets))
@@ -98,7 +97,7 @@ class SurrogateLibrary:
             return self._remember(surrogate_key(problem, depth), by_distance.at(problem.offsets))
         key = surrogate_key(problem, depth)
         surrogate = self._build(problem, depth)
-        self._write(key, dump_surrogate(surrogate))
+        self._write(key, dump_table(surrogate))
         return self._remember(key, surrogate)
 
     def _remember(self, key: str, surrogate: Surrogate) -> Surrogate:
@@ -112,10 +111,10 @@ class SurrogateLibrary:
         key = growth_key(problem, exponent)
         surrogate = self._growth_surrogates.get(key)
         if surrogate is None:
-            surrogate = self._read(key, lambda content: load_growth(content, problem, exponent))
+            surrogate = self._read(key, partial(GrowthSurrogate, problem, exponent))
         if surrogate is None:
             surrogate = build_growth_surrogate(problem, exponent)
-            self._write(key, dump_growth(surrogate))
+            self._write(key, dump_table(surrogate))
         self._growth_surrogates[key] = surrogate
         return surrogate
 
@@ -128,12 +127,12 @@ class SurrogateLibrary:
         progress = None if report is None else lambda fraction: report(description, fraction)
         return build_surrogate(problem, depth, progress)
 
-    def _read(self, key: str, load: Callable[[bytes], _T]) -> _T | None:
+    def _read(self, key: str, build: Callable[..., _T]) -> _T | None:
         for folder in (_SHIPPED, self._folder):
             path = folder / f"{key}.npz"
             try:
                 if path.is_file():
-                    return load(path.read_bytes())
+                    return build(**load_arrays(path.read_bytes()))
             except _DAMAGED_FILE_ERRORS as error:
                 _LOG.warning(
                     "response table %s cannot be read (%s); it is built again", path, error
@@ -182,58 +181,19 @@ def growth_key(problem: PlateProblem, exponent: float) -> str:
     return f"growth-{exponent:.10g}-{surrogate_key(problem, None)}"
 
 
-def dump_surrogate(surrogate: Surrogate) -> bytes:
-    """Return a surrogate as the bytes of an .npz file."""
+def dump_table(table: Surrogate | GrowthSurrogate) -> bytes:
+    """Return the arrays of a response table as the bytes of an .npz file."""
+    values = {field.name: getattr(table, field.name) for field in fields(table)}
+    arrays: Any = {name: v for name, v in values.items() if isinstance(v, np.ndarray)}
     buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer,
-        half_space_poles=surrogate.half_space_poles,
-        half_space_coefficients=surrogate.half_space_coefficients,
-        echo_poles=surrogate.echo_poles,
-        inverse_depths=surrogate.inverse_depths,
-        echo_coefficients=surrogate.echo_coefficients,
-    )
+    np.savez_compressed(buffer, **arrays)
     return buffer.getvalue()
 
 
-def load_surrogate(content: bytes, problem: PlateProblem) -> Surrogate:
-    """Return the surrogate in the bytes of an .npz file.
-
-    Raises
-    ------
-    ValueError, KeyError, zipfile.BadZipFile
-        If the bytes are no surrogate for this problem.
-    """
+def load_arrays(content: bytes) -> dict[str, Any]:
+    """Return the arrays of a response table from the bytes of an .npz file."""
     with np.load(io.BytesIO(content), allow_pickle=False) as data:
-        parts = {name: data[name] for name in data.files}
-    if parts["half_space_coefficients"].shape[0] != len(problem.offsets):
-        raise ValueError("number of sensors differs")
-    return Surrogate(problem, **parts)
-
-
-def dump_growth(surrogate: GrowthSurrogate) -> bytes:
-    """Return a surrogate of ground whose modulus grows with depth as the bytes of an .npz file."""
-    buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer,
-        poles=surrogate.poles,
-        coordinates=surrogate.coordinates,
-        coefficients=surrogate.coefficients,
-        stiffening=surrogate.stiffening,
-    )
-    return buffer.getvalue()
-
-
-def load_growth(content: bytes, problem: PlateProblem, exponent: float) -> GrowthSurrogate:
-    """Return the surrogate of ground whose modulus grows with depth.
-
-    It raises the errors of :func:`load_surrogate`.
-    """
-    with np.load(io.BytesIO(content), allow_pickle=False) as data:
-        parts = {name: data[name] for name in data.files}
-    if parts["coefficients"].shape[1] != len(problem.offsets):
-        raise ValueError("number of sensors differs")
-    return GrowthSurrogate(problem, exponent, **parts)
+        return {name: data[name] for name in data.files}
 
 
 def _candidates(problem: PlateProblem, depth: float | None) -> list[float | None]:

@@ -30,6 +30,17 @@ def basis(y: ComplexArray, poles: ComplexArray) -> ComplexArray:
     return np.hstack([resonance, resonance * (y[:, None] / size)])
 
 
+def barycentric_shares(nodes: FloatArray, values: FloatArray) -> FloatArray:
+    """Return shares (m, d) of Chebyshev nodes (d,) in a polynomial at values (m,)."""
+    order = np.arange(nodes.size)
+    weights = (-1.0) ** order * np.sin(np.pi * (order + 0.5) / nodes.size)
+    distance = values[:, None] - nodes
+    distance[distance == 0.0] = 1e-300
+    share = weights / distance
+    result: FloatArray = share / share.sum(axis=1, keepdims=True)
+    return result
+
+
 def fit_sums(
     y: ComplexArray, values: ComplexArray, weights: FloatArray, poles: ComplexArray
 ) -> FloatArray:

@@ -26,7 +26,7 @@ import numpy as np
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.errors import ModelError
 from inversion.forward.contact import PlateProblem
-from inversion.forward.rational import evaluate, evaluate_with_slope, numerators
+from inversion.forward.rational import barycentric_shares, evaluate, evaluate_with_slope, numerators
 
 MIN_DEPTH_RADII = 1.6
 """Smallest bedrock depth of the surrogates, in plate radii."""
@@ -47,7 +47,7 @@ class PlateResponse(Protocol):
         """Plate, Poisson's ratio and offsets."""
 
     def compliance(
-        self, p: ComplexArray, inverse_depth: FloatArray | None, single: bool = False
+        self, p: ComplexArray, inverse_depth: FloatArray, single: bool = False
     ) -> ComplexArray:
         """Return the dimensionless compliance, see :meth:`Surrogate.compliance`."""
 
@@ -79,6 +79,9 @@ class Surrogate:
     echo_poles: ComplexArray
     inverse_depths: FloatArray
     echo_coefficients: FloatArray
+
+    def __post_init__(self) -> None:
+        self.problem.require_sensors(self.half_space_coefficients.shape[0])
 
     @cached_property
     def _half_space_weights(self) -> FloatArray:
@@ -125,25 +128,18 @@ class Surrogate:
                 f"bedrock depth: expected at least {MIN_DEPTH_RADII} plate radii, got "
                 f"{1.0 / np.max(inverse_depth):.4g}"
             )
-        order = np.arange(nodes.size)
-        weights = (-1.0) ** order * np.sin(np.pi * (order + 0.5) / nodes.size)
-        distance = inverse_depth[:, None] - nodes
-        distance[distance == 0.0] = 1e-300
-        share = weights / distance
-        share /= share.sum(axis=1, keepdims=True)
-        result: FloatArray = np.tensordot(share, self._echo_weights, axes=1)
-        return result
+        return np.tensordot(barycentric_shares(nodes, inverse_depth), self._echo_weights, axes=1)
 
     def compliance(
-        self, p: ComplexArray, inverse_depth: FloatArray | None, single: bool = False
+        self, p: ComplexArray, inverse_depth: FloatArray, single: bool = False
     ) -> ComplexArray:
         """Return the dimensionless compliance Phi.
 
         Parameters
         ----------
         p : (m, n) ndarray of complex, s a sqrt(rho / G*), Re p > 0
-        inverse_depth : (m,) ndarray of float, a/h0, or None for the half-space; equal values
-            are interpolated once
+        inverse_depth : (m,) ndarray of float, a/h0; zero: the half-space; equal values are
+            interpolated once
         single : bool, single precision inside
 
         Returns
@@ -151,8 +147,6 @@ class Surrogate:
         (m, n_offsets, n) ndarray of complex
         """
         result = evaluate(p, self.half_space_poles, self._half_space_weights, single)
-        if inverse_depth is None:
-            return result
         has_echo = inverse_depth > 0.0
         if not np.any(has_echo):
             return result

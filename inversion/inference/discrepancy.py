@@ -15,20 +15,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.linalg import block_diag
 from scipy.linalg.lapack import dpotrf, dtrtrs
 
-from inversion.arrays import FloatArray
+from inversion.arrays import FloatArray, remember
 from inversion.diagnosis.model import FROM_SAMPLE, DropModel
 from inversion.diagnosis.problem import Point
 from inversion.inference.point_model import PointModel
 
-_K = TypeVar("_K")
-_V = TypeVar("_V")
 # Error of the forward model as a fraction of the peak, independent from sample to sample.
 FLOOR = 1e-3
 # Correlation time of the difference of the two sides of a plate.
@@ -137,7 +134,7 @@ class RecordedDrops:
         decay = self._decays.get(discrepancy.memory)
         if decay is None:
             decay = np.exp(-self._time_differences / discrepancy.memory)
-            _remember(self._decays, discrepancy.memory, decay, _MAX_DECAYS)
+            remember(self._decays, discrepancy.memory, decay, _MAX_DECAYS)
         size = discrepancy.scale * np.where(self._is_seating, discrepancy.first, 1.0)
         size *= np.where(self._is_after_contact, discrepancy.after_contact, 1.0)
         result: FloatArray = size[:, None] * size
@@ -155,7 +152,7 @@ class RecordedDrops:
         factors = self._whiteners.get(discrepancy)
         if factors is None:
             factors = [cholesky(matrix) for matrix in self.covariances(discrepancy)]
-            _remember(self._whiteners, discrepancy, factors, _MAX_FACTORS)
+            remember(self._whiteners, discrepancy, factors, _MAX_FACTORS)
         return factors
 
     def drifts(
@@ -200,13 +197,6 @@ def recorded_drops(model: PointModel, thinning: int = 1) -> RecordedDrops:
     if key not in of_point:
         of_point[key] = RecordedDrops(model, thinning)
     return of_point[key]
-
-
-def _remember(memory: dict[_K, _V], key: _K, value: _V, most: int) -> None:
-    """Store a value, and remove the oldest one if there are too many."""
-    if len(memory) >= most:
-        memory.pop(next(iter(memory)))
-    memory[key] = value
 
 
 def cholesky(matrix: FloatArray) -> FloatArray:

@@ -11,13 +11,11 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from inversion.arrays import FloatArray
 from inversion.diagnosis.problem import Point
 from inversion.effects.bedrock import depth_parameter
 from inversion.effects.parameters import Parameter
-from inversion.errors import RecordError
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.forward.model import ForwardModel, Grounds
 from inversion.forward.surrogate import Surrogate
@@ -128,7 +126,7 @@ def published_unknowns(point: Point) -> list[Parameter]:
 
 
 def published_fitness(
-    measured: ArrayLike, predicted: ArrayLike, tempered: bool = False
+    measured: FloatArray, predicted: FloatArray, tempered: bool = False
 ) -> FloatArray:
     r"""Return the fitness of predicted displacements, Eq. 16; larger is better.
 
@@ -142,9 +140,9 @@ def published_fitness(
 
     Parameters
     ----------
-    measured : (n,) array_like of float, m
-        Downward positive.
-    predicted : (..., n) array_like of float, m
+    measured : (n,) ndarray of float, m
+        Downward positive, with a positive peak.
+    predicted : (..., n) ndarray of float, m
         One row for each individual.
     tempered : bool
         True: the difference of the peaks counts as at least that of the shapes. A search needs
@@ -154,24 +152,7 @@ def published_fitness(
     Returns
     -------
     (...,) ndarray of float, 1/m
-
-    Raises
-    ------
-    RecordError
-        If the arrays do not fit together or the measured peak is not positive.
     """
-    measured = np.asarray(measured, dtype=np.float64)
-    predicted = np.asarray(predicted, dtype=np.float64)
-    if measured.ndim != 1 or predicted.shape[-1:] != measured.shape:
-        raise RecordError(
-            f"expected measured (n,) and predicted (..., n) with the same n, got {measured.shape} "
-            f"and {predicted.shape}; predict at the times of the record"
-        )
-    if measured.size == 0 or not measured.max() > 0:
-        raise RecordError(
-            "expected a measured displacement with a positive peak, got none; "
-            "displacement is downward positive"
-        )
     floor = _RELATIVE_FLOOR * measured.max()
     rms = np.sqrt(np.mean((predicted - measured) ** 2, axis=-1))
     peak = np.abs(predicted.max(axis=-1) - measured.max())

@@ -41,7 +41,7 @@ A change of one medium therefore acts on the surface through the tractions of th
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -81,8 +81,7 @@ class Media(NamedTuple):
         )
 
 
-@dataclass(frozen=True)
-class _Waves:
+class _Waves(NamedTuple):
     """Vertical wavenumbers and half-space of one medium at the nodes that its waves reach."""
 
     alpha: ComplexArray
@@ -92,8 +91,7 @@ class _Waves:
     half_space: Symmetric
 
 
-@dataclass(frozen=True)
-class _Passage:
+class _Passage(NamedTuple):
     """One layer between its faces at the nodes whose waves reach the lower face."""
 
     fall: ComplexArray  # exp(-alpha h)
@@ -312,15 +310,6 @@ class Slopes(NamedTuple):
 _Traction = tuple[Any, Any]
 
 
-class _Layer(NamedTuple):
-    """One medium of `Media`."""
-
-    shear: ComplexArray
-    z: ComplexArray
-    ratio: FloatArray
-    thickness: FloatArray
-
-
 class _Tangent(NamedTuple):
     """Derivatives of one medium's waves with respect to z or to c."""
 
@@ -362,7 +351,7 @@ def compliance_slopes(
     top: _Traction = loads[0, :, None, None], loads[1, :, None, None]
     result = []
     for j, (waves, passage) in enumerate(zip(solution.waves, solution.passages, strict=True)):
-        layer = _Layer(*(part[j] for part in media))
+        layer = Media(*(part[j] for part in media))
         size = waves.alpha.shape[-1]
         nodes = xi[:size]
         if j:
@@ -405,8 +394,6 @@ def _in_single(value: Any) -> Any:
     """Return a structure of arrays with its arrays in single precision."""
     if isinstance(value, np.ndarray):
         return value.astype(np.complex64 if np.iscomplexobj(value) else np.float32)
-    if isinstance(value, _Waves | _Passage):
-        return type(value)(*(_in_single(getattr(value, f.name)) for f in fields(value)))
     if isinstance(value, tuple) and hasattr(value, "_fields"):
         return type(value)(*map(_in_single, value))
     if isinstance(value, tuple | list):
@@ -499,7 +486,7 @@ def _layer_slopes(
     xi: FloatArray,
     waves: _Waves,
     passage: _Passage,
-    layer: _Layer,
+    layer: Media,
     tangents: tuple[_Tangent, ...],
     x_slopes: list[ComplexArray],
     traction: _Traction,
@@ -579,7 +566,7 @@ def _apply(matrix: Symmetric, first: ComplexArray, second: ComplexArray) -> _Tra
 
 
 def _x_slopes(
-    waves: _Waves, passage: _Passage, layer: _Layer, tangents: tuple[_Tangent, ...]
+    waves: _Waves, passage: _Passage, layer: Media, tangents: tuple[_Tangent, ...]
 ) -> list[ComplexArray]:
     r"""Return the derivatives of X = difference/R by z and by c, without the pole at z = 0.
 

@@ -14,6 +14,7 @@ from inversion.diagnosis.channel import MotionChannel
 from inversion.diagnosis.model import DropModel, PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.effects import BY_NAME, CATALOGUE, Effect, Ground
+from inversion.effects.parameters import Parameter
 from inversion.forward.nonlinear_stiffness import (
     NonlinearStiffness,
     convolve_rows,
@@ -74,6 +75,13 @@ def made(library: SurrogateLibrary, offsets: tuple[float, ...], effect: Effect) 
     return Point(PointRecords("a", drops, (1, 2), **options), library).drops[0]
 
 
+def unit_value(parameter: Parameter, value: float) -> float:
+    """Return the point of the unit interval with this physical value."""
+    ends = np.array([parameter.lower, parameter.upper, value])
+    low, high, own = np.log(ends) if parameter.logarithmic else ends
+    return float(np.clip((own - low) / (high - low), 0.0, 1.0))
+
+
 def in_order(active: Active) -> Active:
     return sorted(active, key=lambda item: CATALOGUE.index(item[0]))
 
@@ -92,9 +100,9 @@ def steps_of(
         moved.append((replace(start, inverse_depth=start.inverse_depth * (1 + STEP)), there))
     for own, now in there:
         for parameter in own.parameters_for(model.context):
-            unit_value = parameter.unit_value(now[parameter.name])
-            step = -STEP if unit_value > 0.5 else STEP
-            other = now | {parameter.name: float(parameter.value(unit_value + step))}
+            place = unit_value(parameter, now[parameter.name])
+            step = -STEP if place > 0.5 else STEP
+            other = now | {parameter.name: float(parameter.value(place + step))}
             others = [(e, other if e is own else v) for e, v in there]
             names.append(f"{own.name}.{parameter.name}")
             moved.append((start, others))
@@ -116,7 +124,7 @@ def test_a_step_of_any_number_is_the_step_that_it_makes_alone(
 ) -> None:
     model, alone = made(library, offsets, effect), made(library, offsets, effect)
     values = {
-        p.name: float(p.value(0.98 * p.unit_value(p.starts[0]) + 0.01))
+        p.name: float(p.value(0.98 * unit_value(p, p.starts[0]) + 0.01))
         for p in effect.parameters_for(model.context)
     }
     beside = [(e, v) for e, v in bent if e.name != effect.name and not e.conflicts_with(effect)]

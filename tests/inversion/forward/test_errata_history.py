@@ -164,7 +164,7 @@ def test_equation_16_as_printed_is_infinite_when_only_the_peaks_agree() -> None:
     near_fit = measured * 1.001
     assert equation_16(measured, wrong_shape) == math.inf
     assert math.isfinite(equation_16(measured, near_fit))
-    fitness = published_fitness(measured, [wrong_shape, near_fit, measured])
+    fitness = published_fitness(measured, np.stack([wrong_shape, near_fit, measured]))
     assert np.all(np.isfinite(fitness))
     assert fitness[1] == pytest.approx(equation_16(measured, near_fit))
     assert np.argmax(fitness) == 2

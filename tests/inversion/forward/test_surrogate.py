@@ -289,7 +289,7 @@ def test_depths_together_are_depths_one_by_one(every_depth: Surrogate) -> None:
     for row, ratio in enumerate(ratios):
         alone = every_depth.compliance(p[None], np.array([ratio]))[0]
         assert together[row] == pytest.approx(alone, rel=1e-9)
-    half_space = every_depth.compliance(p[None], None)[0]
+    half_space = every_depth.compliance(p[None], np.zeros(1))[0]
     assert np.array_equal(together[1], half_space)
 
 
