@@ -30,7 +30,6 @@ from inversion import (
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.forward.model import ForwardModel
 from inversion.measured.record import CONTACT_END_FRACTION
-from inversion.records import known
 from inversion.threads import single_threaded_blas
 from pfwd.analysis.analyse import record_of
 from pfwd.files.traces import read_traces
@@ -245,18 +244,18 @@ def analyse(case: CoverageCase, drop: SimulatedDrop, library: SurrogateLibrary) 
     except InversionError as err:
         nan = math.nan
         return CoverageResult(case, nan, nan, nan, nan, False, (), False, nan, error, str(err))
-    low, high = known(result.modulus_interval_pa)
-    depth, warnings = result.bedrock_depth_m, result.warnings or ()
+    low, high = result.modulus_interval_pa or (math.nan, math.nan)
+    depth, warnings = result.bedrock_depth_m, result.warnings
     return CoverageResult(
         case=case,
-        modulus=known(result.modulus_pa),
+        modulus=result.modulus_pa or math.nan,
         low=low,
         high=high,
         depth=math.inf if depth is None else depth,
         explained=bool(result.explained),
         at_bound=result.at_bound or (),
         depth_not_unique=any(warning.code == "depth-not-unique" for warning in warnings),
-        window_residual=known(result.window_residual_rms_over_peak),
+        window_residual=result.window_residual_rms_over_peak or math.nan,
         model_error=error,
     )
 

@@ -189,5 +189,5 @@ def _store_results(survey: Path) -> None:
     numbers = {(drop.point, drop.drop): drop.number for drop in read_survey(survey).drops}
     with SurveyWriter.open(survey) as writer:
         for result in outcome.results:
-            number = numbers[str(result.point), int(result.drop or 0)]
+            number = numbers[str(result.point), result.drop]
             writer.save_result(number, {**result.to_json(), "file": "survey"})

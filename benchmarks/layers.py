@@ -17,7 +17,6 @@ import numpy as np
 from benchmarks.output import Reporter, parse_options
 from inversion import Instrument, Record, Settings, invert
 from inversion.measured.record import CALIBRATED_ERROR, Sensor
-from inversion.records import known
 from inversion.result import InversionResult
 from pfwd.jobs import Jobs
 from pfwd_plugins.quantities import Measurand
@@ -154,21 +153,21 @@ def summarise(report: Reporter, solved: Sequence[Solved]) -> None:
     for quantity, place in (("subgrade", -1), ("top", 0)):
         errors, inside, widths, alone = [], [], [], []
         for case, every, centre, _ in solved:
-            truth, layer_result = case.moduli[place], known(every.layers)[place]
-            errors.append(abs(known(layer_result.modulus_pa) / truth - 1.0))
-            low, high = known(layer_result.modulus_interval_pa)
+            truth, layer_result = case.moduli[place], (every.layers or ())[place]
+            errors.append(abs(layer_result.modulus_pa / truth - 1.0))
+            low, high = layer_result.modulus_interval_pa
             inside.append(low <= truth <= high)
             widths.append(0.5 * math.log(high / low))
-            low, high = known(known(centre.layers)[place].modulus_interval_pa)
+            low, high = (centre.layers or ())[place].modulus_interval_pa
             alone.append(low <= truth <= high)
         report.record(
             what=quantity, **_summary(errors, inside, widths), centre_alone=100 * _fraction(alone)
         )
     errors, inside, widths = [], [], []
     for case, every, _, _ in solved:
-        for layer, layer_result in zip(case.layers[:-1], known(every.layers)[:-1], strict=True):
-            errors.append(abs(known(layer_result.thickness_m) / layer.thickness - 1.0))
-            low, high = known(layer_result.thickness_interval_m)
+        for layer, layer_result in zip(case.layers[:-1], (every.layers or ())[:-1], strict=True):
+            errors.append(abs((layer_result.thickness_m or math.nan) / layer.thickness - 1.0))
+            low, high = layer_result.thickness_interval_m or (math.nan, math.nan)
             inside.append(low <= layer.thickness <= high)
             widths.append(0.5 * math.log(high / low))
     report.record(what="thickness", **_summary(errors, inside, widths))

@@ -6,6 +6,7 @@ diagnosis of the survey without the last drops. The prediction is compared with 
 record, scaled by the peak loads. Errors are root mean squares over the peak, in %.
 """
 
+import math
 import sys
 import time
 from collections.abc import Sequence
@@ -15,11 +16,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.output import Reporter, parse_options
-from inversion.records import known
 from pfwd.analysis.diagnosis.diagnose import diagnose_entries
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint, DiagnosisRequest, entries_of
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.results import DiagnosisResult, HeldOut
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.errors import SurveyError
 
 
@@ -89,8 +89,8 @@ def _report_survey(
     keys = [key for key in rows[0] if key.endswith(("_whole", "_contact"))]
     medians = {key: _median([row[key] for row in rows]) for key in keys}
     report.record(device=name, what="median", seconds=seconds, **medians)
-    for effect in sorted({effect.key for point in points for effect in point.effects or ()}):
-        named = [e for point in points for e in point.effects or () if e.key == effect]
+    for effect in sorted({effect.name for point in points for effect in point.effects}):
+        named = [e for point in points for e in point.effects if e.name == effect]
         if named[0].scope != "device":
             report.record(device=name, effect=effect, points=len(named))
             continue
@@ -102,24 +102,29 @@ def _report_survey(
 
 
 def _row(point: DiagnosisResult) -> dict[str, Any]:
-    before, after = known(point.before), known(point.after)
-    low, high = known(after.modulus_interval_pa)
-    held = point.held_out or HeldOut()
+    before, after, held = point.before, point.after, point.held_out
+    assert before is not None  # only diagnosed points are reported
+    assert after is not None
+    low, high = after.modulus_interval_pa or (math.nan, math.nan)
+
+    def held_out(name: str) -> float | None:
+        return _percent(getattr(held, name, None))
+
     return {
         "verdict": point.verdict,
-        "corrected": int(known(point.corrected)),
-        "before_whole": 100 * before.residual_over_peak,
-        "before_contact": 100 * known(before.contact_residual_rms_over_peak),
-        "after_whole": 100 * after.residual_over_peak,
-        "after_contact": 100 * known(after.contact_residual_rms_over_peak),
-        "held_out": held.mode,
-        "fitted": len(held.fitted or ()),
-        "base_held_out_whole": _percent(held.before),
-        "base_held_out_contact": _percent(held.contact_before),
-        "held_out_whole": _percent(held.after),
-        "held_out_contact": _percent(held.contact_after),
-        "scaled_record_whole": _percent(held.scaled_record),
-        "scaled_record_contact": _percent(held.contact_scaled_record),
+        "corrected": int(point.corrected),
+        "before_whole": 100 * before.residual_rms_over_peak,
+        "before_contact": _percent(before.contact_residual_rms_over_peak),
+        "after_whole": 100 * after.residual_rms_over_peak,
+        "after_contact": _percent(after.contact_residual_rms_over_peak),
+        "held_out": held and held.mode,
+        "fitted": len(held.fitted) if held else 0,
+        "base_held_out_whole": held_out("before"),
+        "base_held_out_contact": held_out("contact_before"),
+        "held_out_whole": held_out("after"),
+        "held_out_contact": held_out("contact_after"),
+        "scaled_record_whole": held_out("scaled_record"),
+        "scaled_record_contact": held_out("contact_scaled_record"),
         "modulus_before": 1e-6 * before.fitted_modulus,
         "modulus_after": 1e-6 * after.fitted_modulus,
         "low": 1e-6 * low,

@@ -13,7 +13,6 @@ from inversion import Grounds, PlateProblem, Record, Settings, SurrogateLibrary,
 from inversion.forward.laplace import SEARCH_BAND_HZ
 from inversion.forward.model import ForwardModel
 from inversion.measured.record import prepare
-from inversion.records import known
 from inversion.threads import single_threaded_blas
 from pfwd.analysis.analyse import record_of
 from pfwd.files.traces import read_traces
@@ -57,8 +56,8 @@ def _analysis_time(
     record: Record, settings: Settings, library: SurrogateLibrary
 ) -> tuple[float, int]:
     results = [invert(record, settings, library) for _ in range(8)]
-    elapsed = statistics.median(known(result.elapsed_s) for result in results[1:])
-    return elapsed, known(results[-1].forward_solves)
+    elapsed = statistics.median(result.elapsed_s or 0.0 for result in results[1:])
+    return elapsed, results[-1].forward_solves or 0
 
 
 def _surrogate_solves(record: Record, library: SurrogateLibrary) -> float:

@@ -26,7 +26,6 @@ from inversion import (
     SurrogateLibrary,
     invert,
 )
-from inversion.records import known as value_of
 from inversion.threads import single_threaded_blas
 from pfwd.analysis.analyse import record_of, settings_of
 from pfwd.analysis.options import AnalysisOptions
@@ -149,7 +148,7 @@ def examine(case: StudyCase, drop: SimulatedDrop, library: SurrogateLibrary) -> 
     results[DEPTH_DECLARED] = declared_depth
     results[DEPTH_UNKNOWN] = _invert(drop, library, unknown, case.depth)
     methods = {name: _finding(case, result) for name, result in results.items()}
-    peak = value_of(declared_depth.peak_modulus_pa)
+    peak = declared_depth.peak_modulus_pa or math.nan
     methods[PEAK] = Finding(peak / case.modulus - 1.0, None)
     rungs = [results[PUBLISHED], *_steps(case, drop, library), declared_depth]
     area = math.pi * PLATE.radius**2
@@ -213,8 +212,8 @@ def _through_file(
 
 
 def _finding(case: StudyCase, result: InversionResult) -> Finding:
-    modulus = value_of(result.modulus_pa)
-    low, high = value_of(result.modulus_interval_pa)
+    modulus = result.modulus_pa or math.nan
+    low, high = result.modulus_interval_pa or (math.nan, math.nan)
     return Finding(modulus / case.modulus - 1.0, low <= case.modulus <= high)
 
 

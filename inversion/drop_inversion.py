@@ -35,7 +35,6 @@ from inversion.measured.peak_method import PeakModulus, peak_modulus
 from inversion.measured.record import PreparedDrop, Record, prepare
 from inversion.measured.weighted_drop import WeightedDrop, count_distances
 from inversion.notices import Notice, Value
-from inversion.records import known
 from inversion.result import HalfSinePulse, InversionResult, TimeHistories, is_open
 from inversion.threads import single_threaded_blas
 
@@ -285,6 +284,7 @@ def _report(base: BaseFit, place: int, peak: PeakModulus, settings: Settings) ->
     share = np.minimum(drop.time / model.drop.tail_end, 1.0)
     history = histories(item, partial(base.transfer, place), drifts @ np.stack([share, share**2]))
     effective, effective_interval = base.effective(settings.plate)
+    depth = _effective_depth(base, settings)
     result = replace(
         _described(item, history, peak, settings),
         model=state.model,
@@ -305,7 +305,7 @@ def _report(base: BaseFit, place: int, peak: PeakModulus, settings: Settings) ->
         layers=base.layers,
         effective_modulus_pa=effective,
         effective_modulus_interval_pa=effective_interval,
-        effective_depth_m=_effective_depth(base, settings),
+        effective_depth_m=depth,
         poisson_ratio=record.poisson_ratio,
         priors=settings.priors and not is_published,
         converged=base.has_converged,
@@ -320,7 +320,8 @@ def _report(base: BaseFit, place: int, peak: PeakModulus, settings: Settings) ->
     over_noise = math.sqrt(float(np.mean(residual**2)))
     result = replace(result, explained=over_noise <= _MAX_RESIDUAL_OVER_NOISE)
     notices = _warnings(result, drop, over_noise, base.open_depths)
-    return replace(result, warnings=(*notices, *_remarks(result, base, settings)))
+    remarks = _remarks(result, base, settings, effective, depth)
+    return replace(result, warnings=(*notices, *remarks))
 
 
 def _effective_depth(base: BaseFit, settings: Settings) -> float:
@@ -341,21 +342,23 @@ def _effective_radii(plate: LayeredPlateModel, poisson_ratio: float, depth: floa
     return effective_depth(plate, 1.0, LayeredGround((medium,), math.isfinite(depth)))
 
 
-def _remarks(result: InversionResult, base: BaseFit, settings: Settings) -> list[Notice]:
-    """Return the remarks on the layers of a result."""
+def _remarks(
+    result: InversionResult, base: BaseFit, settings: Settings, effective: float, depth: float
+) -> list[Notice]:
+    """Return the remarks on the layers of a result with its effective modulus, Pa, and depth, m."""
     if settings.layers == 1:
         return []
     layers, remarks = base.layers, []
     if result.modulus_pa is None:
         values: dict[str, Value] = {
-            "modulus_interval_pa": known(layers[-1].modulus_interval_pa),
-            "effective_modulus_pa": known(result.effective_modulus_pa),
-            "effective_depth_m": known(result.effective_depth_m),
+            "modulus_interval_pa": layers[-1].modulus_interval_pa,
+            "effective_modulus_pa": effective,
+            "effective_depth_m": depth,
         }
         remarks.append(Notice("subgrade-modulus-unknown", values))
     for number, layer in enumerate(layers[:-1], 1):
         if is_open(layer.modulus_interval_pa):
-            values = {"layer": number, "modulus_interval_pa": known(layer.modulus_interval_pa)}
+            values = {"layer": number, "modulus_interval_pa": layer.modulus_interval_pa}
             remarks.append(Notice("layer-modulus-unknown", values))
     if count_distances(base.best.model.point.drops[0].context.offsets) == 1:
         has_layers = len(layers) > 1

@@ -6,7 +6,9 @@ which the columns of tables are generated.
 """
 
 import dataclasses
+import functools
 import math
+import operator
 from collections.abc import Callable, Iterable, Mapping
 from typing import (
     Any,
@@ -14,7 +16,6 @@ from typing import (
     Literal,
     Self,
     TypeGuard,
-    TypeVar,
     get_args,
     get_origin,
     get_type_hints,
@@ -27,7 +28,6 @@ from inversion.notices import WARNING_CODES, WARNINGS, Notice
 Interval = tuple[float, float]
 DepthRange = tuple[float, float | None]
 """Depths from and to, m; to None: any depth below."""
-_T = TypeVar("_T")
 
 TableColumn = Literal["established", "layers", "last"]
 """Part of a table in which a quantity is a column. New quantities are in the last part, so that
@@ -35,13 +35,9 @@ readers who count columns are not disturbed. None: the quantity is in no table."
 
 
 def quantity(
-    meaning: str = "",
-    unit: str = "",
-    *,
-    column: TableColumn | None = "last",
-    is_required: bool = False,
+    meaning: str, unit: str = "", *, column: TableColumn | None = "last", default: Any = None
 ) -> Any:
-    """Return a dataclass field for a quantity, with None as its default.
+    """Return a dataclass field for a quantity that some results do not have.
 
     Parameters
     ----------
@@ -51,13 +47,16 @@ def quantity(
         SI unit.
     column : TableColumn or None
         Part of the table in which the quantity is a column.
-    is_required : bool
-        True: every record has the quantity, and the field has no default.
+    default : optional
+        Value of a result that does not have it.
     """
     metadata = {"meaning": meaning, "unit": unit, "column": column}
-    if is_required:
-        return dataclasses.field(metadata=metadata)
-    return dataclasses.field(default=None, metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def required(meaning: str, unit: str = "", *, column: TableColumn | None = "last") -> Any:
+    """Return a dataclass field for a quantity that every record has, see `quantity`."""
+    return quantity(meaning, unit, column=column, default=dataclasses.MISSING)
 
 
 def not_stored(default: Any = None, *, repr: bool = True) -> Any:
@@ -118,8 +117,8 @@ class JsonRecord:
         Raises
         ------
         RecordFormatError
-            If it is not a mapping, has an unknown key, lacks a required one, or has a value of
-            another type than its key requires.
+            If it is not a mapping, has an unknown key, lacks one that `to_json` always writes, or
+            has a value of another type than its key requires.
         """
         if not isinstance(written, Mapping):
             got = type(written).__name__
@@ -131,14 +130,13 @@ class JsonRecord:
                 continue
             if key not in readers:
                 raise RecordFormatError(f"expected one of {', '.join(readers)}, got {key!r}")
-            if value is not None:
-                values[key] = readers[key](value)
-                if values[key] is None:
-                    raise RecordFormatError(f"{key}: expected a value of its type, got {value!r}")
-        for field in dataclasses.fields(cls):
-            is_required = field.default is field.default_factory is dataclasses.MISSING
-            if is_required and field.name not in values:
-                raise RecordFormatError(f"{field.name}: expected a value, got none")
+            read, may_be_none = readers[key]
+            values[key] = None if value is None else read(value)
+            if values[key] is None and not (value is None and may_be_none):
+                raise RecordFormatError(f"{key}: expected a value of its type, got {value!r}")
+        for key in readers:
+            if key not in values and key not in cls.OPTIONAL_KEYS:
+                raise RecordFormatError(f"{key}: expected a value, got none")
         if WARNINGS in values:
             values[WARNINGS] = notices.from_json(written[WARNINGS], written.get(WARNING_CODES))
         return cls(**values)
@@ -155,19 +153,6 @@ class JsonRecord:
 
 def _codes(warnings: Iterable[Notice] | None) -> list[dict[str, Any]] | None:
     return None if warnings is None else notices.codes(warnings)
-
-
-def known(value: _T | None) -> _T:
-    """Return a value that must not be None.
-
-    Raises
-    ------
-    ValueError
-        If it is None.
-    """
-    if value is None:
-        raise ValueError("expected a result with this value, got one without it")
-    return value
 
 
 def stored_fields(kind: "type[JsonRecord]") -> list[dataclasses.Field[Any]]:
@@ -267,28 +252,30 @@ def _numbers(value: Any) -> tuple[int, ...] | None:
     return tuple(value) if sound else None
 
 
-_READERS: dict[Any, Callable[[Any], Any]] = {
+_Reader = Callable[[Any], Any]
+"""Function that returns the value of a field from JSON; None: the value is of another type."""
+
+_READERS: dict[Any, _Reader] = {
     float: _number,
-    float | None: _number,
-    int | None: _whole,
-    str | None: _text,
-    str | int | float | None: _free_text,
-    bool | None: _flag,
-    Interval | None: _interval,
-    DepthRange | None: _depth_range,
-    tuple[Interval, ...] | None: _intervals,
-    tuple[str, ...] | None: _texts,
-    tuple[int, ...] | None: _numbers,
-    tuple[Notice, ...] | None: _notices,
-    Notice | None: _notice,
+    int: _whole,
+    str: _text,
+    str | int | float: _free_text,
+    bool: _flag,
+    Interval: _interval,
+    DepthRange: _depth_range,
+    tuple[Interval, ...]: _intervals,
+    tuple[str, ...]: _texts,
+    tuple[int, ...]: _numbers,
+    tuple[Notice, ...]: _notices,
+    Notice: _notice,
 }
 
 
-_known: dict[type[JsonRecord], Mapping[str, Callable[[Any], Any]]] = {}
+_known: dict[type[JsonRecord], Mapping[str, tuple[_Reader, bool]]] = {}
 
 
-def _readers(kind: type[JsonRecord]) -> Mapping[str, Callable[[Any], Any]]:
-    """Return the function that reads each field of a record class, in the order of the fields."""
+def _readers(kind: type[JsonRecord]) -> Mapping[str, tuple[_Reader, bool]]:
+    """Return the function that reads each field, and whether the field may be None, in order."""
     if kind not in _known:
         hints = get_type_hints(kind)
         names = [item.name for item in stored_fields(kind)]
@@ -298,16 +285,28 @@ def _readers(kind: type[JsonRecord]) -> Mapping[str, Callable[[Any], Any]]:
     return _known[kind]
 
 
-def _reader(hint: Any) -> Callable[[Any], Any]:
-    if hint in _READERS:
-        return _READERS[hint]
-    (inner,) = (part for part in get_args(hint) if part is not type(None))
+def without_none(hint: Any) -> Any:
+    """Return the type of a field without its None."""
+    parts = get_args(hint)
+    if type(None) not in parts:
+        return hint
+    return functools.reduce(operator.or_, (part for part in parts if part is not type(None)))
+
+
+def _reader(hint: Any) -> tuple[_Reader, bool]:
+    inner = without_none(hint)
+    may_be_none = inner is not hint
+    if inner in _READERS:
+        return _READERS[inner], may_be_none
     if get_origin(inner) is Literal:
         words = get_args(inner)
-        return lambda value: value if isinstance(value, str) and value in words else None
+        return (
+            lambda value: value if isinstance(value, str) and value in words else None,
+            may_be_none,
+        )
     if get_origin(inner) is tuple:
-        return _records_of(get_args(inner)[0])
-    return _record_of(inner)
+        return _records_of(get_args(inner)[0]), may_be_none
+    return _record_of(inner), may_be_none
 
 
 def _record_of(kind: type[JsonRecord]) -> Callable[[Any], JsonRecord | None]:

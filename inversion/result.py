@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from inversion.notices import Notice
-from inversion.records import DepthRange, Interval, JsonRecord, not_stored, quantity
+from inversion.records import DepthRange, Interval, JsonRecord, not_stored, quantity, required
 
 if TYPE_CHECKING:
     # A result is read and shown without loading what computed it.
@@ -36,13 +36,11 @@ def is_open(interval: Interval | None) -> bool:
 class HalfSinePulse(JsonRecord):
     """Half-sine fitted to the measured load."""
 
-    peak_pressure_pa: float | None = quantity(
+    peak_pressure_pa: float = required(
         "Mean contact pressure at its peak", "Pa", column="established"
     )
-    duration_s: float | None = quantity("Duration", "s", column="established")
-    rms_over_peak: float | None = quantity(
-        "Rms deviation of the load over its peak", column="established"
-    )
+    duration_s: float = required("Duration", "s", column="established")
+    rms_over_peak: float = required("Rms deviation of the load over its peak", column="established")
     start_s: float | None = not_stored()
     """Start of the half-sine, s after the trigger."""
 
@@ -54,16 +52,11 @@ class LayerResult(JsonRecord):
     Layers are counted from the surface down.
     """
 
-    modulus_pa: float = quantity(
-        "Young's modulus; none: not known within a factor of ten",
-        "Pa",
-        column="layers",
-        is_required=True,
+    modulus_pa: float = required(
+        "Young's modulus; none: not known within a factor of ten", "Pa", column="layers"
     )
     modulus_sd_pa: float | None = quantity("Standard deviation of the modulus", "Pa", column=None)
-    modulus_interval_pa: Interval | None = quantity(
-        "95 % interval of the modulus", "Pa", column="layers"
-    )
+    modulus_interval_pa: Interval = required("95 % interval of the modulus", "Pa", column="layers")
     thickness_m: float | None = quantity("Thickness; none: without end", "m", column="layers")
     thickness_sd_m: float | None = quantity(
         "Standard deviation of the thickness; none: given, not fitted", "m", column=None
@@ -71,9 +64,9 @@ class LayerResult(JsonRecord):
     thickness_interval_m: Interval | None = quantity(
         "95 % interval of the thickness; none: given, not fitted", "m", column="layers"
     )
-    viscosity_pa_s: float = quantity("Viscosity", "Pa s", column=None, is_required=True)
-    density_kg_m3: float = quantity("Density", "kg/m3", column=None, is_required=True)
-    poisson_ratio: float = quantity("Poisson's ratio", column=None, is_required=True)
+    viscosity_pa_s: float = required("Viscosity", "Pa s", column=None)
+    density_kg_m3: float = required("Density", "kg/m3", column=None)
+    poisson_ratio: float = required("Poisson's ratio", column=None)
 
     @property
     def modulus_known(self) -> bool:
@@ -92,9 +85,9 @@ class LayerResult(JsonRecord):
 class StructureResult(JsonRecord):
     """Ground with or without rock, as one of the grounds over which a modulus is averaged."""
 
-    name: str | None = quantity("half-space or layer (on rock)", column=None)
-    probability: float | None = quantity("Its probability, by the evidence", column=None)
-    modulus_pa: float | None = quantity("Young's modulus by its fit", "Pa", column=None)
+    name: str = required("half-space or layer (on rock)", column=None)
+    probability: float = required("Its probability, by the evidence", column=None)
+    modulus_pa: float = required("Young's modulus by its fit", "Pa", column=None)
     equivalent_modulus_pa: float | None = quantity(
         "Its equivalent modulus; none: no sensor on the plate", "Pa", column=None
     )
@@ -265,8 +258,8 @@ class InversionResult(JsonRecord):
         "Duration of the analysis without the start of the program", "s", column=None
     )
     seed: int | None = quantity("Random seed of the search", column="established")
-    warnings: tuple[Notice, ...] | None = quantity(
-        "Remarks on the result; none: the record does not say", column="established"
+    warnings: tuple[Notice, ...] = quantity(
+        "Remarks on the result; none: the record does not say", column="established", default=()
     )
     window_residual_rms_over_peak: float | None = not_stored()
     """Root mean square residual over the peak, in the fitted window."""

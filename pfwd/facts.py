@@ -4,8 +4,9 @@ A fact is a value with its interval, its unit and a note. The keys are names tha
 """
 
 import math
+from collections.abc import Mapping
 
-from pfwd.analysis.results import DropResult, FittedState, HalfSinePulse, relative_spread
+from pfwd.analysis.results import DropResult, FittedState, relative_spread
 from pfwd.procedures import PointModulus, PointValue, Quantity
 from pfwd.procedures.point import UNSUPPORTED_MARK
 from pfwd.units import Fact, QuantityName
@@ -17,7 +18,7 @@ UNEXPLAINED = "UNEXPLAINED"
 def facts_of_drop(result: DropResult) -> dict[str, Fact]:
     """Return the ground, the pulse and the load of the fit of a drop."""
     mark = "" if result.not_supported is None else UNSUPPORTED_MARK
-    pulse = result.half_sine or HalfSinePulse()
+    pulse = result.half_sine
     load, radius = result.peak_load_n, result.plate_radius_m
     depth = _parameter(result, "depth", result.bedrock_depth_m, result.bedrock_depth_sd_m)
     if depth.deviation is not None and result.bedrock_depth_interval_m is not None:
@@ -43,7 +44,7 @@ def facts_of_drop(result: DropResult) -> dict[str, Fact]:
         "pressure": Fact(
             "pressure", load / (math.pi * radius**2) if load is not None and radius else None
         ),
-        "duration": Fact("duration", pulse.duration_s),
+        "duration": Fact("duration", None if pulse is None else pulse.duration_s),
     }
 
 
@@ -58,9 +59,20 @@ def _parameter(
     return Fact(quantity, value, deviation=deviation, spread=relative_spread(result))
 
 
+_STATE_FACTS: Mapping[str, QuantityName] = {
+    "modulus": "modulus",
+    "equivalent": "modulus",
+    "viscosity": "viscosity",
+    "bedrock": "depth",
+    "density": "density",
+}
+"""Quantities of the facts of a state."""
+
+
 def facts_of_state(state: FittedState | None) -> dict[str, Fact]:
     """Return the ground of a fit of all drops; a modulus that is not determined has no value."""
-    state = state or FittedState()
+    if state is None:
+        return {name: Fact(quantity, None) for name, quantity in _STATE_FACTS.items()}
     return {
         "modulus": Fact(
             "modulus",
@@ -68,7 +80,9 @@ def facts_of_state(state: FittedState | None) -> dict[str, Fact]:
             state.modulus_interval_pa,
         ),
         "equivalent": Fact(
-            "modulus", state.equivalent_modulus_pa, state.equivalent_modulus_interval_pa
+            "modulus",
+            state.equivalent_modulus_pa,
+            state.equivalent_modulus_interval_pa,
         ),
         "viscosity": Fact("viscosity", state.viscosity_pa_s),
         "bedrock": Fact("depth", state.bedrock_depth_m),

@@ -34,7 +34,7 @@ from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
 with SurveyWriter.open(folder / "s", publish=False, reserve_bytes=0) as writer:
     declared = declared_values(SETUP)
     record = writer.save_drop(DropRecord(point="1", drop=half_sine_drop(1, 8e3), declared=declared))
-    result = DropResult.from_json(result_of(1) | {"settlement_index_m": 0.0125})
+    result = read(DropResult, result_of(1) | {"settlement_index_m": 0.0125})
     assert result.settlement_index_m == 0.0125
     writer.save_result(record, result.to_json())
 for form in ("table", "jsonl", "xlsx"):

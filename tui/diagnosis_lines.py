@@ -91,10 +91,10 @@ def diagnosis_lines(
         True: advice on device effects is included; for several points `device_lines` joins it.
     """
     before, after = (facts_of_state(state) for state in (result.before, result.after))
-    drops = ", ".join(map(str, result.drops or ())) or "none"
+    drops = ", ".join(map(str, result.drops)) or "none"
     device = "" if result.device is None else f", device {clean(result.device)}"
     point = "" if result.point is None else f", point {clean(result.point)}"
-    verdict = _VERDICTS.get(result.verdict or "", clean(result.verdict))
+    verdict = _VERDICTS[result.verdict]
     lines = [
         f"{clean(result.file)}{point}{device}, drops {drops}",
         f"  {_NO_DROP if result.drops == () else verdict}",
@@ -115,10 +115,10 @@ def diagnosis_lines(
         if result.equivalent_use is not None:
             value, use = SI.show(after["equivalent"]), USES[result.equivalent_use]
             lines.append(f"  Equivalent modulus {value}: {use}.")
-    for effect in result.effects or ():
+    for effect in result.effects:
         lines += _effect(effect, advice=device_advice or effect.scope != "device")
     lines += _held_out(result.held_out)
-    lines += [f"  {clean(text)}" for text in result.rejected or ()]
+    lines += [f"  {clean(text)}" for text in result.rejected]
     return [*lines, *diagnosis_warnings([result])] if warnings else lines
 
 
@@ -185,7 +185,7 @@ def survey_lines(results: Sequence[DiagnosisResult], width: int = WIDTH) -> list
     advice = [
         (name, (_words(effect.name), effect.advice))
         for name, result in points
-        for effect in result.effects or ()
+        for effect in result.effects
         if effect.advice and effect.scope != "device" and result.use != "do-not-use"
     ]
     notes = [
@@ -273,7 +273,7 @@ def point_cells(name: str, result: DiagnosisResult, units: Units = SI) -> PointC
         stress = units.show(facts["stress"], with_unit=False)
     elif result.after is not None and result.after.model == "rig":
         use, action = "no ground", ""
-    effects = [_short_effect(e) for e in result.effects or () if not _is_shared(e)]
+    effects = [_short_effect(e) for e in result.effects if not _is_shared(e)]
     more = ["..."] if len(effects) > MAX_EFFECTS_IN_TABLE else []
     modulus = Fact("modulus", result.modulus, result.modulus_interval)
     return PointCells(
@@ -351,9 +351,9 @@ def device_lines(results: Sequence[DiagnosisResult]) -> list[str]:
     names = _names(results)
     effects: list[tuple[str, tuple[str, str]]] = []
     for name, result in zip(names, results, strict=True):
-        for effect in result.effects or ():
+        for effect in result.effects:
             if effect.scope == "device" and (_is_shared(effect) or result.use != "do-not-use"):
-                values = [_parameter(p, effect) for p in effect.parameters or ()]
+                values = [_parameter(p, effect) for p in effect.parameters]
                 numbers = f" ({'; '.join(values)})" if _is_shared(effect) and values else ""
                 advice = f": {effect.advice}" if effect.advice else ""
                 effects.append((name, (f"{_words(effect.name)}{numbers}", advice)))
@@ -405,7 +405,7 @@ def diagnosis_warnings(results: Sequence[DiagnosisResult]) -> list[str]:
     warnings = [
         (name, text)
         for name, result in zip(names, results, strict=True)
-        for text in result.warnings or ()
+        for text in result.warnings
     ]
     lines = []
     for group in group_messages(warnings):
@@ -422,9 +422,9 @@ def diagnosis_sentence(result: DiagnosisResult, units: Units = SI) -> str:
     part that is unexplained.
     """
     if result.after is None and not result.effects:
-        return f"not made: {next(iter(result.warnings or ()), 'no reason was given')}"
+        return f"not made: {next(iter(result.warnings), 'no reason was given')}"
     before, after = (facts_of_state(state)["modulus"] for state in (result.before, result.after))
-    effects = ", ".join(_words(effect.name) for effect in result.effects or ())
+    effects = ", ".join(_words(effect.name) for effect in result.effects)
     moduli = units.show(after)
     if effects and before.value is not None:
         moduli = f"{units.value_and_ends(before)[0]} → {moduli}"
@@ -452,7 +452,7 @@ def _held_out(held: HeldOut | None) -> list[str]:
     """
     if held is None:
         return []
-    subject = f"{_PREDICTED.get(held.mode or '', 'held-out part')} predicted"
+    subject = f"{_PREDICTED.get(held.mode, 'held-out part')} predicted"
     if not held.is_prediction and held.mode != "next":
         subject = (
             "device of the other points" if held.mode == "point" else "ground of the other drops"
@@ -475,12 +475,12 @@ def _held_out(held: HeldOut | None) -> list[str]:
         f"{percent(held.contact_after)}), base model {percent(held.before)} "
         f"({percent(held.contact_before)}), {reference}"
     ]
-    parts = held.by or ()
+    parts = held.by
     if len(parts) == 1:
         lines += _peak_error(parts[0].peak_error, held)
     elif parts:
         lines.append(f"    {', '.join(map(_part_error, parts))}")
-    names = ", ".join(_words(name) for name in held.fitted or ())
+    names = ", ".join(_words(name) for name in held.fitted)
     lines.append(f"    fitted to the held-out data: {names or 'nothing'}")
     return lines
 
@@ -535,7 +535,7 @@ def _effect(effect: EffectResult, *, advice: bool) -> list[str]:
     strength = _evidence_text(evidence) if _is_finite(evidence) else shared
     if _is_finite(effect.probability) and _is_finite(evidence):
         strength += f", probability {100 * effect.probability:.0f} %"
-    numbers = [_parameter(parameter, effect) for parameter in effect.parameters or ()]
+    numbers = [_parameter(parameter, effect) for parameter in effect.parameters]
     text = f": {'; '.join(numbers)}" if numbers else ""
     # An effect that was detected without a fit has no scope and no strength.
     text += "" if effect.scope is None and not _is_finite(evidence) else f" [{strength}]"
@@ -560,7 +560,7 @@ def _words(name: str | None) -> str:
 def _parameter(parameter: EffectParameter, effect: EffectResult) -> str:
     """Return a parameter of an effect with its standard deviation as text."""
     drop = "" if parameter.drop is None else f" (drop {parameter.drop})"
-    name = f"{_PARAMETER_WORDS.get(parameter.name or '', _words(parameter.name))}{drop}"
+    name = f"{_PARAMETER_WORDS.get(parameter.name, _words(parameter.name))}{drop}"
     has_deviation = _is_finite(parameter.sd)
     if _is_finite(parameter.value) and not has_deviation and _is_finite(effect.probability):
         return f"{name} undetermined"

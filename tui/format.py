@@ -70,7 +70,7 @@ def result_lines(results: Sequence[DropResult], by: By = "drop") -> list[str]:
         rejected = [(r, r.reason or MISSING) for r in of_file if r.status == "rejected"]
         lines += _message_lines(of_file, "rejected", rejected)
         # The reason of a rejected drop is printed already.
-        warnings = [(r, text) for r in of_file for text in r.warnings or () if text != r.reason]
+        warnings = [(r, text) for r in of_file for text in r.warnings if text != r.reason]
         lines += _message_lines(of_file, "warning", warnings)
     return lines
 

@@ -22,7 +22,6 @@ from inversion.diagnosis.model import DropModel, PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.measured.record import MAX_SIDE_DIFFERENCE_M, Record
 from inversion.notices import Notice, Value
-from inversion.records import known
 
 # Duration of the comparison of sensors, in contact times. Later the ground beside a plate
 # oscillates freely, and a drifting trace is no longer near zero.
@@ -105,7 +104,7 @@ def contradiction(
     if alternative.after.modulus_pa is None:
         return None
     declared_residual, alternative_residual = (
-        diagnosis.after.residual_over_peak for diagnosis in (declared, alternative)
+        diagnosis.after.residual_rms_over_peak for diagnosis in (declared, alternative)
     )
     explained = alternative.verdict != "unexplained"
     halved = (
@@ -115,7 +114,7 @@ def contradiction(
     likelier = suspect.is_about_ground and alternative.score > declared.score + _MIN_EVIDENCE_GAIN
     if not halved and not (explained and (declared.after.is_undetermined or likelier)):
         return None
-    rock = [known(e.value) for e in alternative.effects if e.name == "bedrock"]
+    rock = [e.parameters[0].value for e in alternative.effects if e.name == "bedrock"]
     if rock and abs(rock[0] / suspect.depth - 1.0) < _DEPTH_TOLERANCE:
         return None
     values = {

@@ -15,9 +15,9 @@ from inversion.records import (
     DepthRange,
     Interval,
     JsonRecord,
-    known,
     not_stored,
     quantity,
+    required,
     stored_fields,
 )
 from inversion.result import is_open
@@ -44,10 +44,10 @@ class EffectParameter(JsonRecord):
 
     OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset({"drop", "spread"})
 
-    name: str | None = quantity("Name of the parameter")
-    value: float | None = quantity("Value, in the unit")
-    sd: float | None = quantity("Standard deviation; none: the records do not fix it")
-    unit: str | None = quantity("SI unit; - for none")
+    name: str = required("Name of the parameter")
+    value: float = required("Value, in the unit")
+    sd: float = quantity("Standard deviation; none: the records do not fix it", default=math.nan)
+    unit: str = required("SI unit; - for none")
     drop: int | None = quantity("Number of the drop it belongs to; none: all drops")
     spread: float | None = quantity(
         "Scatter between the points of the device, each by itself; none: not determined"
@@ -64,14 +64,15 @@ class EffectResult(JsonRecord):
         {"scope", "probability", "advice", "residual_rms_over_peak_without"}
     )
 
-    name: str | None = quantity("Name of the effect")
+    name: str = required("Name of the effect")
     scope: str | None = quantity("What shares it: device, point or drop")
     value: float | None = quantity("Median over the drops of its first parameter")
     sd: float | None = quantity("Standard deviation of that value; none: not known")
-    unit: str | None = quantity("SI unit of that value; - for none")
-    parameters: tuple[EffectParameter, ...] | None = quantity("All its numbers")
-    evidence: float | None = quantity(
-        "Log Bayes factor: log evidence with the effect over that without; none: not determined"
+    unit: str = quantity("SI unit of that value; - for none", default="-")
+    parameters: tuple[EffectParameter, ...] = quantity("All its numbers", default=())
+    evidence: float = quantity(
+        "Log Bayes factor: log evidence with the effect over that without; none: not determined",
+        default=math.nan,
     )
     probability: float | None = quantity(
         "Share, by posterior probability, of the sets of effects that have it"
@@ -79,16 +80,11 @@ class EffectResult(JsonRecord):
     residual_rms_over_peak_without: float | None = quantity(
         "Residual over the peak when it alone is removed; none: shared by the points of the device"
     )
-    alternatives: tuple[str, ...] | None = quantity("Effects that would do in its place")
+    alternatives: tuple[str, ...] = quantity("Effects that would do in its place", default=())
     advice: str | None = quantity("What to do in the field")
 
     def __repr__(self) -> str:
         return repr(self.name)
-
-    @property
-    def key(self) -> str:
-        """Name of the effect; raises ValueError if a stored result lacks it."""
-        return known(self.name)
 
     @property
     def line(self) -> str:
@@ -100,14 +96,9 @@ class EffectResult(JsonRecord):
         return f"  {self.name}: {value}; {self.advice or ''}"
 
     @property
-    def numbers(self) -> tuple[EffectParameter, ...]:
-        """Parameters of the effect; empty if there are none."""
-        return self.parameters or ()
-
-    @property
     def values_by_name(self) -> dict[str, float]:
         """Values of the parameters, in SI units, by name."""
-        return {known(p.name): known(p.value) for p in self.numbers}
+        return {p.name: p.value for p in self.parameters}
 
 
 def effect_result(
@@ -122,7 +113,7 @@ def effect_result(
     more : further fields; evidence and residual are NaN, not determined, unless they are given
     """
     same = [p for p in parameters if p.name == parameters[0].name]
-    median = sorted(same, key=lambda p: known(p.value))[len(same) // 2]
+    median = sorted(same, key=lambda p: p.value)[len(same) // 2]
     return EffectResult(
         name=name,
         scope=scope,
@@ -131,7 +122,7 @@ def effect_result(
         unit=median.unit,
         parameters=tuple(parameters),
         advice=advice,
-        **({"evidence": math.nan, "residual_rms_over_peak_without": math.nan} | more),
+        **({"residual_rms_over_peak_without": math.nan} | more),
     )
 
 
@@ -154,7 +145,7 @@ class FittedState(JsonRecord):
         }
     )
 
-    model: str | None = quantity("half-space or layer; rig where there is no ground")
+    model: str = required("half-space or layer; rig where there is no ground")
     modulus_pa: float | None = quantity(
         "Young's modulus; none: no ground, or the interval leaves it open", "Pa"
     )
@@ -190,7 +181,7 @@ class FittedState(JsonRecord):
     )
     residual_rms_m: float | None = quantity("Rms residual", "m")
     residual_over_noise: float | None = quantity("Rms residual over the noise")
-    residual_rms_over_peak: float | None = quantity(
+    residual_rms_over_peak: float = required(
         "Rms residual over the peak, from the trigger to the end of the record"
     )
     contact_residual_rms_over_peak: float | None = quantity("The same to the end of the contact")
@@ -203,11 +194,6 @@ class FittedState(JsonRecord):
     """Modulus, Pa, also if the interval does not determine it; NaN: there is no ground."""
 
     @property
-    def residual_over_peak(self) -> float:
-        """Root mean square residual over the peak, from the trigger to the end of the record."""
-        return known(self.residual_rms_over_peak)
-
-    @property
     def is_undetermined(self) -> bool:
         """True if the 95 % interval is too wide to determine a modulus."""
         return is_open(self.modulus_interval_pa)
@@ -217,8 +203,8 @@ class FittedState(JsonRecord):
 class HeldOutErrors(JsonRecord):
     """Errors of predictions of held-out data: root mean square over the peak."""
 
-    fitted: tuple[str, ...] | None = quantity(
-        "Every number that was fitted to the held-out data; empty: a prediction"
+    fitted: tuple[str, ...] = quantity(
+        "Every number that was fitted to the held-out data; empty: a prediction", default=()
     )
     before: float | None = quantity("Error of the base model")
     after: float | None = quantity("Error with the effects")
@@ -239,7 +225,7 @@ class HeldOutPart(HeldOutErrors):
         {"interpolated", "contact_interpolated", "peak_error"}
     )
 
-    name: str | None = quantity("Name of the drop, sensor or point")
+    name: str = required("Name of the drop, sensor or point")
     interpolated: float | None = quantity(
         "Error of the interpolation between the neighbouring sensors; none: there is none"
     )
@@ -261,7 +247,7 @@ class HeldOut(HeldOutErrors):
         {"side_difference", "peak_error_interval", "largest_peak_error", "peak_error_points"}
     )
 
-    mode: str | None = quantity("next, drop, sensor or point")
+    mode: LeaveOut = required("next, drop, sensor or point")
     side_difference: float | None = quantity(
         "Largest difference of the peaks at one distance on both sides of the plate; none: no two "
         "sensors there"
@@ -273,10 +259,10 @@ class HeldOut(HeldOutErrors):
         "Largest size of the peak error at fewer than 20 other points"
     )
     peak_error_points: int | None = quantity("Number of these other points")
-    by: tuple[HeldOutPart, ...] | None = quantity("Each part")
+    by: tuple[HeldOutPart, ...] = quantity("Each part", default=())
 
     @classmethod
-    def of(cls, mode: str, parts: Sequence[HeldOutPart]) -> HeldOut | None:
+    def of(cls, mode: LeaveOut, parts: Sequence[HeldOutPart]) -> HeldOut | None:
         """Return the root mean square errors over parts; None: there are no parts."""
         if not parts:
             return None
@@ -285,13 +271,18 @@ class HeldOut(HeldOutErrors):
             for field in stored_fields(HeldOutErrors)
             if field.name != "fitted"
         }
-        fitted = tuple(dict.fromkeys(name for part in parts for name in part.fitted or ()))
+        fitted = tuple(dict.fromkeys(name for part in parts for name in part.fitted))
         return cls(mode=mode, fitted=fitted, by=tuple(parts), **errors)
+
+    @property
+    def is_worse_after(self) -> bool:
+        """True if the effects make the predictions worse."""
+        return self.before is not None and self.after is not None and self.after >= self.before
 
     @property
     def is_prediction(self) -> bool:
         """True if the held-out data were not used to choose the effects."""
-        return self.fitted is not None and CHOICE_OF_EFFECTS not in self.fitted
+        return CHOICE_OF_EFFECTS not in self.fitted
 
 
 def root_mean_square(errors: Sequence[float | None]) -> float | None:
@@ -402,12 +393,13 @@ class PointDiagnosis:
         interval = self.after.modulus_interval_pa
         if not self.effects or after is None or interval is None or self.after.is_undetermined:
             return False
-        past_bounds = any(p.at_bound for effect in self.effects for p in effect.numbers)
-        is_nearly_explained = self.after.residual_over_peak <= NEARLY_EXPLAINED and not past_bounds
+        past_bounds = any(p.at_bound for effect in self.effects for p in effect.parameters)
+        is_nearly_explained = (
+            self.after.residual_rms_over_peak <= NEARLY_EXPLAINED and not past_bounds
+        )
         low, high = interval
         moved = abs(after - before)
-        part = self.held_out or HeldOut()
-        worse = part.before is not None and part.after is not None and part.after >= part.before
+        worse = self.held_out is not None and self.held_out.is_worse_after
         return (
             (self.verdict == "explained" or is_nearly_explained)
             and high - low < moved

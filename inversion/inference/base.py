@@ -30,6 +30,7 @@ from inversion.inference.modulus import (
     effective_estimate,
     equivalent_estimate,
     ground_of,
+    mean_stress,
     quantile,
     quantiles,
     rock_depth,
@@ -48,7 +49,7 @@ from inversion.inference.state import (
 from inversion.inference.structures import ALWAYS, effects_of
 from inversion.measured.weighted_drop import count_distances
 from inversion.notices import Notice
-from inversion.records import Interval, known
+from inversion.records import Interval
 from inversion.result import InversionResult, LayerResult, StructureResult
 
 _BEDROCK, _LAYER = "bedrock", "layer"
@@ -148,12 +149,12 @@ class BaseFit:
         lowest = LayerResult(
             modulus_pa=state.fitted_modulus,
             modulus_sd_pa=state.modulus_sd_pa,
-            modulus_interval_pa=state.modulus_interval_pa,
+            modulus_interval_pa=state.modulus_interval_pa or (math.nan, math.nan),
             thickness_m=None if depth is None else depth - top,
             thickness_sd_m=self.depth_deviation,
             thickness_interval_m=interval and (max(0.0, interval[0] - top), interval[1] - top),
-            viscosity_pa_s=known(state.viscosity_pa_s),
-            density_kg_m3=known(state.density_kg_m3),
+            viscosity_pa_s=float(ground.viscosity),
+            density_kg_m3=float(ground.density),
             poisson_ratio=self.best.model.point.records.records[0].poisson_ratio,
         )
         return (*above, lowest)
@@ -214,9 +215,10 @@ class BaseFit:
 
         That of ground without layers is its modulus.
         """
-        if all(_n_media(fit) == 1 for fit in self.fits):
-            return self.state.fitted_modulus, known(self.state.modulus_interval_pa)
-        stress = known(self.state.stress_pa)
+        interval = self.state.modulus_interval_pa
+        if interval is not None and all(_n_media(fit) == 1 for fit in self.fits):
+            return self.state.fitted_modulus, interval
+        stress = mean_stress(self.best.model)
 
         def estimate(fit: Posterior) -> tuple[float, float]:
             if _n_media(fit) == 1:
@@ -382,9 +384,11 @@ def fit_base(
         The only starting point: the result is its nearest optimum, without the others.
     """
     if preceding is not None and preceding.structures:
-        on_rock = known(preceding.structures)[0].bedrock_depth_m is not None
+        on_rock = preceding.structures[0].bedrock_depth_m is not None
         model = base_model(point, on_rock=on_rock, priors=priors)
-        return _refined(_short_fits([(model, _start_at(model, preceding))]), 0)
+        return _refined(
+            _short_fits([(model, _start_at(model, preceding, preceding.structures[0]))]), 0
+        )
     if layers != "auto":
         return _fit_media(point, rng, priors, layers, thickness)
     distances = count_distances(point.drops[0].context.offsets)
@@ -488,12 +492,11 @@ def _short_fits(
     return fits
 
 
-def _start_at(model: PointModel, result: InversionResult) -> FloatArray:
+def _start_at(model: PointModel, result: InversionResult, best: StructureResult) -> FloatArray:
     """Return the most probable ground of a result without layers as values of a model."""
-    best = known(result.structures)[0]
     return base_values(
         model,
-        known(best.modulus_pa),
+        best.modulus_pa,
         result.viscosity_pa_s,
         result.density_kg_m3,
         best.bedrock_depth_m,

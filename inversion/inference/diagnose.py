@@ -54,7 +54,6 @@ from inversion.measured.bad_sensors import (
     find_step,
 )
 from inversion.notices import Notice, Value
-from inversion.records import known
 from inversion.threads import single_threaded_blas
 
 # Smallest posterior probability, relative to the best structure, of a structure in the interval.
@@ -274,12 +273,12 @@ def _warnings(
 ) -> list[Notice]:
     notices = []
     for effect in effects:
-        for parameter in effect.numbers:
+        for parameter in effect.parameters:
             if parameter.at_bound:
-                values = {"effect": effect.key, "parameter": known(parameter.name)}
+                values = {"effect": effect.name, "parameter": parameter.name}
                 notices.append(Notice("effect-on-bound", values))
         if effect.alternatives:
-            alternatives: dict[str, Value] = {"effect": effect.key, "others": effect.alternatives}
+            alternatives: dict[str, Value] = {"effect": effect.name, "others": effect.alternatives}
             notices.append(Notice("effect-ambiguous", alternatives))
     low, high = after.modulus_interval_pa or (math.nan, math.nan)
     if (
@@ -303,8 +302,8 @@ def _find_contradicted_declaration(
             # The base model shows quickly whether the residual decreases with the sensor changed.
             with single_threaded_blas():
                 changed = fit_base(Point(suspect.records, library))
-            residual = known(changed.state.residual_rms_over_peak)
-            if residual > _MAX_CORRECTED_RESIDUAL_RATIO * diagnosis.before.residual_over_peak:
+            residual = changed.state.residual_rms_over_peak
+            if residual > _MAX_CORRECTED_RESIDUAL_RATIO * diagnosis.before.residual_rms_over_peak:
                 continue
         try:
             corrected = diagnose_point(

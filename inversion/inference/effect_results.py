@@ -14,7 +14,6 @@ from inversion.effects.catalogue import BY_NAME
 from inversion.inference.point_model import STIFFNESS
 from inversion.inference.posterior import Posterior
 from inversion.inference.selection import Selection
-from inversion.records import known
 
 # A number is not determined by the data if its posterior standard deviation exceeds this fraction
 # of the prior one.
@@ -71,7 +70,7 @@ def effect_results(
         results.append(result)
     if not posterior.model.is_same_ground:
         results.append(_seating_result(posterior, seating_evidence))
-    return tuple(sorted(results, key=lambda effect: -_sortable(known(effect.evidence))))
+    return tuple(sorted(results, key=lambda effect: -_sortable(effect.evidence)))
 
 
 def _sortable(evidence: float) -> float:

@@ -31,7 +31,6 @@ from inversion.inference.population import InstrumentKnowledge
 from inversion.inference.posterior import PointFit, Posterior
 from inversion.inference.structures import Structure
 from inversion.measured.record import PreparedDrop, Record, prepare
-from inversion.records import known
 from inversion.threads import single_threaded_blas
 
 Allow = Literal["stiffness"]
@@ -235,11 +234,11 @@ def with_peak_interval(held_out: HeldOut, peer_parts: Sequence[HeldOutPart | Non
     held_out : HeldOut, of one predicted drop
     peer_parts : parts of the peer points of its prediction; None: nothing was predicted there
     """
-    (part,) = known(held_out.by)
+    (part,) = held_out.by
     pairs = [
-        (change, abs(math.log1p(known(peer.peak_error))))
+        (change, abs(math.log1p(peer.peak_error)))
         for change, peer in zip(part.changes_without_peers, peer_parts, strict=True)
-        if peer is not None
+        if peer is not None and peer.peak_error is not None
     ]
     count = len(pairs)
     if count == 0:

@@ -26,7 +26,7 @@ from inversion.inference.modulus import (
 from inversion.inference.posterior import PointFit, Posterior
 from inversion.inference.selection import EXPLAINED_TO, SIMILAR_DISCREPANCY_RATIO
 from inversion.notices import Notice, Value
-from inversion.records import Interval, known
+from inversion.records import Interval
 from inversion.result import is_open
 
 Mixture = Callable[[ModulusOf], Sequence[Component]]
@@ -142,7 +142,7 @@ def discrepancy_error(state: FittedState) -> float:
     state : FittedState, which does not explain the record
     """
     discrepancy = max(
-        known(state.discrepancy_over_peak), known(state.contact_residual_rms_over_peak)
+        state.discrepancy_over_peak or 0.0, state.contact_residual_rms_over_peak or 0.0
     )
     return math.log1p(_ERROR_PER_DISCREPANCY * discrepancy)
 
@@ -158,17 +158,18 @@ def wider(value: float, limits: Interval, error: float) -> Interval:
 
 def with_discrepancy_error(state: FittedState) -> FittedState:
     """Return the state of a fit without effects whose intervals include `discrepancy_error`."""
-    if math.isnan(state.fitted_modulus):
+    interval, equivalent_interval = state.modulus_interval_pa, state.equivalent_modulus_interval_pa
+    if interval is None:
         return state
     modulus, equivalent = state.fitted_modulus, state.equivalent_modulus_pa
     error = discrepancy_error(state)
-    if equivalent is not None:
-        limits = wider(equivalent, known(state.equivalent_modulus_interval_pa), error)
+    if equivalent is not None and equivalent_interval is not None:
+        limits = wider(equivalent, equivalent_interval, error)
         state = replace(state, equivalent_modulus_interval_pa=limits)
     if state.modulus_sd_pa is not None:
         relative = math.hypot(state.modulus_sd_pa / modulus, error / NORMAL_95)
         state = replace(state, modulus_sd_pa=modulus * relative)
-    limits = wider(modulus, known(state.modulus_interval_pa), error)
+    limits = wider(modulus, interval, error)
     return _without_open_moduli(replace(state, modulus_interval_pa=limits))
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inversion.records import JsonRecord, known
+from inversion.records import JsonRecord
 from inversion.result import TimeHistories
 
 if TYPE_CHECKING:
@@ -27,21 +27,21 @@ class DiagnosedDrop(JsonRecord):
     Rows of numbers are 4-byte floats, least significant byte first, in base 64.
     """
 
-    drop: int | None = None
+    drop: int
     """Number of the drop at its point."""
-    start_s: float | None = None
+    start_s: float
     """Time of the first sample, s after the trigger."""
-    step_s: float | None = None
+    step_s: float
     """Time between two samples, s."""
-    offsets_m: str | None = None
+    offsets_m: str
     """Distance of each sensor from the plate centre, m."""
-    before: tuple[str, ...] | None = None
+    before: tuple[str, ...]
     """Displacement of each sensor by the fit without effects, m."""
-    after: tuple[str, ...] | None = None
+    after: tuple[str, ...]
     """The same by the fit with effects."""
-    residual_rms_over_peak: float | None = None
+    residual_rms_over_peak: float
     """Residual of that fit over the peak, from the trigger to the end of the record."""
-    contact_residual_rms_over_peak: float | None = None
+    contact_residual_rms_over_peak: float
     """The same to the end of the contact."""
 
     @classmethod
@@ -58,29 +58,26 @@ class DiagnosedDrop(JsonRecord):
             contact_residual_rms_over_peak=curves.contact_residual_rms_over_peak,
         )
 
-    def drawn_on(self, fit: TimeHistories) -> TimeHistories | None:
+    def drawn_on(self, fit: TimeHistories) -> TimeHistories:
         """Return the histories of a drop with these fits in place of the fit of the drop alone.
 
-        They end with the diagnosis, and have the sensors that were diagnosed. None: there are no
-        curves.
+        They end with the diagnosis, and have the sensors that were diagnosed.
 
         Parameters
         ----------
         fit : TimeHistories
         """
-        if self.after is None:
-            return None
         from scipy.interpolate import CubicSpline
 
-        diagnosed = _unpacked(known(self.offsets_m)).tolist()
+        diagnosed = _unpacked(self.offsets_m).tolist()
         offsets = fit.offsets.astype(_FOUR_BYTE_FLOAT).tolist()
         places = [place for place, offset in enumerate(offsets) if offset in diagnosed]
         rows = [diagnosed.index(offsets[place]) for place in places]
         before, after = (
             np.array([_unpacked(texts[row]) for row in rows], np.float64)
-            for texts in (known(self.before), self.after)
+            for texts in (self.before, self.after)
         )
-        time = known(self.start_s) + known(self.step_s) * np.arange(after.shape[1])
+        time = self.start_s + self.step_s * np.arange(after.shape[1])
         count = int(np.searchsorted(fit.time, time[-1] + 0.5 * (fit.time[1] - fit.time[0])))
         return replace(
             fit,

@@ -335,7 +335,7 @@ def with_modulus(
     warnings : sequence of Notice
         Warnings of the screening; those of the result are used as well.
     """
-    warned = (*warnings, *(() if result is None else result.warnings or ()))
+    warned = (*warnings, *(() if result is None else result.warnings))
     fault = invalidating(warned, "record")
     if _contradicts_its_file(facts.number, setup):
         fault = Notice("record-contradicts-file")

@@ -144,7 +144,7 @@ def _title(result: DropResult) -> str:
     base = "half-space" if depth is None else f"bedrock {depth:.3g} m"
     point = "" if result.point is None else f", point {result.point}"
     return (
-        f"{Path(result.file or '').name}{point}, drop {result.drop}\n"
+        f"{Path(result.file).name}{point}, drop {result.drop}\n"
         f"E {modulus_text(result.modulus_pa, result.modulus_interval_pa)}; {base}; "
         f"η {1e-3 * (result.viscosity_pa_s or 0.0):.3g} kPa s\n"
         f"{result.plate} plate {result.plate_radius_m:g} m, ν {result.poisson_ratio:g}; residual "

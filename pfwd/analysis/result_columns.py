@@ -3,10 +3,17 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import Field
 from functools import cache
-from typing import Any, Literal, NamedTuple, get_args, get_type_hints
+from typing import Any, Literal, NamedTuple, get_type_hints
 
 from inversion.notices import Notice
-from inversion.records import DepthRange, Interval, JsonRecord, TableColumn, stored_fields
+from inversion.records import (
+    DepthRange,
+    Interval,
+    JsonRecord,
+    TableColumn,
+    stored_fields,
+    without_none,
+)
 from inversion.result import HalfSinePulse, InversionResult, LayerResult, PlateContact
 from pfwd.analysis.options import MOST_LAYERS
 
@@ -29,18 +36,16 @@ class ResultColumn(NamedTuple):
 
 _KINDS: Mapping[Any, Kind] = {
     float: "number",
-    float | None: "number",
-    int | None: "whole",
-    str | None: "text",
-    PlateContact | None: "text",
-    bool | None: "flag",
-    tuple[str, ...] | None: "texts",
-    tuple[Notice, ...] | None: "texts",
+    int: "whole",
+    str: "text",
+    PlateContact: "text",
+    bool: "flag",
+    tuple[str, ...]: "texts",
+    tuple[Notice, ...]: "texts",
 }
-_NUMBERS = [hint for hint, kind in _KINDS.items() if kind == "number"]
 _ENDS: Mapping[Any, tuple[str, str]] = {
-    Interval | None: ("low", "high"),
-    DepthRange | None: ("from", "to"),
+    Interval: ("low", "high"),
+    DepthRange: ("from", "to"),
 }
 
 
@@ -63,7 +68,7 @@ def _columns_of(
     for field in _in_table_order(record):
         if field.metadata["column"] != place:
             continue
-        name, hint = prefix + field.name, hints[field.name]
+        name, hint = prefix + field.name, without_none(hints[field.name])
         parts = (which + field.metadata["meaning"], field.metadata["unit"])
         meaning = ", ".join(part for part in parts if part)
         if hint in _KINDS:
@@ -71,7 +76,7 @@ def _columns_of(
         elif hint in _ENDS:
             for column in _ends_of(name, hint):
                 yield ResultColumn(column, "number", meaning)
-        elif HalfSinePulse in get_args(hint):
+        elif hint is HalfSinePulse:
             yield from _columns_of(HalfSinePulse, "established", f"{name}_")
         else:
             yield ResultColumn(N_LAYERS, "whole", "Media with a modulus; modulus_pa: the lowest")
@@ -108,15 +113,17 @@ def _ends_of(name: str, hint: Any) -> tuple[str, str]:
 def _interval_columns(record: Any, prefix: str = "") -> tuple[tuple[str, ...], ...]:
     """Return field, column of the lower and of the upper end for each interval."""
     hints = get_type_hints(record)
-    names = [f.name for f in stored_fields(record) if hints[f.name] in _ENDS]
-    return tuple((name, *_ends_of(prefix + name, hints[name])) for name in names)
+    ends = {f.name: without_none(hints[f.name]) for f in stored_fields(record)}
+    return tuple(
+        (name, *_ends_of(prefix + name, hint)) for name, hint in ends.items() if hint in _ENDS
+    )
 
 
 @cache
 def _scalar_columns(record: Any) -> tuple[str, ...]:
     hints = get_type_hints(record)
-    fields = stored_fields(record)
-    return tuple(f.name for f in fields if f.metadata["column"] and hints[f.name] in _NUMBERS)
+    named = (f.name for f in stored_fields(record) if f.metadata["column"])
+    return tuple(name for name in named if without_none(hints[name]) is float)
 
 
 @cache

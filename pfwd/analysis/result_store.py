@@ -267,10 +267,8 @@ def holds(diagnosis: DiagnosisResult, setup: PointSetup, drops: Collection[int])
     drops : collection of int
         Numbers of the drops that are neither discarded nor rejected.
     """
-    used, considered = (
-        set(diagnosis.drops or ()),
-        {*(diagnosis.drops or ()), *(diagnosis.left_out or ())},
-    )
+    used = set(diagnosis.drops)
+    considered = {*used, *(diagnosis.left_out or ())}
     present = set(drops)
     return bool(used) and used <= present <= considered and diagnosis.basis == basis_of(setup)
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
-from inversion.diagnosis.findings import DropCurves
+from inversion.diagnosis.findings import DropCurves, Verdict
 from inversion.diagnosis.findings import EffectParameter as EffectParameter
 from inversion.diagnosis.findings import EffectResult as EffectResult
 from inversion.diagnosis.findings import FittedState as FittedState
@@ -94,34 +94,34 @@ class DiagnosisResult(JsonRecord, Displayable):
         }
     )
 
-    file: str | None = None
+    file: str = ""
     point: str | None = None
     """Name of the test point."""
     device: str | None = None
     """Name of the device that measured it."""
-    drops: tuple[int, ...] | None = None
+    drops: tuple[int, ...] = ()
     """Numbers of the drops that were fitted."""
-    rejected: tuple[str, ...] | None = None
+    rejected: tuple[str, ...] = ()
     """Drops that were not fitted, with the reason."""
     plate: str | None = None
     plate_radius_m: float | None = None
     poisson_ratio: float | None = None
-    verdict: str | None = None
+    verdict: Verdict = "unexplained"
     """clean, explained or unexplained."""
-    corrected: bool | None = None
+    corrected: bool = False
     """True if the modulus after the diagnosis may replace the one before it."""
     noise_rms_m: float | None = None
     """Root mean square of the noise before the pulse, m."""
     before: FittedState | None = None
     """Fit without effects; None: no drop was measured."""
-    effects: tuple[EffectResult, ...] | None = None
+    effects: tuple[EffectResult, ...] = ()
     """Detected effects, the strongest first."""
     after: FittedState | None = None
     held_out: HeldOut | None = None
     """Prediction errors; None: nothing was held out."""
     elapsed_s: float | None = None
     """Computing time, s, without the start of the program."""
-    warnings: tuple[Notice, ...] | None = None
+    warnings: tuple[Notice, ...] = ()
     software: str | None = None
     """Name and version of the software that made it."""
     question: str | None = None
@@ -152,9 +152,9 @@ class DiagnosisResult(JsonRecord, Displayable):
         alone = replace(self, point_modulus=None)
         return written | {key: getattr(alone, key) for key in self.DERIVED}
 
-    def fit_of(self, drop: int) -> DiagnosedDrop:
-        """Return the fits of a drop by its number; an empty record if it was not fitted."""
-        return next((fit for fit in self.fits or () if fit.drop == drop), DiagnosedDrop())
+    def fit_of(self, drop: int) -> DiagnosedDrop | None:
+        """Return the fits of a drop by its number; None: it was not fitted."""
+        return next((fit for fit in self.fits or () if fit.drop == drop), None)
 
     def to_stored(self) -> dict[str, Any]:
         """Return the diagnosis with the fits of its drops, as a survey stores it."""
@@ -240,7 +240,7 @@ class DiagnosisResult(JsonRecord, Displayable):
         explained_to = self.explained_to
         if value is None or ends is None or explained_to is None or not 0.0 < value < math.inf:
             return _UseAssessment("do-not-use", Notice("modulus-open"), self._remedy(_REMEDY_OPEN))
-        fault = invalidating(self.warnings or (), "record")
+        fault = invalidating(self.warnings, "record")
         if fault is not None:
             return _UseAssessment("do-not-use", fault, self._remedy(_REMEDY_UNITS))
         low, high = ends
@@ -262,22 +262,22 @@ class DiagnosisResult(JsonRecord, Displayable):
 
     def _remedy(self, default: str) -> str:
         """Return the remedy for a warning, else for the strongest effect, else the default."""
-        codes = {warning.code for warning in self.warnings or () if isinstance(warning, Notice)}
+        codes = {warning.code for warning in self.warnings}
         for warned, remedy in _REMEDIES_OF_WARNINGS.items():
             if warned in codes:
                 return remedy
-        strongest = next(iter(self.effects or ()), None)
+        strongest = next(iter(self.effects), None)
         if strongest is not None and strongest.scope == "drop" and strongest.advice:
             return f"measure again: {strongest.advice}"
         return default
 
     def __repr__(self) -> str:
-        verdict, names = str(self.verdict), [effect.key for effect in self.effects or ()]
+        verdict, names = str(self.verdict), [effect.name for effect in self.effects]
         if names:
             verdict += " by " if verdict == "explained" or self.corrected else ", found "
             verdict += ", ".join(names)
-        file = text_of(os.path.basename(self.file or ""))
-        parts = [f"{file}, {count(len(self.drops or ()), 'drop')}: {verdict}"]
+        file = text_of(os.path.basename(self.file))
+        parts = [f"{file}, {count(len(self.drops), 'drop')}: {verdict}"]
         if self.before is not None and self.after is not None:
             before, after = (
                 modulus_text(state.modulus_pa, state.modulus_interval_pa)
@@ -295,12 +295,12 @@ class DiagnosisResult(JsonRecord, Displayable):
 
     def __str__(self) -> str:
         line, *warnings = Displayable.__str__(self).splitlines()
-        return "\n".join([line, *(effect.line for effect in self.effects or ()), *warnings])
+        return "\n".join([line, *(effect.line for effect in self.effects), *warnings])
 
     def rows(self) -> Sequence[Mapping[str, Any]]:
         """Return a row for the fit before and one for the fit after the effects were added."""
         values = self.to_dict()
-        names = tuple(effect.key for effect in self.effects or ())
+        names = tuple(effect.name for effect in self.effects)
         return [
             {
                 **{key: values.get(key) for key in ("file", "point", "verdict")},
@@ -402,12 +402,12 @@ _REMEDIES_OF_WARNINGS = {
 class DropDiagnosis(JsonRecord):
     """Diagnosis of the point of a drop, as `pfwd invert --diagnose` reports it with the drop."""
 
-    verdict: str | None = None
+    verdict: Verdict
     """clean, explained or unexplained."""
-    corrected: bool | None = None
-    effects: tuple[EffectResult, ...] | None = None
+    corrected: bool
+    effects: tuple[EffectResult, ...]
     """Detected effects, the strongest first."""
-    after: FittedState | None = None
+    after: FittedState | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -445,7 +445,7 @@ class MeasuredFacts(JsonRecord):
 
     OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset({"rejected"})
 
-    version: int | None = None
+    version: int
     """Version of the computation, see `pfwd.analysis.drop_facts.FACTS_VERSION`."""
     peak_load_n: float | None = None
     pulse_peak_n: float | None = None
@@ -487,13 +487,13 @@ class DropResult(InversionResult, Displayable):
     )
     FIRST: ClassVar[tuple[str, ...]] = ("file", "point", "drop", "status", "reason")
 
-    file: str | None = None
+    file: str = ""
     """File with the drop."""
     point: str | int | float | None = None
     """Name of the test point."""
-    drop: int | None = None
+    drop: int = 0
     """Number of the drop at its point."""
-    status: DropStatus | None = None
+    status: DropStatus = "measured"
     reason: str | None = None
     """Reason why the drop was rejected."""
     peak_load_n: float | None = None
@@ -524,7 +524,7 @@ class DropResult(InversionResult, Displayable):
     """Function that reads the traces of a stored drop, with the fit whose modulus is in force;
     None: the result is not in force, or not from a survey."""
 
-    number: ClassVar[int | None] = alias("drop")
+    number: ClassVar[int] = alias("drop")
     """Number of the drop within its point, also as ``drop``."""
     modulus: ClassVar[float | None] = alias("modulus_pa")
     """Young's modulus of the ground, Pa, also as ``modulus_pa``; None: no modulus."""
@@ -589,14 +589,18 @@ class DropResult(InversionResult, Displayable):
         limit = OUR_TOLERANCES["most_residual"]
         return fit_fault(self) or residual_fault(self.contact_residual_rms_over_peak, limit)
 
-    def in_diagnosis(self, drop: DiagnosedDrop) -> DropResult:
+    def in_diagnosis(self, drop: DiagnosedDrop | None) -> DropResult:
         """Return the result with the residuals of a diagnosis, and without the fit of the drop."""
         no_fit: dict[str, Any] = dict.fromkeys(_FIT_FIELDS)
+        whole, contact = None, None
+        if drop is not None:
+            whole, contact = drop.residual_rms_over_peak, drop.contact_residual_rms_over_peak
         return replace(
             self.without_ground(),
             **no_fit,
-            residual_rms_over_peak=drop.residual_rms_over_peak,
-            contact_residual_rms_over_peak=drop.contact_residual_rms_over_peak,
+            warnings=(),
+            residual_rms_over_peak=whole,
+            contact_residual_rms_over_peak=contact,
         )
 
     def without_ground(self) -> DropResult:
@@ -673,7 +677,7 @@ class DropResult(InversionResult, Displayable):
 
 _PARTS_OF_FIT = (
     *("model", "viscosity_pa_s", "density_kg_m3", "poisson_ratio"),
-    *("plate", "plate_radius_m", "warnings"),
+    *("plate", "plate_radius_m"),
 )
 """Fields that every fitted ground has."""
 
@@ -685,7 +689,7 @@ _GROUND_FIELDS = (
 
 _FIT_FIELDS = (
     *("method", "model", "structures", "added_mass_kg", "sensor_lag_s", "drift_m", "r_squared"),
-    *("priors", "explained", "converged", "at_bound", "forward_solves", "seed", "warnings"),
+    *("priors", "explained", "converged", "at_bound", "forward_solves", "seed"),
     *("window_end_s", "elapsed_s"),
 )
 """Further fields that belong to the fit of a drop alone."""
@@ -697,7 +701,7 @@ def fit_fault(result: DropResult) -> Notice | None:
     It is the first warning that invalidates a fit, or else what the search reports. The size of the
     residual is judged by the procedure.
     """
-    warning = invalidating(result.warnings or (), "fit")
+    warning = invalidating(result.warnings, "fit")
     if warning is not None:
         return warning
     if result.converged is False:

@@ -168,14 +168,14 @@ def diagnosis_row(result: DiagnosisResult, digest: str) -> dict[str, Any]:
     digest : str
         SHA-256 of the source's content.
     """
-    flat = result.to_json() | {"source_sha256": digest, "drops": len(result.drops or ())}
+    flat = result.to_json() | {"source_sha256": digest, "drops": len(result.drops)}
     flat |= {f"before_{key}": value for key, value in (flat.get("before") or {}).items()}
     flat |= {f"held_out_{key}": value for key, value in (flat.get("held_out") or {}).items()}
     flat |= flat.get("after") or {}
     for name in ("modulus", "equivalent_modulus"):
         ends = flat.get(f"{name}_interval_pa") or (None, None)
         flat[f"{name}_interval_low_pa"], flat[f"{name}_interval_high_pa"] = ends
-    flat["effects"] = [str(effect.name) for effect in result.effects or ()]
+    flat["effects"] = [effect.name for effect in result.effects]
     return {name: _cell(flat.get(name), kind) for name, kind in DIAGNOSIS_COLUMNS}
 
 

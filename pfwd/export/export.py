@@ -193,4 +193,4 @@ def _inverted(survey: str, seed: int) -> Results:
     (outcome,) = analyse_files([survey], AnalysisOptions(seed=seed))
     if outcome.error is not None:
         raise SurveyError(outcome.error)
-    return {(str(result.point), int(result.drop or 0)): result for result in outcome.results}
+    return {(str(result.point), result.drop): result for result in outcome.results}

@@ -341,7 +341,7 @@ def _result(result: DropResult, point: SurveyPoint, drop: DropView) -> dict[str,
         name: value if value is None or name == N_LAYERS else number(value)
         for name, value in nested_cells(result).items()
     }
-    cells[WARNINGS] = [*(result.warnings or ()), *_stale(result, point, drop)]
+    cells[WARNINGS] = [*result.warnings, *_stale(result, point, drop)]
     return cells
 
 

@@ -96,7 +96,7 @@ class DropView:
     def warnings(self) -> tuple[Notice, ...]:
         """Warnings of the screening and of the result, without repetitions."""
         screened = () if self.screening is None else self.screening.warnings
-        warnings = () if self.result is None else self.result.warnings or ()
+        warnings = () if self.result is None else self.result.warnings
         return (*screened, *(warning for warning in warnings if warning not in screened))
 
     @property
@@ -139,12 +139,15 @@ class DropView:
         """Return the drop with this result in place of the stored ones."""
         return dataclasses.replace(self, result=result, last_result=result)
 
-    def in_diagnosis(self, fit: DiagnosedDrop) -> "DropView":
-        """Return the drop with curves and residuals of a diagnosis in place of its own fit."""
+    def in_diagnosis(self, fit: DiagnosedDrop | None) -> "DropView":
+        """Return the drop with curves and residuals of a diagnosis in place of its own fit.
+
+        None: the drop was not fitted.
+        """
         return dataclasses.replace(
             self,
             result=self.result and self.result.in_diagnosis(fit),
-            curves=self.curves and fit.drawn_on(self.curves),
+            curves=fit.drawn_on(self.curves) if fit and self.curves else None,
         )
 
     @property

@@ -222,7 +222,7 @@ def fit_before_diagnosis(diagnosis: DiagnosisResult) -> PointModulus | None:
     if before is None or before.modulus_pa is None:
         return None
     limit = OUR_TOLERANCES["most_residual"]
-    fault = invalidating(diagnosis.warnings or (), "fit")
+    fault = invalidating(diagnosis.warnings, "fit")
     fault = fault or residual_fault(before.contact_residual_rms_over_peak, limit)
     return PointModulus(
         before.modulus_pa,
@@ -257,7 +257,7 @@ def modulus_in_force(
     fitted, fault = fit_before_diagnosis(diagnosis), None
     if point is not None:
         fitted = dataclasses.replace(point, diagnosis=diagnosis).progress.fitted_modulus
-        drops = set(diagnosis.drops or ())
+        drops = set(diagnosis.drops)
         fault = unsupported_records([fact for fact in point.facts if fact.number in drops])
     diagnosed = _modulus_of(diagnosis)
     in_force = fitted

@@ -47,11 +47,11 @@ def diagnosis_blocks(point: PointView, texts: Texts) -> list[Block]:
             f"{texts['diagnosis']}: {texts['point']} {point.shown_name}",
         )
         blocks.append(picture)
-    effects = [_effect(effect, texts) for effect in diagnosis.effects or ()]
+    effects = [_effect(effect, texts) for effect in diagnosis.effects]
     if effects:
         blocks += [Heading(texts["effects"], 3), Listing(tuple(effects))]
     reported = set(all_warnings(point))
-    warnings = [warning for warning in diagnosis.warnings or () if warning not in reported]
+    warnings = [warning for warning in diagnosis.warnings if warning not in reported]
     if warnings:
         groups = group_messages(("", warning) for warning in warnings)
         lines = tuple(texts.message(group.message) for group in groups)
@@ -97,7 +97,7 @@ def _effect(effect: EffectResult, texts: Texts) -> str:
     unit = unit_of_effect(effect.unit or "")
     value = formatting.show(Fact(unit, effect.value, deviation=effect.sd), texts)
     text = f"{texts.word(str(effect.name))}: {value}"
-    alternatives = ", ".join(map(texts.word, effect.alternatives or ()))
+    alternatives = ", ".join(map(texts.word, effect.alternatives))
     return f"{text} ({texts['effect_or']} {alternatives})" if alternatives else text
 
 
@@ -109,7 +109,7 @@ def ladder_of(diagnosis: DiagnosisResult, texts: Texts) -> list[Step]:
     """Return the bars of the chart: base model, without each effect, all effects."""
     without = [
         (texts.say("without", effect=texts.word(str(effect.name))), residual, "without")
-        for effect in diagnosis.effects or ()
+        for effect in diagnosis.effects
         if _is_part(residual := effect.residual_rms_over_peak_without)
     ]
     without.sort(key=lambda step: -step[1])

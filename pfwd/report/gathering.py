@@ -676,4 +676,4 @@ def _diagnose(
         if failed is not None:
             tell(failed)
     results = [item.result for item in diagnosed_points if item.result is not None]
-    return {(str(item.point), drop): item for item in results for drop in item.drops or ()}
+    return {(str(item.point), drop): item for item in results for drop in item.drops}

@@ -106,7 +106,7 @@ def _layers(drops: Sequence[DropView], texts: Texts) -> list[Block]:
 
 def _modulus(layer: LayerResult, texts: Texts) -> str:
     interval = layer.modulus_interval_pa
-    value = layer.modulus_pa if layer.modulus_known or interval is None else None
+    value = layer.modulus_pa if layer.modulus_known else None
     return formatting.show(Fact("modulus", value, interval), texts, with_unit=False)
 
 

@@ -62,14 +62,14 @@ def _basis_of_diagnosis(diagnosis: DiagnosisResult, point: PointView, texts: Tex
         *_ground(facts_of_state(after), texts),
     ]
     order = [str(drop.number) for drop in point.drops]
-    drops = drops_text([str(number) for number in diagnosis.drops or ()], order, texts)
+    drops = drops_text([str(number) for number in diagnosis.drops], order, texts)
     text = ", ".join(filter(None, parts))
     return f"{texts.say('from_diagnosis', drops=drops)}: {text}"
 
 
 def _bedrock_depth(diagnosis: DiagnosisResult, texts: Texts) -> str:
     """Return the depth of the rock in the model of a diagnosis; empty: no rock, or not stored."""
-    for effect in diagnosis.effects or ():
+    for effect in diagnosis.effects:
         if effect.name == "bedrock":
             return formatting.show(Fact("depth", effect.value, deviation=effect.sd), texts)
     depth = None if diagnosis.after is None else diagnosis.after.bedrock_depth_m

@@ -39,7 +39,7 @@ class Results(display.DisplayableList[Result]):
     @property
     def warnings(self) -> tuple[Notice, ...]:
         """Warnings of all drops, equal ones once."""
-        return tuple(dict.fromkeys(text for drop in self for text in drop.warnings or ()))
+        return tuple(dict.fromkeys(text for drop in self for text in drop.warnings))
 
     def __repr__(self) -> str:
         used = self.measured
@@ -84,7 +84,7 @@ class Results(display.DisplayableList[Result]):
             }
             if values:
                 display.draw_values(ax, values, 1e-6, fmt=marker, label=status)
-        places = (drop.point or os.path.basename(drop.file or "") for drop in drawn)
+        places = (drop.point or os.path.basename(drop.file) for drop in drawn)
         names = [f"{place}, {drop.drop}" for place, drop in zip(places, drawn, strict=True)]
         stated = [*drawn._assumptions(), display.warning_count(drawn.warnings)]
         title = "; ".join(stated) if drawn else "no modulus"

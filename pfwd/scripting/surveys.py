@@ -109,7 +109,8 @@ class Survey(display.Displayable):
         diagnosis = None if drop.has_layers else row.point.counting_diagnosis
         if curves is None or diagnosis is None:
             return curves
-        return diagnosis.fit_of(drop.number).drawn_on(curves) or curves
+        fit = diagnosis.fit_of(drop.number)
+        return curves if fit is None else fit.drawn_on(curves)
 
     def __repr__(self) -> str:
         name = display.text_of(os.path.basename(os.path.normpath(self.path)))

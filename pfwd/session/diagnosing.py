@@ -5,6 +5,7 @@ takes long and therefore has a process of its own, so that the first modulus of 
 not wait. Device effects that several points show are presumed for the next point.
 """
 
+import math
 import queue
 import statistics
 from collections.abc import Callable
@@ -192,12 +193,9 @@ class PointDiagnoses:
         A point for which effects were presumed is no independent evidence and is left out.
         """
         measured: DeviceEffects = {}
-        for effect in result.effects or ():
-            if effect.scope == "device" and effect.evidence is not None:
-                values = {
-                    str(p.name): p.value for p in effect.parameters or () if p.value is not None
-                }
-                measured[str(effect.name)] = values
-        declared = [e for e in result.effects or () if e.scope == "device" and e.evidence is None]
-        if not declared:
-            self._device_effects[name] = measured
+        for effect in result.effects:
+            if effect.scope == "device":
+                if math.isnan(effect.evidence):
+                    return
+                measured[effect.name] = effect.values_by_name
+        self._device_effects[name] = measured

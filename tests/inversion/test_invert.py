@@ -27,9 +27,9 @@ from inversion import (
     invert_joint,
 )
 from inversion.measured.record import CALIBRATED_ERROR
-from inversion.records import known
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop
 from simulators.mesh import Plate, SoilProfile
+from tests.records import known
 
 Array = NDArray[Any]
 

@@ -25,7 +25,6 @@ from inversion.forward.layered import LayeredGround, Medium
 from inversion.forward.layered.statics import effective_depth, effective_modulus
 from inversion.inference import base as module
 from inversion.measured.record import CALIBRATED_ERROR
-from inversion.records import known
 from pfwd.analysis.analyse import record_of
 from pfwd.files.traces import read_traces
 from tests.inversion.layered_drops import (
@@ -37,6 +36,7 @@ from tests.inversion.layered_drops import (
     changed,
     recorded,
 )
+from tests.records import known
 
 TWO_LAYERS = Settings(method="posterior", layers=2)
 AUTO = replace(TWO_LAYERS, layers="auto")

@@ -15,6 +15,7 @@ import pytest
 
 import pfwd
 from pfwd.analysis.result_store import store_diagnoses
+from pfwd.analysis.results import DropResult
 from pfwd.display import BEFORE_COLOUR, MAX_NOTEBOOK_ROWS, html_table
 from pfwd.export.columns import DROP_COLUMNS, POINT_COLUMNS
 from pfwd.files.importing import import_files
@@ -22,6 +23,7 @@ from pfwd.judging import JobRequest
 from pfwd.procedures import Procedure, find_procedure, plain_procedure
 from pfwd.scripting.surveys import DATA_FOLDER, Traces
 from pfwd_device.recording import SurveyWriter
+from tests.records import complete
 
 mpl.use("Agg")
 from matplotlib.figure import Figure
@@ -216,7 +218,7 @@ def test_a_stored_drop_draws_the_fit_in_force(tmp_path: Path) -> None:
     (imported,) = import_files([str(DATA_FOLDER / "unexplained.csv")], folder)
     assert imported.error is None
     with SurveyWriter.open(folder) as writer:
-        writer.save_result(1, pfwd.invert(folder)[0].to_dict())
+        writer.save_result(1, complete(DropResult, pfwd.invert(folder)[0].to_json()))
     (stored,) = pfwd.open(folder).results
     assert (stored.history, stored.in_force) == (None, True)
     measured, fitted = stored.plot(axes()).lines

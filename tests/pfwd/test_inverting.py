@@ -20,6 +20,7 @@ from pfwd.procedures import PointModulus
 from pfwd.scripting.options import DIAGNOSE_OPTIONS, INVERT_OPTIONS
 from pfwd.scripting.surveys import DATA_FOLDER
 from pfwd.units import modulus_text
+from tests.records import read
 
 # As pfwd/scripting/data/README.md says them; a file says nothing of it.
 TRUE_MODULI = {"half-space": 60e6, "layer": 45e6, "three-sensors": 80e6}
@@ -292,7 +293,7 @@ def test_a_diagnosis_that_is_not_to_be_used_says_what_is(
     modulus = record["after"]["modulus_pa"]
     for name in ("modulus", "equivalent_modulus"):
         record["after"][f"{name}_interval_pa"] = [modulus / 2, 2 * modulus]
-    result = DiagnosisResult.from_json(record)
+    result = read(DiagnosisResult, record)
     unusable = replace(result, point_modulus=modulus_in_force(result))
     assert unusable.use == "do-not-use"
     assert "after: do not use (the interval of the modulus reaches" in repr(unusable)

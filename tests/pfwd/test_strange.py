@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 import pfwd
+from pfwd.analysis.results import DropResult
 from pfwd.files.importing import import_files
 from pfwd.files.traces import read_traces
 from pfwd.scripting.surveys import DATA_FOLDER
 from pfwd_device.recording import SurveyWriter
+from tests.records import complete
 
 HOSTILE = "\x1b[31m<b>$x_1$"
 
@@ -45,9 +47,9 @@ def test_numbers_of_numpy_become_plain_ones() -> None:
 def test_a_stored_modulus_without_its_model_is_damaged(survey: Path) -> None:
     (result, *_) = pfwd.invert(pfwd.example("layer"), method="posterior")
     with SurveyWriter.open(survey) as writer:
-        writer.save_result(1, {**result.to_dict(), "model": None})
-        writer.save_result(2, result.to_dict())
-        writer.save_result(3, {**result.to_dict(), "plate_radius_m": 0.1})
+        writer.save_result(1, complete(DropResult, {**result.to_json(), "model": None}))
+        writer.save_result(2, complete(DropResult, result.to_json()))
+        writer.save_result(3, complete(DropResult, {**result.to_json(), "plate_radius_m": 0.1}))
     opened = pfwd.open(survey)
     assert repr(opened) == "Survey(site: 1 point, 3 drops, 2 with results, 1 damage)"
     whole, of_other_plate = opened.results
@@ -63,7 +65,7 @@ def test_discarded_drops_are_left_out_of_points_and_stay_in_the_table(survey: Pa
     results = pfwd.invert(pfwd.example("layer"), method="posterior")
     with SurveyWriter.open(survey) as writer:
         for result in results:
-            writer.save_result(result.number, result.to_dict())
+            writer.save_result(result.number, complete(DropResult, result.to_json()))
         writer.edit("discard", number=2)
     opened = pfwd.open(survey)
     assert [result.number for result in opened.results] == [1, 3]
@@ -107,7 +109,7 @@ def test_a_layered_subgrade_that_is_not_known_is_shown_without_a_modulus(survey:
         "warning_codes": None,
     }
     with SurveyWriter.open(survey) as writer:
-        writer.save_result(1, record)
+        writer.save_result(1, complete(DropResult, record))
     opened = pfwd.open(survey)
     (stored,) = opened.results
     assert stored.modulus is None

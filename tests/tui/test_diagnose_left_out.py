@@ -76,8 +76,8 @@ def test_what_is_fitted_is_called_no_prediction() -> None:
     )
     assert first.endswith("no preceding record to scale")
     assert last == "    fitted to the held-out data: choice of effects, modulus ratio (ground)"
-    older = lines(mode="drop")[0]
-    assert older.startswith("  ground of the other drops, everything else fitted: off by 9.0 %")
+    of_drops = lines(mode="drop", fitted=("choice of effects",))[0]
+    assert of_drops.startswith("  ground of the other drops, everything else fitted: off by 9.0 %")
 
 
 def test_a_next_drop_that_had_a_part_in_the_choice_of_effects_says_so() -> None:

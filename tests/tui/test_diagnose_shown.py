@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from inversion.notices import Notice
+from inversion.notices import Notice, text_notice
 from pfwd.analysis.diagnosis.diagnose import Diagnosed
 from pfwd.analysis.results import DiagnosisResult
 from tui.commands.diagnose import show_all
@@ -53,7 +53,7 @@ def test_json_has_a_line_for_each(capsys: pytest.CaptureFixture[str]) -> None:
 def test_many_warnings_are_counted(capsys: pytest.CaptureFixture[str]) -> None:
     points = []
     for number in range(20):
-        warnings = (f"sensor {chr(65 + number)} drifts",)
+        warnings = (text_notice(f"sensor {chr(65 + number)} drifts"),)
         result = DiagnosisResult(file="s", point=str(number), drops=(1,), warnings=warnings)
         points.append(Diagnosed("s", result))
     show_all(points, as_json=False)

@@ -39,7 +39,7 @@ def left_over(share: float) -> Notice:
 def test_a_single_point_has_its_warnings_among_the_lines() -> None:
     lines = diagnosis_lines(diagnosis("A", "no plate mass"))
     assert lines[-1] == "  warning: no plate mass"
-    assert "warning" not in "".join(diagnosis_lines(diagnosis("A", "x"), warnings=False))
+    assert "warning:" not in "".join(diagnosis_lines(diagnosis("A", "x"), warnings=False))
 
 
 def test_several_points_have_each_warning_once_as_ranges() -> None:
@@ -160,7 +160,9 @@ def test_what_differs_without_an_effect_is_said(high: float, said: bool) -> None
 )
 def test_what_is_left_is_told_in_percent(left: float, told: str) -> None:
     found = DiagnosisResult(
-        file="survey", before=FittedState(), after=FittedState(residual_rms_over_peak=left)
+        file="survey",
+        before=FittedState(model="half-space", residual_rms_over_peak=0.01),
+        after=FittedState(model="half-space", residual_rms_over_peak=left),
     )
     assert f"residual {told} of the peak" in "\n".join(diagnosis_lines(found))
 
@@ -244,7 +246,7 @@ def test_the_use_of_the_equivalent_modulus_is_said_where_it_differs() -> None:
     notes = [text for text in lines_of([differs, other, third]) if "Equivalent modulus" in text]
     assert notes == ["Equivalent modulus of A: design value"]
     # Without a fit that may be used it is in force alone.
-    alone = replace(differs, before=FittedState())
+    alone = replace(differs, before=FittedState(model="half-space", residual_rms_over_peak=0.01))
     lines = lines_of([alone, other, third])
     assert lines[0].startswith("3 points: 1 to use with care, 1 with the equivalent modulus alone")
     assert re.split(" {2,}", lines[3])[1:4] == ["none", "48 (45 to 51)", "equivalent: design value"]

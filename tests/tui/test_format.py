@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from pfwd.analysis.results import DropResult
+from tests.records import read
 from tests.snapshots import check_snapshot
 from tui.format import drop_line, result_lines
 
-RESULT = DropResult.from_json(
+RESULT = read(
+    DropResult,
     {
         "file": "point.csv",
         "drop": 1,
@@ -44,17 +46,18 @@ RESULT = DropResult.from_json(
         "at_bound": [],
         "seed": 0,
         "warnings": ["plate_mass_kg is not declared: taken as 0"],
-    }
+    },
 )
 NO_EQUIVALENT = {"equivalent_modulus_pa": None, "equivalent_modulus_interval_pa": None}
-REJECTED = DropResult.from_json(
+REJECTED = read(
+    DropResult,
     {
         "file": "point.csv",
         "drop": 3,
         "status": "rejected",
         "reason": "false trigger: peak load 1.1 kN, less than 1.5 kN",
         "warnings": [],
-    }
+    },
 )
 
 
@@ -210,7 +213,8 @@ LOWER = {
     "density_kg_m3": 1951.0,
     "poisson_ratio": 0.35,
 }
-LAYERED = DropResult.from_json(
+LAYERED = read(
+    DropResult,
     RESULT.to_json()
     | {
         "modulus_pa": 50.02e6,
@@ -219,7 +223,7 @@ LAYERED = DropResult.from_json(
         "effective_modulus_interval_pa": [94.37e6, 95.57e6],
         "effective_depth_m": 0.8184,
         "warnings": [],
-    }
+    },
 )
 
 
@@ -228,7 +232,7 @@ def test_layers_have_a_table_and_one_modulus_for_all() -> None:
     check_snapshot("\n".join(lines) + "\n", __file__, "point-of-layers")
     assert max(map(len, lines[5:9])) <= 80
     assert "one modulus" not in "\n".join(result_lines([RESULT]))
-    alone = DropResult.from_json(LAYERED.to_json() | {"layers": [LOWER]})
+    alone = read(DropResult, LAYERED.to_json() | {"layers": [LOWER]})
     assert "layer" not in "\n".join(result_lines([alone]))
 
 

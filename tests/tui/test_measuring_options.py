@@ -10,6 +10,7 @@ from pfwd.analysis.results import DropResult
 from pfwd.errors import OptionError
 from pfwd_device.recording import read_survey
 from simulators.instrument import serve
+from tests.records import read
 from tests.tui.console import PLAIN, RATE, pfwd
 from tui.measuring_options import measuring_options
 from tui.parser import build_parser
@@ -38,7 +39,7 @@ def test_layers_reach_the_analysis(command: list[str]) -> None:
 
 def given_thickness(survey: Path) -> list[float | None]:
     (drop,) = read_survey(survey).drops
-    result = DropResult.from_json(drop.read_results()[-1])
+    result = read(DropResult, drop.read_results()[-1])
     assert len(result.layers or ()) == 2
     return [layer.thickness_m for layer in result.layers or () if layer.thickness_sd_m is None]
 

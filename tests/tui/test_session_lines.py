@@ -31,6 +31,7 @@ from pfwd.session.events import (
     TableBuilding,
 )
 from pfwd_device import Drop
+from tests.records import read
 from tui.format import drop_line
 from tui.log_file import MAX_BYTES, MAX_OLD_FILES, close_log, open_log
 from tui.session_lines import SessionLines
@@ -76,7 +77,7 @@ def one(make_drop: Callable[..., Drop]) -> Callable[..., SavedDrop]:
 
 def analysed(one: SavedDrop, modulus: float | None, *, full: bool, **more: Any) -> DropAnalysed:
     result = RESULT | {"modulus_pa": modulus, "method": "mpga" if full else "posterior"} | more
-    found = replace(DropResult.from_json(result), modulus_sd_pa=float("inf"))
+    found = replace(read(DropResult, result), modulus_sd_pa=float("inf"))
     return DropAnalysed(one, 0.123, found, None, full, full)
 
 
@@ -245,13 +246,13 @@ def test_that_no_drop_can_be_recorded(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 def test_a_drop_on_one_line() -> None:
-    assert drop_line("A", 3, DropResult.from_json(RESULT)) == (
+    assert drop_line("A", 3, read(DropResult, RESULT)) == (
         "A/3  E 40.0 MPa (39.0 to 41.0)  equivalent 40.0 MPa (39.0 to 41.0)  soil on bedrock, "
         "rigid plate without slip 0.15 m, "
         "ν 0.35  7.07 kN  residual 1.0 %  local fits"
     )
     seating = RESULT | {"status": "seating", "explained": False, "at_bound": ["viscosity"]}
-    assert drop_line("A", 3, DropResult.from_json(seating)).endswith(
+    assert drop_line("A", 3, read(DropResult, seating)).endswith(
         "seating  UNEXPLAINED  AT BOUND viscosity"
     )
     assert drop_line("a\x1b[2J", 1, DropResult(status="rejected", reason="b\nc")) == (

@@ -130,7 +130,11 @@ def test_names_do_not_grow_with_the_survey(points: int) -> None:
 
 def test_layers_of_a_survey_name_their_point() -> None:
     lower = LayerResult(
-        modulus_pa=50e6, viscosity_pa_s=3e4, density_kg_m3=1900.0, poisson_ratio=0.35
+        modulus_pa=50e6,
+        modulus_interval_pa=(49e6, 51e6),
+        viscosity_pa_s=3e4,
+        density_kg_m3=1900.0,
+        poisson_ratio=0.35,
     )
     layered = replace(DROP, layers=(replace(lower, modulus_pa=180e6, thickness_m=0.2), lower))
     lines = result_lines([replace(layered, point="A"), replace(layered, point="B")])

@@ -11,7 +11,6 @@ from typing import NamedTuple
 from inversion.diagnosis.findings import DeviceValues, EffectResult
 from inversion.effects import BY_NAME
 from inversion.inference.population import ERROR_BUDGET
-from inversion.records import known
 from pfwd.analysis.diagnosis.diagnose import Diagnosed
 from pfwd.errors import OptionError, refusal
 from pfwd.files.output_path import replaced_at_once
@@ -63,15 +62,16 @@ def write_device_file(
     effects: dict[str, list[EffectResult]] = {}
     drops: dict[str, int] = {}
     for point in diagnosed:
-        for effect in (point.result and point.result.effects) or ():
+        if point.result is None:
+            continue
+        for effect in point.result.effects:
             if effect.scope == "device":
-                name = known(effect.name)
-                effects.setdefault(name, []).append(effect)
-                drops[name] = drops.get(name, 0) + len(known(known(point.result).drops))
+                effects.setdefault(effect.name, []).append(effect)
+                drops[effect.name] = drops.get(effect.name, 0) + len(point.result.drops)
     device_effects = []
     for name, found in effects.items():
-        best = min(found, key=lambda effect: known(effect.numbers[0].sd))
-        values = [(known(p.name), known(p.unit), known(p.value), known(p.sd)) for p in best.numbers]
+        best = min(found, key=lambda effect: effect.parameters[0].sd)
+        values = [(p.name, p.unit, p.value, p.sd) for p in best.parameters]
         device_effects.append(DeviceEffect(name, drops[name], values))
     write_effects(path, device, device_effects)
 

@@ -116,9 +116,9 @@ def with_diagnoses(outcome: FileOutcome, diagnosed: Sequence[Diagnosed]) -> File
             effects=result.effects,
             after=result.after,
         )
-        by_drop |= {(result.point, drop): diagnosis for drop in result.drops or ()}
+        by_drop |= {(result.point, drop): diagnosis for drop in result.drops}
     results = []
     for drop in outcome.results:
         point = None if drop.point is None else str(drop.point)
-        results.append(replace(drop, diagnosis=by_drop.get((point, drop.drop or 0))))
+        results.append(replace(drop, diagnosis=by_drop.get((point, drop.drop))))
     return replace(outcome, results=results)

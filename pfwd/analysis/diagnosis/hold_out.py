@@ -30,7 +30,6 @@ from inversion.inference.instrument import InstrumentPoints
 from inversion.inference.population import without_error_budget
 from inversion.inference.structures import Structure
 from inversion.notices import Notice
-from inversion.records import known
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint, DiagnosisRequest, instrument_of
 from pfwd.analysis.diagnosis.shared_device import DiagnosisByPoint, successful
 from pfwd.analysis.diagnosis.workers import ProgressCounter, Workers
@@ -81,9 +80,10 @@ def _of_instrument(
     workers: Workers,
 ) -> DiagnosisByPoint:
     """Return the diagnoses, with predictions, of those points of an instrument that have them."""
-    mode: LeaveOut = known(request.leave_out)
+    mode = request.leave_out
+    assert mode is not None  # without it nothing is predicted here
     names = [point.name for point in group]
-    records = [known(point.records) for point in group]
+    records = [point.records for point in group if point.records is not None]
     tasks = [
         (place, part)
         for place, of_point in enumerate(records)

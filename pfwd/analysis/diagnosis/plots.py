@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from inversion.diagnosis.findings import FittedState
-from inversion.records import known
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.display import AFTER_COLOUR, BEFORE_COLOUR, draw_residual
 from pfwd.errors import SurveyError, refusal
@@ -87,24 +86,24 @@ def _draw_spectrum(axis: Any, result: DiagnosisResult) -> None:
 
 
 def _draw_ladder(axis: Any, result: DiagnosisResult) -> None:
-    effects = known(result.effects)
+    effects = result.effects
     # Effects shared by the points of a device have no evidence at a single point.
     names = [
-        effect.key.replace("_", " ")
-        + ("" if np.isfinite(known(effect.evidence)) else " (shared by the points)")
+        effect.name.replace("_", " ")
+        + ("" if np.isfinite(effect.evidence) else " (shared by the points)")
         for effect in effects
     ] or ["no effect"]
-    evidence = [float(np.nan_to_num(known(effect.evidence))) for effect in effects]
+    evidence = [float(np.nan_to_num(effect.evidence)) for effect in effects]
     places = np.arange(len(names))
     axis.barh(places, evidence or [0.0], color=AFTER_COLOUR)
     axis.set_yticks(places, names, fontsize=8)
     axis.invert_yaxis()
     axis.set_xlabel("evidence (log Bayes factor)", fontsize=8)
-    before, after = known(result.before), known(result.after)
     axis.set_title(
         "\n".join(
-            f"{when} {_modulus(state)}, residual {percent(state.residual_over_peak)}"
-            for when, state in (("base model", before), ("all effects", after))
+            f"{when} {_modulus(state)}, residual {percent(state.residual_rms_over_peak)}"
+            for when, state in (("base model", result.before), ("all effects", result.after))
+            if state is not None
         ),
         fontsize=9,
     )
@@ -112,7 +111,7 @@ def _draw_ladder(axis: Any, result: DiagnosisResult) -> None:
 
 def _name(result: DiagnosisResult) -> str:
     """Return the name of a point, or of its file if the point has no name."""
-    return Path(known(result.file)).name if result.point is None else result.point
+    return Path(result.file).name if result.point is None else result.point
 
 
 def _modulus(state: FittedState) -> str:

@@ -7,10 +7,9 @@ import numpy as np
 
 from inversion import InversionError
 from inversion.calibration import Rig, RigDrop, estimate_rig
-from inversion.diagnosis.findings import PointDiagnosis
+from inversion.diagnosis.findings import PointDiagnosis, Verdict
 from inversion.effects import BY_NAME
 from inversion.notices import Notice, Value, text_notice
-from inversion.records import known
 from pfwd.analysis.diagnosed_drop import DiagnosedDrop
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint
 from pfwd.analysis.result_store import software_name
@@ -51,7 +50,7 @@ def diagnosis_result(
             "poisson_ratio": first.poisson_ratio,
         }
     if diagnosis is None:
-        false_trigger = EffectResult(name="false_trigger", unit="-", parameters=(), alternatives=())
+        false_trigger = EffectResult(name="false_trigger")
         is_false_trigger = any(
             isinstance(reason := drop.values["reason"], Notice) and reason.code in NO_DROP
             for drop in entry.rejected
@@ -95,9 +94,9 @@ def diagnosis_result(
 
 def _open_modulus_warning(after: FittedState) -> list[Notice]:
     """Return the warning that the data do not determine the modulus; empty: they do."""
-    if not after.is_undetermined:
+    if after.modulus_interval_pa is None or not after.is_undetermined:
         return []
-    low, high = known(after.modulus_interval_pa)
+    low, high = after.modulus_interval_pa
     return [Notice("modulus-left-open", {"low_pa": low, "high_pa": high})]
 
 
@@ -159,7 +158,8 @@ def _rig_result(
     fault: str | None,
 ) -> DiagnosisResult:
     effects: tuple[EffectResult, ...] = ()
-    after, verdict = None, "unexplained"
+    after: FittedState | None = None
+    verdict: Verdict = "unexplained"
     warnings = list(entry.warnings)
     if fit is None:
         warnings += [*rejected, Notice("no-measured-drop") if fault is None else text_notice(fault)]
@@ -167,8 +167,8 @@ def _rig_result(
         rig, residual = fit
         numbers_of = (
             ("stiffness", rig.stiffness, rig.deviation, "N/m"),
-            ("moving_mass", rig.mass, None, "kg"),
-            ("damping_ratio", rig.damping_ratio, None, "-"),
+            ("moving_mass", rig.mass, math.nan, "kg"),
+            ("damping_ratio", rig.damping_ratio, math.nan, "-"),
         )
         effects = (
             EffectResult(
@@ -181,7 +181,6 @@ def _rig_result(
                     EffectParameter(name=name, value=value, sd=sd, unit=unit)
                     for name, value, sd, unit in numbers_of
                 ),
-                alternatives=(),
                 advice=BY_NAME["spring_rig"].advice,
             ),
         )

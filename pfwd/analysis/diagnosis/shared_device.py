@@ -40,7 +40,6 @@ from inversion.inference.instrument import InstrumentKnowledge, shared_effects
 from inversion.inference.population import without_error_budget
 from inversion.inference.selection import EXPLAINED_TO
 from inversion.notices import Notice, Value
-from inversion.records import known
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint, DiagnosisRequest
 from pfwd.analysis.diagnosis.workers import Progress, ProgressCounter, Workers
 from pfwd.analysis.response_tables import library_of_process
@@ -353,7 +352,7 @@ def _held_out_points(
     knowledge = []
     for point in held_out:
         remaining = [d for name, d in diagnoses.items() if name != point.name]
-        shared = frozenset(e.key for d in remaining for e in d.effects if e.scope == "device")
+        shared = frozenset(e.name for d in remaining for e in d.effects if e.scope == "device")
         values: DeviceValues = device_findings(remaining, shared).values
         knowledge.append(InstrumentKnowledge(declared_effects=values))
     phases.together.expect(len(held_out))
@@ -426,16 +425,14 @@ def device_findings(diagnoses: Sequence[PointDiagnosis], shared: Collection[str]
     deviations: DeviceValues = {}
     spread: DeviceValues = {}
     for name in shared:
-        shared_results = [e for d in diagnoses for e in d.effects if e.key == name]
+        shared_results = [e for d in diagnoses for e in d.effects if e.name == name]
         for parameter in BY_NAME[name].parameters:
-            numbers = [p for e in shared_results for p in e.numbers if p.name == parameter.name]
+            numbers = [p for e in shared_results for p in e.parameters if p.name == parameter.name]
             if not numbers:
                 continue
-            sample = [known(p.value) for p in numbers]
+            sample = [p.value for p in numbers]
             central = median(sample)
-            deviations_of_points = [
-                p.sd for p in numbers if p.sd is not None and math.isfinite(p.sd)
-            ]
+            deviations_of_points = [p.sd for p in numbers if math.isfinite(p.sd)]
             typical = median(deviations_of_points) if deviations_of_points else math.nan
             values.setdefault(name, {})[parameter.name] = central
             if len(sample) >= _MIN_POINTS_FOR_SPREAD:
@@ -451,19 +448,19 @@ def contradictions(diagnosis: PointDiagnosis, findings: DeviceFindings) -> list[
     """Return a warning for each device effect that contradicts the other points."""
     warnings = []
     for effect in diagnosis.effects:
-        for p in effect.numbers:
-            name, value = known(p.name), known(p.value)
-            wide = findings.spread.get(effect.key, {}).get(name)
+        for p in effect.parameters:
+            name, value = p.name, p.value
+            wide = findings.spread.get(effect.name, {}).get(name)
             if effect.scope != "device" or wide is None:
                 continue
-            deviation = p.sd if p.sd is not None and math.isfinite(p.sd) else 0.0
-            shared = findings.values[effect.key][name]
+            deviation = p.sd if math.isfinite(p.sd) else 0.0
+            shared = findings.values[effect.name][name]
             away = abs(value - shared)
             if away > _CONTRADICTION_DEVIATIONS * math.hypot(
                 wide, deviation
             ) and away > _CONTRADICTION_PART * abs(shared):
                 values: dict[str, Value] = {
-                    "effect": effect.key,
+                    "effect": effect.name,
                     "parameter": name,
                     "shared": shared,
                     "own": value,
@@ -485,7 +482,7 @@ def alternatives_of(alone: Sequence[PointDiagnosis]) -> dict[str, tuple[str, ...
     for diagnosis in alone:
         for effect in diagnosis.effects:
             if effect.scope == "device":
-                counts.setdefault(effect.key, Counter()).update(effect.alternatives or ())
+                counts.setdefault(effect.name, Counter()).update(effect.alternatives)
     return {
         name: tuple(alternative for alternative, _ in counter.most_common(_MAX_ALTERNATIVES))
         for name, counter in counts.items()
@@ -553,7 +550,7 @@ def with_device(
         if names
     ]
     point_effects = tuple(
-        effect for effect in diagnosis.effects if effect.key not in findings.values
+        effect for effect in diagnosis.effects if effect.name not in findings.values
     )
     return replace(
         diagnosis,

@@ -17,10 +17,10 @@ from inversion.inference import diagnose as module
 from inversion.inference.diagnose import CALIBRATED_FACTOR, _warnings, diagnose_point
 from inversion.inference.state import with_discrepancy_error
 from inversion.measured.record import UNCALIBRATED_ERROR
-from inversion.records import known
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Plate, SoilProfile
 from tests.inversion.diagnosis.found import effect_of, parameter_of, state_of
+from tests.records import known
 
 MODULUS = 45e6
 RADIUS, MASS = 0.15, 12.0

@@ -46,7 +46,7 @@ def diagnosis(verdict: Verdict = "explained", **changes: Any) -> PointDiagnosis:
         "before": BEFORE,
         "after": AFTER,
         "effects": (ROCK,),
-        "held_out": HeldOut(before=0.05, after=0.01),
+        "held_out": HeldOut(mode="drop", before=0.05, after=0.01),
         "warnings": (),
         "curves": (),
     }
@@ -153,7 +153,7 @@ def test_an_interval_that_is_not_known_corrects_nothing() -> None:
 def test_drops_that_were_held_out_are_predicted_better(
     before: float | None, now: float | None, corrected: bool
 ) -> None:
-    found = diagnosis(held_out=HeldOut(before=before, after=now))
+    found = diagnosis(held_out=HeldOut(mode="drop", before=before, after=now))
     assert found.corrected is corrected
 
 

@@ -233,10 +233,12 @@ def test_the_peak_of_a_predicted_drop_stands_beside_the_recorded_one(
 
 def expected_error(errors: Sequence[float], changes: Sequence[float]) -> HeldOut:
     """Return what the errors at other points say of a drop, and the changes of its prediction."""
-    part = HeldOutPart(peak_error=0.0, changes_without_peers=tuple(changes))
+    part = HeldOutPart(name="1", peak_error=0.0, changes_without_peers=tuple(changes))
     held_out = HeldOut.of("next", [part])
     assert held_out is not None
-    return with_peak_interval(held_out, [HeldOutPart(peak_error=error) for error in errors])
+    return with_peak_interval(
+        held_out, [HeldOutPart(name="1", peak_error=error) for error in errors]
+    )
 
 
 def test_few_points_say_the_largest_error_seen() -> None:
@@ -252,9 +254,9 @@ def test_few_points_say_the_largest_error_seen() -> None:
 
 
 def test_a_peer_without_a_prediction_does_not_count() -> None:
-    part = HeldOutPart(peak_error=0.0, changes_without_peers=(0.5, 0.0))
+    part = HeldOutPart(name="1", peak_error=0.0, changes_without_peers=(0.5, 0.0))
     held_out = HeldOut(mode="next", by=(part,))
-    found = with_peak_interval(held_out, [None, HeldOutPart(peak_error=0.02)])
+    found = with_peak_interval(held_out, [None, HeldOutPart(name="1", peak_error=0.02)])
     assert (found.largest_peak_error, found.peak_error_points) == (pytest.approx(0.02), 1)
 
 
@@ -322,7 +324,7 @@ def test_left_out_sensors_are_judged_where_the_sides_of_the_plate_agree(
     centre, side, far = record.sensors
     other = replace(side, offset=-0.3, values=right * side.values)
     with_sides = replace(record, sensors=(centre, side, other, far))
-    part = HeldOutPart(before=0.2, after=0.1, contact_before=0.2, contact_after=0.1)
+    part = HeldOutPart(name="1", before=0.2, after=0.1, contact_before=0.2, contact_after=0.1)
     errors = HeldOut.of("sensor", [part])
     assert errors is not None
     found = with_side_difference(errors, PointRecords("simulated", (with_sides,), (1,)))

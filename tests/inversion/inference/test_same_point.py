@@ -13,9 +13,9 @@ from inversion.diagnosis.findings import PointDiagnosis
 from inversion.diagnosis.model import PointRecords
 from inversion.forward.model import Instrument
 from inversion.inference.diagnose import diagnose_point
-from inversion.records import known
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Plate, SoilProfile
+from tests.records import known
 
 RADIUS, MASS, STEP, BEFORE, NU = 0.15, 12.0, 1e-4, 200, 0.35
 OFFSETS = (0.3, 0.6)
@@ -68,7 +68,7 @@ def test_a_plate_that_was_lifted_and_set_again_has_seating_and_rock_only(
     seating, rock = sorted(found.effects, key=lambda effect: effect.name != "seating")
     # Both residuals are those of all drops, of which the first has the largest one.
     assert known(rock.residual_rms_over_peak_without) > known(found.after.residual_rms_over_peak)
-    ratios = {p.drop: p.value for p in seating.numbers}
+    ratios = {p.drop: p.value for p in seating.parameters}
     assert ratios == pytest.approx({1: 0.6, 2: 0.9, 3: 0.65}, rel=0.02)
 
 

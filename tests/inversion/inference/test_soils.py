@@ -16,10 +16,10 @@ from inversion.diagnosis.problem import Point
 from inversion.forward.model import Instrument
 from inversion.inference.diagnose import diagnose_point
 from inversion.inference.structures import candidate_structures
-from inversion.records import known
 from simulators.drop import Hammer, PrescribedLoad, simulate_drop
 from simulators.finite_elements import effective_modulus
 from simulators.mesh import ConstantQ, Growth, Plate, SoilProfile
+from tests.records import known
 
 RADIUS, MASS, STEP, BEFORE = 0.15, 12.0, 1e-4, 200
 NOISE = 1e-3
@@ -72,7 +72,7 @@ def simulated(ground: SoilProfile, offsets: tuple[float, ...] = ()) -> tuple[Poi
 
 
 def names_of(found: PointDiagnosis) -> set[str]:
-    return {effect.key for effect in found.effects}
+    return {effect.name for effect in found.effects}
 
 
 def value_of(found: PointDiagnosis, name: str, parameter: str) -> float:

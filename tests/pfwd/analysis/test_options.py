@@ -206,7 +206,11 @@ def test_the_media_of_a_result_are_asked_for_again(
     given: tuple[bool, bool], thickness: tuple[float, ...] | None
 ) -> None:
     lowest = LayerResult(
-        modulus_pa=4e7, viscosity_pa_s=3e4, density_kg_m3=1900.0, poisson_ratio=0.35
+        modulus_pa=4e7,
+        modulus_interval_pa=(3e7, 5e7),
+        viscosity_pa_s=3e4,
+        density_kg_m3=1900.0,
+        poisson_ratio=0.35,
     )
     upper = [
         replace(lowest, thickness_m=value, thickness_sd_m=None if known else 0.01)

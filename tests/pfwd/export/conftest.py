@@ -10,7 +10,7 @@ import pytest
 
 from pfwd.analysis.drop_facts import FACTS_KEY, facts_to_store
 from pfwd.analysis.drop_result import drop_result
-from pfwd.analysis.results import DropAnalysis
+from pfwd.analysis.results import DropAnalysis, DropResult
 from pfwd.analysis.screening.drops import Screening
 from pfwd.files.header import PointSetup
 from pfwd.judging import drop_from_traces
@@ -18,6 +18,7 @@ from pfwd_device import Channel, Drop
 from pfwd_device.recording import DropRecord, ReboundRecord, SurveyWriter
 from pfwd_device.recording.publishing import InlinePublisher
 from pfwd_device.recording.storage import Storage
+from tests.records import complete
 
 RESULT: dict[str, Any] = {
     "method": "mpga",
@@ -87,8 +88,10 @@ def survey(tmp_path: Path, make_drop: Callable[..., Drop]) -> Path:
             saved = writer.save_drop(record)
             writer.publish(saved)
             if number < 3:
-                writer.save_result(saved, result_of(drop, modulus_pa=1.0, method="posterior"))
-                writer.save_result(saved, result_of(drop))
+                writer.save_result(
+                    saved, complete(DropResult, result_of(drop, modulus_pa=1.0, method="posterior"))
+                )
+                writer.save_result(saved, complete(DropResult, result_of(drop)))
         writer.edit("note", FORMULA, number=1)
         writer.edit("discard", "wet", number=3)
         writer.edit("name", "north, end", point="A/1")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pfwd.analysis.drop_result import drop_result
-from pfwd.analysis.results import DropAnalysis
+from pfwd.analysis.results import DropAnalysis, DropResult
 from pfwd.analysis.screening.drops import Screening
 from pfwd.errors import OptionError, SurveyError
 from pfwd.export.export import export_survey
@@ -17,6 +17,7 @@ from pfwd.export.registry import BUILT_IN_FORMATS, find_format, format_names
 from pfwd.export.surveys import safe_name
 from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.export.conftest import BELONGS, result_of, rows_of
+from tests.records import complete
 from tui.parser import build_parser
 
 
@@ -56,7 +57,7 @@ LAYERED = {
 def test_layers_have_columns_behind_all_others(survey: Path, tmp_path: Path) -> None:
     drop = read_survey(survey).drops[0].read().drop
     with SurveyWriter.open(survey, publish=False) as writer:
-        writer.save_result(1, result_of(drop, **LAYERED))
+        writer.save_result(1, complete(DropResult, result_of(drop, **LAYERED)))
     export_survey(survey, "table", tmp_path / "t.csv")
     first, second, *_ = rows_of(tmp_path / "t.csv")
     names = list(first)
@@ -191,7 +192,7 @@ def test_a_rejected_drop_keeps_its_reason(survey: Path, tmp_path: Path) -> None:
         "f", DropAnalysis(drop, Screening("rejected", "no pulse"), None)
     ).to_json()
     with SurveyWriter.open(survey, publish=False) as writer:
-        writer.save_result(1, rejected)
+        writer.save_result(1, complete(DropResult, rejected))
     export_survey(survey, "table", tmp_path / "t.csv")
     first = rows_of(tmp_path / "t.csv")[0]
     assert (first["status"], first["reason"], first["modulus_pa"]) == ("rejected", "no pulse", "")
@@ -221,7 +222,9 @@ def test_layers_whose_subgrade_is_not_known_go_into_every_format(
     drop = read_survey(survey).drops[0].read().drop
     unknown = {"modulus_pa": None, "modulus_sd_pa": None, "modulus_interval_pa": [1e6, 8e8]}
     with SurveyWriter.open(survey, publish=False) as writer:
-        writer.save_result(1, result_of(drop, **LAYERED, **unknown, warnings=[SAID]))
+        writer.save_result(
+            1, complete(DropResult, result_of(drop, **LAYERED, **unknown, warnings=[SAID]))
+        )
     path = tmp_path / "out"
     export_survey(survey, form, path)
     if form in ("table", "jsonl", "geojson", "gpx"):

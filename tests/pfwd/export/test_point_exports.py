@@ -19,7 +19,7 @@ from PIL import Image
 from python_calamine import CalamineWorkbook
 
 from pfwd.analysis.result_store import basis_of, store_diagnoses
-from pfwd.analysis.results import DiagnosisResult, FittedState
+from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
 from pfwd.errors import OptionError, SurveyError
 from pfwd.export import geopackage, workbook
 from pfwd.export.export import export_survey
@@ -32,6 +32,7 @@ from pfwd.report.gathering import gather_stored
 from pfwd.report.provenance_blocks import result_values
 from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.export.conftest import result_of
+from tests.records import complete
 
 POINT_COLUMNS = [
     *("point", "chainage_m", "latitude", "longitude", "altitude_m", "time_utc", "time_local"),
@@ -62,7 +63,7 @@ def judged(survey: Path) -> Path:
     whole = [(drop.number, result_of(drop.read().drop, **more)) for drop in drops]
     with SurveyWriter.open(survey) as writer:
         for number, result in whole:
-            writer.save_result(number, result)
+            writer.save_result(number, complete(DropResult, result))
         writer.edit("note", "=1+1 wet", point="A/1")
         writer.edit("target", 40e6, point="A/1")
     return survey
@@ -279,7 +280,7 @@ def test_a_workbook_has_columns_for_the_layers_that_there_are(judged: Path, tmp_
     drop = next(iter(read_survey(judged).drops))
     result = result_of(drop.read().drop, layers=media)
     with SurveyWriter.open(judged) as writer:
-        writer.save_result(drop.number, result)
+        writer.save_result(drop.number, complete(DropResult, result))
     export_survey(judged, "xlsx", tmp_path / "p.xlsx")
     book = CalamineWorkbook.from_path(tmp_path / "p.xlsx")
     head, first, *_ = book.get_sheet_by_name("drops").to_python()
@@ -459,11 +460,16 @@ def test_drops_have_no_number_where_their_point_has_no_modulus(
     on_bound = [result_of(drop.read().drop, **more) for drop in drops]
     with SurveyWriter.open(judged) as writer:
         for number, result in enumerate(on_bound, 1):
-            writer.save_result(number, result)
+            writer.save_result(number, complete(DropResult, result))
     before = [(45e6, "bedrock depth sits on a bound of the search")] * 2
     assert _fits_of(judged, tmp_path / "before") == before
     assert ["modulus_pa" in value for value in values_of_averaged_drops(judged)] == [True] * 2
-    after = FittedState(modulus_pa=2e7, modulus_interval_pa=(1e7, 9e7))
+    after = FittedState(
+        model="half-space",
+        modulus_pa=2e7,
+        modulus_interval_pa=(1e7, 9e7),
+        residual_rms_over_peak=0.01,
+    )
     basis = basis_of(read_points(judged)[0].setup)
     diagnosis = DiagnosisResult(drops=(1, 2), basis=basis, after=after)
     assert store_diagnoses(str(judged), [(2, diagnosis)]) is None

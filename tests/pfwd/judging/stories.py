@@ -36,6 +36,7 @@ from pfwd.session.setup_file import setup_of
 from pfwd.session.stored_drops import point_event, read_point_event
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
+from tests.records import read
 from tui.screen.session.screen_events import SessionStarted
 from tui.screen.session.state import SessionState
 
@@ -174,7 +175,7 @@ class Told:
             return None
         if modulus is None:
             return self.tell(DropAnalysed(stored, None, DropResult(), None, True, True))
-        result = DropResult.from_json(result_of(number, modulus))
+        result = read(DropResult, result_of(number, modulus))
         writer.save_result(record, result.to_json())
         return self.tell(DropAnalysed(stored, None, result, None, True, True))
 
@@ -210,6 +211,7 @@ class Told:
             corrected=True,
             drops=tuple(used),
             after=FittedState(
+                model="half-space",
                 modulus_pa=modulus,
                 modulus_interval_pa=(modulus - 1e6, 44.5e6),
                 equivalent_modulus_pa=modulus,

@@ -7,7 +7,6 @@ import pytest
 
 from inversion.forward.layered import LAYERED_PLATE_MODELS
 from inversion.notices import Notice, Value, invalidated_by, templates
-from inversion.records import known
 from inversion.result import PlateContact
 from pfwd.analysis.result_store import basis_of
 from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
@@ -27,6 +26,7 @@ from pfwd.procedures import (
 )
 from tests.pfwd.judging.judged import judge_point
 from tests.pfwd.report.surveys import half_sine_drop, result_of
+from tests.records import known, read
 
 SETUP = PointSetup(plate_radius=0.15, poisson_ratio=0.35)
 MODULI = (30e6, 40e6, 42e6, 45e6, 45.1e6, 45.2e6)
@@ -35,7 +35,7 @@ MODULI = (30e6, 40e6, 42e6, 45e6, 45.1e6, 45.2e6)
 def drops(setup: PointSetup = SETUP, moduli: tuple[float, ...] = MODULI) -> list[DropView]:
     return [
         drop_from_traces(half_sine_drop(number, 8000.0), setup).with_result(
-            DropResult.from_json(result_of(number, modulus))
+            read(DropResult, result_of(number, modulus))
         )
         for number, modulus in enumerate(moduli, 1)
     ]
@@ -121,6 +121,7 @@ def diagnosis(
         basis=basis_of(SETUP),
         verdict=verdict,
         after=FittedState(
+            model="half-space",
             modulus_pa=38e6,
             modulus_interval_pa=ends,
             equivalent_modulus_pa=38e6,
@@ -260,9 +261,9 @@ PEAKS: dict[str, Any] = {"peak_load": 8e3, "peak_deflection": 5e-4, "pulse_durat
 
 
 def test_what_is_explained_is_the_discrepancy_and_without_it_the_residual() -> None:
-    after = FittedState(residual_rms_over_peak=0.05, discrepancy_over_peak=0.03)
+    after = FittedState(model="half-space", residual_rms_over_peak=0.05, discrepancy_over_peak=0.03)
     assert DiagnosisResult(after=after).explained_to == 0.03
-    unknown = FittedState(residual_rms_over_peak=0.05)
+    unknown = FittedState(model="half-space", residual_rms_over_peak=0.05)
     assert DiagnosisResult(after=unknown).explained_to == 0.05
     assert DiagnosisResult().explained_to is None
     assert DiagnosisResult().use == "do-not-use"
@@ -272,7 +273,7 @@ def test_the_json_of_a_diagnosis_has_its_use_and_reads_it_back() -> None:
     found = diagnosis()
     written = found.to_json()
     assert [written[key] for key in ("use", "explained_to")] == ["design", found.explained_to]
-    assert DiagnosisResult.from_json(found.to_stored()) == found
+    assert read(DiagnosisResult, found.to_stored()) == found
 
 
 UNSUPPORTED = [
@@ -290,7 +291,7 @@ def test_a_modulus_that_the_data_do_not_support_decides_nothing(
 ) -> None:
     some = drops()
     last = result_of(len(some), 45e6) | damage
-    some[-1] = some[-1].with_result(DropResult.from_json(last))
+    some[-1] = some[-1].with_result(read(DropResult, last))
     job = Job(procedure=plain_procedure())
     point = PointView("1", some, target=20e6, job=job)
     progress = point.progress
@@ -305,7 +306,7 @@ def test_a_modulus_that_the_data_do_not_support_decides_nothing(
     diagnosed = judge_point(job, PointView("1", some, target=20e6, diagnosis=diagnosis()))
     assert diagnosed.verdict is Verdict.PASS
     # A result that replaces it takes the mark away.
-    some[-1] = some[-1].with_result(DropResult.from_json(result_of(len(some), 45e6)))
+    some[-1] = some[-1].with_result(read(DropResult, result_of(len(some), 45e6)))
     assert judge_point(job, PointView("1", some, target=20e6)).verdict is Verdict.PASS
 
 
@@ -316,8 +317,8 @@ def test_an_unexplained_residual_is_the_reason_before_others() -> None:
     no_end = {"converged": False}
     for damage in ({**no_end, "warnings": (unexplained,)}, no_end):
         some = drops()
-        first = DropResult.from_json(result_of(1, 45e6) | no_end)
-        last = DropResult.from_json(result_of(len(some), 45e6))
+        first = read(DropResult, result_of(1, 45e6) | no_end)
+        last = read(DropResult, result_of(len(some), 45e6))
         some[-2] = some[-2].with_result(first)
         some[-1] = some[-1].with_result(dataclasses.replace(last, **damage))
         value = PointView("1", some, 20e6, job=Job(procedure=plain_procedure())).progress.value
@@ -345,7 +346,7 @@ def test_a_record_that_contradicts_its_stored_peak_decides_nothing(
 def test_a_modest_residual_is_supported() -> None:
     some = drops()
     modest = {"contact_residual_rms_over_peak": 0.09}
-    some[-1] = some[-1].with_result(DropResult.from_json(result_of(len(some), 45e6) | modest))
+    some[-1] = some[-1].with_result(read(DropResult, result_of(len(some), 45e6) | modest))
     progress = judge_point(Job(procedure=plain_procedure()), PointView("1", some, target=20e6))
     assert progress.verdict is Verdict.PASS
     strict = plain_procedure()
@@ -381,7 +382,7 @@ WARNED: dict[str, dict[str, Value]] = {
 def test_a_warning_that_doubts_the_fit_leaves_the_point_undecided(code: str) -> None:
     warning = Notice(code, WARNED[code])
     some = drops()
-    last = DropResult.from_json(result_of(len(some), 45e6))
+    last = read(DropResult, result_of(len(some), 45e6))
     some[-1] = some[-1].with_result(dataclasses.replace(last, warnings=(warning,)))
     job = Job(procedure=plain_procedure())
     for target in (20e6, 80e6):
@@ -412,7 +413,7 @@ def test_a_modulus_that_fit_and_diagnosis_disown_is_no_number(ends: tuple[float,
         found = dataclasses.replace(found, after=dataclasses.replace(found.after, modulus_pa=None))
     on_bound = drops()
     last = result_of(len(on_bound), 12e6) | {"at_bound": ["bedrock_depth"]}
-    on_bound[-1] = on_bound[-1].with_result(DropResult.from_json(last))
+    on_bound[-1] = on_bound[-1].with_result(read(DropResult, last))
     never_inverted = [drop.with_result(None) for drop in drops()]
     judged = []
     for some in (on_bound, never_inverted):

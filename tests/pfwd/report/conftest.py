@@ -5,10 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from pfwd.analysis.results import DropResult
 from pfwd.files.importing import import_files
 from pfwd.files.traces import TracePoint, write_traces
 from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
+from tests.records import complete
 
 
 def write_survey(top: Path, drops: tuple[int, ...]) -> Path:
@@ -20,8 +22,12 @@ def write_survey(top: Path, drops: tuple[int, ...]) -> Path:
     list(import_files([str(top / "A.csv"), str(top / "B.csv")], folder))
     with SurveyWriter.open(folder, publish=False) as writer:
         for drop in read_survey(folder).drops:
-            writer.save_result(drop.number, result_of(drop.drop, 60e6))  # an older one
-            writer.save_result(drop.number, result_of(drop.drop, 45e6 + 1e5 * drop.drop))
+            writer.save_result(
+                drop.number, complete(DropResult, result_of(drop.drop, 60e6))
+            )  # an older one
+            writer.save_result(
+                drop.number, complete(DropResult, result_of(drop.drop, 45e6 + 1e5 * drop.drop))
+            )
     return folder
 
 

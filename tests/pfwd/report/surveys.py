@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pfwd.analysis.results import DropResult
 from pfwd.files.header import PointSetup, declared_values
 from pfwd.judging import JobRequest
 from pfwd.procedures import plain_procedure
 from pfwd_device import Channel, Drop
 from pfwd_device.recording import DropRecord, SurveyWriter
+from tests.records import complete
 
 SETUP = PointSetup(
     plate_radius=0.15, plate_mass=0.0, poisson_ratio=0.35, site="km 1", seating_drops=1
@@ -57,7 +59,9 @@ def write_judged_survey(folder: Path, target: float, moduli: Mapping[str, Sequen
             for number, modulus in enumerate(values, 1):
                 drop, key = half_sine_drop(number, 8000.0), {"key": f"T-1/{point}/{number}"}
                 record = DropRecord(point, drop, None, declared_values(SETUP), key)
-                writer.save_result(writer.save_drop(record), result_of(number, modulus))
+                writer.save_result(
+                    writer.save_drop(record), complete(DropResult, result_of(number, modulus))
+                )
     return folder
 
 

@@ -18,9 +18,8 @@ from matplotlib.text import Text
 from inversion import PLATE_MODELS, notices
 from inversion.effects.catalogue import OWN
 from inversion.notices import Notice, codes, gaps_of, templates, terms, to_json
-from inversion.records import known
 from pfwd.analysis.result_store import basis_of
-from pfwd.analysis.results import DiagnosisResult
+from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.export.rows import judged_values
 from pfwd.files.editing import Edit, edit_survey
 from pfwd.procedures import find_procedure, shipped_names
@@ -45,6 +44,7 @@ from pfwd_device import Channel
 from pfwd_device.recording import DropRecord, SurveyWriter
 from pfwd_plugins.quantities import QUANTITY_BY_ROLE
 from tests.pfwd.report.surveys import half_sine_drop, result_of
+from tests.records import complete, known, read
 
 CODES = ["de", "zh"]
 
@@ -213,14 +213,16 @@ def full_report(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Report:
                 saved = writer.save_drop(
                     DropRecord(name, drop, None, declared | {"zone": name}, metadata)
                 )
-                writer.save_result(saved, result_of(number) | (layers if name == "C" else {}))
+                writer.save_result(
+                    saved, complete(DropResult, result_of(number) | (layers if name == "C" else {}))
+                )
     edit_survey(folder, [Edit("discard", "")], "B", 4)
     edit_survey(folder, [Edit("discard", "")], "D")
     report = gather(folder, ReportOptions(procedure="tp-bf-stb-b8.3", target=45e6, store=False))
     points = []
     for point in report.points:
         record = DIAGNOSIS | {"point": point.shown_name, "basis": basis_of(point.setup)}
-        points.append(replace(point, whole=None, diagnosis=DiagnosisResult.from_json(record)))
+        points.append(replace(point, whole=None, diagnosis=read(DiagnosisResult, record)))
     check = {"time_utc": "2026-03-01T08:59:00Z", "zero_n": 1.0, "span_ratio": 1.01, "faults": []}
     return replace(report, points=tuple(points), check=check)
 
@@ -291,7 +293,7 @@ def judgement_of(report: Report) -> dict[str, Any]:
     """Return what a report states of its points, judged anew, with the texts in German."""
     points = tuple(replace(point) for point in report.points)
     texts = compose(replace(report, points=points), load_texts("de"), Letters())
-    again = [DiagnosisResult.from_json(known(point.diagnosis).to_stored()) for point in points]
+    again = [read(DiagnosisResult, known(point.diagnosis).to_stored()) for point in points]
     return {
         "progress": [coded(point.progress.as_dict()) for point in points],
         "exported": [coded(judged_values(point)) for point in points],

@@ -20,6 +20,7 @@ from pfwd.report.texts import languages, load_texts
 from pfwd_device import Channel, Drop
 from pfwd_device.recording import DropRecord, SurveyWriter
 from tests.pfwd.report.surveys import result_of
+from tests.records import complete
 
 OFFSETS = (0.0, 0.3, -0.3, 0.6)
 DECLARED = {"plate_radius_m": 0.15, "plate_mass_kg": 0.0, "poisson_ratio": 0.35}
@@ -65,7 +66,7 @@ def keep(survey: Path, make_drop: Any, **changed: Any) -> None:
         for number in (1, 2):
             drop = make_drop(number=number, offsets=OFFSETS)
             saved = writer.save_drop(DropRecord("L", drop, None, DECLARED, {}))
-            writer.save_result(saved, result_of(number) | LAYERS | changed)
+            writer.save_result(saved, complete(DropResult, result_of(number) | LAYERS | changed))
 
 
 def point_of(survey: Path, **options: Any) -> Any:
@@ -167,7 +168,7 @@ def test_the_bowl_is_shown_without_layers_too(layered: Path, make_drop: Any) -> 
     with SurveyWriter.open(layered, publish=False) as writer:
         drop = make_drop(number=1, offsets=(0.0, 0.3))
         saved = writer.save_drop(DropRecord("plain", drop, None, DECLARED, {}))
-        writer.save_result(saved, result_of(1))
+        writer.save_result(saved, complete(DropResult, result_of(1)))
     points = {point.shown_name: point for point in gather(layered).points}
     figure = Figure()
     draw_ground(figure, points["plain"].drops, load_texts("en"))
@@ -197,7 +198,7 @@ def test_a_sensor_that_was_left_out_is_named(survey: Path, make_drop: Any) -> No
         )
         kept = Drop(1, drop.time, drop.load, loose)
         saved = writer.save_drop(DropRecord("L", kept, None, DECLARED, {}))
-        writer.save_result(saved, result_of(1))
+        writer.save_result(saved, complete(DropResult, result_of(1)))
     text = text_of(survey)
     assert "0.6 m: left out – – – –" in text
     assert re.search(r"-0\.3 m \d", text)
@@ -223,7 +224,8 @@ def test_drops_with_other_numbers_of_media_are_told_apart(layered: Path, make_dr
     with SurveyWriter.open(layered, publish=False) as writer:
         drop = make_drop(number=3, offsets=OFFSETS)
         writer.save_result(
-            writer.save_drop(DropRecord("L", drop, None, DECLARED, {})), result_of(3)
+            writer.save_drop(DropRecord("L", drop, None, DECLARED, {})),
+            complete(DropResult, result_of(3)),
         )
     (warning,) = [one for one in point_of(layered).warnings if one.code == "media-differ"]
     assert warning.values == {"media": "1 and 2"}

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from pfwd.analysis.result_store import basis_of
-from pfwd.analysis.results import DiagnosisResult
+from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.judging import PointView
 from pfwd.report.blocks import Listing, Pairs, Paragraph, Table
 from pfwd.report.content import Report
@@ -19,6 +19,7 @@ from pfwd.report.summary_blocks import common_warnings, warning_blocks
 from pfwd.report.texts import load_texts
 from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.report.surveys import result_of
+from tests.records import complete, read
 
 FIT: dict[str, Any] = {
     "model": "layer",
@@ -48,7 +49,7 @@ AFTER: dict[str, Any] = {
 def survey_with_fits(survey: Path) -> Path:
     with SurveyWriter.open(survey, publish=False) as writer:
         for drop in read_survey(survey).drops:
-            writer.save_result(drop.number, result_of(drop.drop, 45e6) | FIT)
+            writer.save_result(drop.number, complete(DropResult, result_of(drop.drop, 45e6) | FIT))
     return survey
 
 
@@ -69,7 +70,7 @@ def diagnosed_report(survey: Path, verdict: str, **after: Any) -> Report:
         "effects": [],
         "warnings": ["modulus open after the diagnosis"],
     }
-    diagnosed = replace(first, whole=None, diagnosis=DiagnosisResult.from_json(record))
+    diagnosed = replace(first, whole=None, diagnosis=read(DiagnosisResult, record))
     return replace(report, points=(diagnosed.as_diagnosed, *report.points[1:]))
 
 
@@ -116,7 +117,7 @@ def test_a_diagnosed_depth_has_the_deviation_of_its_effect(survey: Path) -> None
     assert point.diagnosis is not None
     record = point.diagnosis.to_stored()
     record["effects"] = [{"name": "bedrock", "value": 0.887, "sd": 0.031, "unit": "m"}]
-    again = replace(point, whole=None, diagnosis=DiagnosisResult.from_json(record))
+    again = replace(point, whole=None, diagnosis=read(DiagnosisResult, record))
     assert "layer on rock at 0.89 ± 0.03 m," in rows_of(again)["Basis"]
 
 

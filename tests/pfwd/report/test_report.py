@@ -43,6 +43,7 @@ from pfwd.report.texts import load_texts
 from pfwd_device import Channel, Drop
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
+from tests.records import complete, read
 
 HOSTILE = '<script>alert("1")</script> $\\frac{x}$ {{ 7 * 7 }}'
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome", "msedge")
@@ -109,8 +110,8 @@ def test_stored_results_are_used_the_last_one(survey: Path) -> None:
 def test_curves_are_those_of_the_stored_ground(survey: Path) -> None:
     soft, stiff = ({**result_of(2), "modulus_pa": value} for value in (30e6, 60e6))
     with SurveyWriter.open(survey, publish=False) as writer:
-        writer.save_result(2, soft)
-        writer.save_result(3, stiff)
+        writer.save_result(2, complete(DropResult, soft))
+        writer.save_result(3, complete(DropResult, stiff))
     first, second = gather(survey).points[0].drops[1:3]
     assert first.curves is not None
     assert second.curves is not None
@@ -140,7 +141,7 @@ def test_a_stored_result_gives_the_curves_of_its_inversion(options: AnalysisOpti
     assert analysis.result is not None
     history = analysis.result.history
     # As it comes back from the disk.
-    result = DropResult.from_json(json.loads(json.dumps(drop_result("x", analysis).to_json())))
+    result = read(DropResult, json.loads(json.dumps(drop_result("x", analysis).to_json())))
     curves = curves_of(drop, SETUP, screening, result, library)
     assert curves is not None
     np.testing.assert_allclose(curves.observed, history.observed, rtol=1e-12)
@@ -167,7 +168,7 @@ def test_sensors_are_named_by_side_and_those_left_out_are_marked(
             kept = Drop(number, drop.time, drop.load, loose if number == 1 else drop.channels)
             declared = {"plate_radius_m": 0.15, "plate_mass_kg": 0.0, "poisson_ratio": 0.35}
             saved = writer.save_drop(DropRecord("sides", kept, None, declared, {}))
-            writer.save_result(saved, result_of(number))
+            writer.save_result(saved, complete(DropResult, result_of(number)))
     report = gather(survey, ReportOptions())
     (point,) = [one for one in report.points if one.shown_name == "sides"]
     for one in point.drops:
@@ -197,7 +198,7 @@ LAYERS = [
 
 
 def layered(**changes: Any) -> DropResult:
-    return DropResult.from_json({**result_of(2), "layers": LAYERS, **changes})
+    return read(DropResult, {**result_of(2), "layers": LAYERS, **changes})
 
 
 def test_a_layered_result_whose_subgrade_is_not_known_has_its_curves() -> None:
@@ -209,7 +210,7 @@ def test_a_layered_result_whose_subgrade_is_not_known_has_its_curves() -> None:
     assert curves[1] is not None
     np.testing.assert_array_equal(curves[0].predicted, curves[1].predicted)
     # The stiff top holds the plate up: less than on the lower medium alone.
-    alone = curves_of(drop, SETUP, screening, DropResult.from_json(result_of(2)), library)
+    alone = curves_of(drop, SETUP, screening, read(DropResult, result_of(2)), library)
     assert alone is not None
     assert curves[0].predicted.max() < 0.9 * alone.predicted.max()
 
@@ -227,7 +228,7 @@ def test_a_report_of_a_layered_result_without_a_modulus(survey: Path) -> None:
     said = "modulus of the subgrade not known: 1 to 800 MPa fit as well"
     result = layered(modulus_pa=None, modulus_sd_pa=None, warnings=[said]).to_json()
     with SurveyWriter.open(survey, publish=False) as writer:
-        writer.save_result(2, result)
+        writer.save_result(2, complete(DropResult, result))
     text, page, report = page_of(survey)
     drop = report.points[0].drops[1]
     assert is_stored(drop)
@@ -441,7 +442,9 @@ def test_a_broken_procedure_of_a_survey_is_data_refused(survey: Path) -> None:
 def test_strange_results_do_not_end_a_report(survey: Path, strange: dict[str, Any]) -> None:
     with SurveyWriter.open(survey, publish=False) as writer:
         for drop in read_survey(survey).drops:
-            writer.save_result(drop.number, {**result_of(drop.drop), **strange})
+            writer.save_result(
+                drop.number, complete(DropResult, {**result_of(drop.drop), **strange})
+            )
     _, _, report = page_of(survey)
     used = report.points[0].drops[0].result
     assert used is not None
@@ -485,7 +488,7 @@ def test_a_trial_is_not_reported(survey: Path) -> None:
     before = gather(survey)
     with SurveyWriter.open(survey, publish=False) as writer:
         trial = result_of(1, 99e6) | {"refit": "elastic"}
-        writer.save_result(1, trial, kind="trial")
+        writer.save_result(1, complete(DropResult, trial), kind="trial")
     after = gather(survey)
     assert after.points[0].drops[0].facts.modulus == before.points[0].drops[0].facts.modulus
 
@@ -517,7 +520,8 @@ def test_a_diagnosis_is_shown_with_its_point(survey: Path, monkeypatch: pytest.M
     found = [
         diagnosis.Diagnosed(
             "x",
-            DiagnosisResult.from_json(
+            read(
+                DiagnosisResult,
                 {
                     **record,
                     "verdict": verdict,
@@ -525,7 +529,7 @@ def test_a_diagnosis_is_shown_with_its_point(survey: Path, monkeypatch: pytest.M
                     "drops": [2, 3, 4],
                     "left_out": [1],
                     "basis": basis_of(gather(survey).points[0].setup),
-                }
+                },
             ),
         )
         for point, verdict in (("B", "clean"), ("A", "explained"))
@@ -563,8 +567,7 @@ def test_only_the_reported_point_is_diagnosed(
             for entry in entries
         )
         return (
-            diagnosis.Diagnosed("x", DiagnosisResult.from_json(record), number=8)
-            for record in records
+            diagnosis.Diagnosed("x", read(DiagnosisResult, record), number=8) for record in records
         )
 
     monkeypatch.setattr(diagnosis, "diagnose_entries", diagnose)
@@ -591,7 +594,7 @@ def test_a_point_whose_fit_leaves_a_residual_is_diagnosed_first(
     with SurveyWriter.open(survey, publish=False) as writer:
         for number in (5, 6, 7, 8):  # point B
             more = {"warnings": [str(left)], "warning_codes": codes([left])}
-            writer.save_result(number, result_of(number) | more)
+            writer.save_result(number, complete(DropResult, result_of(number) | more))
     requests: list[list[str | None]] = []
 
     def diagnose(entries: Any, _request: Any) -> Any:
@@ -606,7 +609,7 @@ def test_a_point_whose_fit_leaves_a_residual_is_diagnosed_first(
                 "basis": entry.basis,
                 "after": after,
             }
-            yield diagnosis.Diagnosed("x", DiagnosisResult.from_json(record), number=8)
+            yield diagnosis.Diagnosed("x", read(DiagnosisResult, record), number=8)
 
     monkeypatch.setattr(diagnosis, "diagnose_entries", diagnose)
     plain = gather(survey, ReportOptions(diagnose=False)).points[1].progress
@@ -688,13 +691,14 @@ def test_a_ladder_of_residuals_has_plain_numbers_and_room_for_its_axis() -> None
         {"name": "bedrock", "value": 1.8, "unit": "m", "residual_rms_over_peak_without": 0.058},
         {"name": "stress_dependence", "value": 0.5, "residual_rms_over_peak_without": 0.16},
     ]
-    diagnosis = DiagnosisResult.from_json(
+    diagnosis = read(
+        DiagnosisResult,
         {
             "verdict": "explained",
             "before": {**state, "residual_rms_over_peak": 1.8},
             "after": {**state, "residual_rms_over_peak": 0.019},
             "effects": effects,
-        }
+        },
     )
     height = ladder_height(ladder_of(diagnosis, load_texts("de")))
     figure = Figure(figsize=(180 / 25.4, height / 25.4))

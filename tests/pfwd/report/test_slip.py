@@ -14,6 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from pypdf import PdfReader
 
+from pfwd.analysis.results import DropResult
 from pfwd.errors import OptionError
 from pfwd.files.editing import Edit, edit_survey
 from pfwd.report.blocks import Block, Pairs, Paragraph, Picture, Table
@@ -25,6 +26,7 @@ from pfwd.report.slip_blocks import checksum_of, slip_blocks
 from pfwd.report.texts import load_texts
 from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.report.surveys import half_sine_drop, result_of
+from tests.records import complete
 
 EN = load_texts("en")
 
@@ -130,7 +132,7 @@ def test_a_target_that_was_changed_after_the_drops_is_stated(survey: Path, of_po
         drop = half_sine_drop(9, 8009.0)
         number = writer.save_drop(replace(record, drop=drop, metadata=time))
         writer.publish(number)
-        writer.save_result(number, result_of(9))
+        writer.save_result(number, complete(DropResult, result_of(9)))
     options = ReportOptions(point="A", slip=True)
     assert not gather(survey, options).target_changes
     declare(30e6)

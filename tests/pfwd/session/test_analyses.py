@@ -45,7 +45,7 @@ class PromptJobs(SilentJobs):
     def submit(self, function: Any, *args: Any, priority: Urgency, **callbacks: Any) -> Task[Any]:
         task = super().submit(function, *args, priority=priority)
         if function is tasks.invert_drop:
-            structures = (StructureResult(name="half-space"),)
+            structures = (StructureResult(name="half-space", probability=1.0, modulus_pa=4e7),)
             task.set_result((DropResult(drop=len(self.requested), structures=structures), None))
             callbacks["on_finish"](task)
         return task

@@ -1,5 +1,6 @@
 """Points are diagnosed while they are measured; the process is a stand-in, but for one test."""
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -85,7 +86,7 @@ def found(*effects: EffectResult) -> DiagnosisResult:
     return DiagnosisResult(drops=(1,), verdict="explained", effects=effects)
 
 
-def lag(value: float, evidence: float | None = 50.0) -> EffectResult:
+def lag(value: float, evidence: float = 50.0) -> EffectResult:
     parameter = EffectParameter(name="delay", value=value, unit="s")
     return EffectResult(
         name="sensor_lag", scope="device", evidence=evidence, parameters=(parameter,)
@@ -176,7 +177,7 @@ def test_the_device_learnt_so_far_is_given_to_the_next_point(session: Session) -
     session.drop("C", 1, 13)
     assert session.device(3) == {"sensor_lag": {"delay": pytest.approx(5e-4)}}
     # What was given is no finding of the point.
-    session.jobs.finish(3, found(lag(5e-4, None)))
+    session.jobs.finish(3, found(lag(5e-4, math.nan)))
     session.diagnoses.take_responses()
     session.drop("D", 1, 14)
     assert session.device(4) == {"sensor_lag": {"delay": pytest.approx(5e-4)}}

@@ -31,6 +31,7 @@ from tests.pfwd.scripted_feed import (
     pieces,
     stream,
 )
+from tests.records import read
 
 TWO_DROPS = [pieces(stream(3.0, [(1.0, 8000.0)]), 7), pieces(stream(3.0, [(1.0, 7000.0)]), 8)]
 
@@ -156,8 +157,8 @@ def test_the_pace_is_changed_on_the_way() -> None:
 def test_the_survey_is_told_with_its_last_result_that_counts(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     measured(folder)
-    whole = DropResult.from_json(result_of(1, 2e7))
-    add_result(folder, 1, DropResult.from_json(result_of(1, 1e7)))
+    whole = read(DropResult, result_of(1, 2e7))
+    add_result(folder, 1, read(DropResult, result_of(1, 1e7)))
     add_result(folder, 1, whole)
     add_result(folder, 1, DropResult(modulus_pa=5e7))  # damaged
     add_result(folder, 1, replace(whole, modulus_pa=9e7, refit="half-space"))

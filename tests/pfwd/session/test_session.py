@@ -50,6 +50,7 @@ from tests.pfwd.scripted_feed import (
     run,
     stream,
 )
+from tests.records import read
 
 
 def test_a_drop_is_saved_before_it_is_acknowledged(log: Log, writer: Any) -> None:
@@ -343,7 +344,7 @@ def test_drops_at_a_wrong_sampling_rate_get_no_verdict_now_and_later(log: Log, w
     for event in log:
         view, _ = apply_event(view, event)
     for point in (*point_views(survey), view.points["1"]):
-        results = (DropResult.from_json(result_of(number, 60e6)) for number in (1, 2))
+        results = (read(DropResult, result_of(number, 60e6)) for number in (1, 2))
         fitted = [
             drop.with_result(result) for drop, result in zip(point.drops, results, strict=True)
         ]

@@ -34,6 +34,7 @@ from pfwd_device.drop import Channel, Drop
 from pfwd_device.identity import ChannelIdentity, Identity
 from pfwd_device.wire.messages import Status
 from pfwd_plugins.quantities import Measurand
+from tests.records import read
 from tui.screen.app import PfwdApp
 from tui.screen.drawing.glyphs import BRAILLE, Glyphs
 from tui.screen.opened.app import OpenApp
@@ -166,7 +167,7 @@ def result(modulus: float | None = 47.3e6, **more: Any) -> DropResult:
         "seed": 0,
         "warnings": [],
     }
-    return DropResult.from_json(fields | more)
+    return read(DropResult, fields | more)
 
 
 def curves() -> TimeHistories:

@@ -55,7 +55,9 @@ def test_a_drop_shows_the_fit_of_a_diagnosis_that_counts() -> None:
         0.04,
     )
     ends = (3e7, 5e7)
-    after = FittedState(modulus_pa=4e7, modulus_interval_pa=ends)
+    after = FittedState(
+        model="half-space", modulus_pa=4e7, modulus_interval_pa=ends, residual_rms_over_peak=0.01
+    )
     diagnosis = DiagnosisResult(fits=(DiagnosedDrop.of(fit),), after=after)
     drop = DropState("7", 1, curves=figure, results=[result()])
     assert [curve.name for curve in drop_figures(drop, SI)[1].curves] == ["measured", "fitted"]

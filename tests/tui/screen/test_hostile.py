@@ -14,6 +14,7 @@ from pfwd.judging import PointView
 from pfwd.session.events import Edited, InstrumentLost, SessionNotice
 from pfwd_device.identity import ChannelIdentity, Identity
 from pfwd_plugins.quantities import Measurand
+from tests.records import read
 from tests.tui.screen.scripted import (
     NOON,
     App,
@@ -89,7 +90,7 @@ def events(text: str) -> list[Any]:
         saved(2, status="rejected", reason=text),
         SurveyRead((point,), drops=True),
         Refit("7", 1, text, result(refit=text), None),
-        DiagnosisFinished("survey", (DiagnosisResult.from_json(record),)),
+        DiagnosisFinished("survey", (read(DiagnosisResult, record),)),
         SessionNotice(text, serious=True),
         InstrumentLost(text, NOON.replace(tzinfo=datetime.UTC)),
         SessionEnded(None, text, 2.0, no_device=True),

@@ -383,7 +383,11 @@ def test_the_fit_of_a_drop_is_not_shown_where_its_point_has_no_modulus() -> None
     assert shown[0].endswith("*")
     numbers = tuple(drop.number for drop in state.current.drops)
     basis = basis_of(state.current.setup)
-    diagnosis = DiagnosisResult(drops=numbers, basis=basis, after=FittedState())
+    diagnosis = DiagnosisResult(
+        drops=numbers,
+        basis=basis,
+        after=FittedState(model="half-space", residual_rms_over_peak=0.01),
+    )
     state.take(PointDiagnosed("7", diagnosis))
     assert SI.value_and_ends(modulus_of_drop(state.last)) == ("-", "")
     assert f"no modulus: {diagnosis.use_reason}" in remark(state.last, SI)

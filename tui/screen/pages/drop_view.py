@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
+from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.analysis.screening.drops import channels_outward
 from pfwd.digits import MISSING, declared, significant
 from pfwd.facts import facts_of_drop, facts_of_state
@@ -261,7 +261,8 @@ def _parameters(view: DropPageState, result: DropResult, width: int) -> list[Lin
 
 def _diagnosed_ground(diagnosis: DiagnosisResult, units: Units, width: int) -> list[Line]:
     """Return the ground by a diagnosis that counts, and its residual over all drops."""
-    after = diagnosis.after or FittedState()
+    after = diagnosis.after
+    assert after is not None  # its modulus counts
     lines = _heading("ground, by the diagnosis of all drops")
     for name, fact in facts_of_state(after).items():
         if (text := units.show(fact)) != MISSING:
@@ -305,7 +306,7 @@ def _fit_lines(view: DropPageState, result: DropResult, width: int) -> list[Line
 
 def _warnings(result: DropResult, width: int) -> list[Line]:
     lines: list[Line] = []
-    for text in result.warnings or ():
+    for text in result.warnings:
         lines += _paragraph(f"warning: {text}", width, "warn")
     return lines
 

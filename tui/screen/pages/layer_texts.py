@@ -142,7 +142,7 @@ def _scale(layers: tuple[LayerResult, ...]) -> tuple[float, float] | None:
     """Return the ends of the scale of the bars, Pa."""
     values = [layer.modulus_pa for layer in layers]
     for layer in layers:
-        values += layer.modulus_interval_pa or ()
+        values += layer.modulus_interval_pa
     sound = [value for value in values if value > 0 and math.isfinite(value)]
     return (min(sound) / _BAR_SCALE_MARGIN, max(sound) * _BAR_SCALE_MARGIN) if sound else None
 

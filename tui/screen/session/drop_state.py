@@ -110,20 +110,28 @@ class DropState:
     @property
     def shown_result(self) -> DropResult | None:
         """Result that belongs to the curves: the last one, or that of a diagnosis that counts."""
-        fit = self._diagnosed_fit
-        return self.result if self.result is None or fit is None else self.result.in_diagnosis(fit)
+        if self.result is None or not self._is_diagnosed:
+            return self.result
+        return self.result.in_diagnosis(self._diagnosed_fit)
 
     @property
     def shown_curves(self) -> TimeHistories | None:
         """Measured and fitted curves, those of a diagnosis if it counts."""
+        if self.curves is None or not self._is_diagnosed:
+            return self.curves
         fit = self._diagnosed_fit
-        return self.curves if self.curves is None or fit is None else fit.drawn_on(self.curves)
+        return None if fit is None else fit.drawn_on(self.curves)
+
+    @property
+    def _is_diagnosed(self) -> bool:
+        """True if a diagnosis counts, and not the fit of the drop or its layers."""
+        has_layers = self.result is not None and len(self.result.layers or ()) > 1
+        return self.diagnosed is not None and not has_layers
 
     @property
     def _diagnosed_fit(self) -> DiagnosedDrop | None:
-        """Fit by the diagnosis that counts; None: the fit of the drop counts, or has layers."""
-        has_layers = self.result is not None and len(self.result.layers or ()) > 1
-        return None if self.diagnosed is None or has_layers else self.diagnosed.fit_of(self.number)
+        """Fit of the drop by the diagnosis; None: it was not fitted."""
+        return None if self.diagnosed is None else self.diagnosed.fit_of(self.number)
 
     @property
     def modulus(self) -> float | None:
@@ -225,7 +233,7 @@ def add_stored(drop: DropState, stored: DropView) -> None:
         result = None
     if result is not None and not drop.results:
         drop.results = [result]
-        drop.status = result.status or "measured"
+        drop.status = result.status
         drop.reason = result.reason or ""
     elif result is None and drop.saved is None:
         drop.status, drop.reason = "rejected", "no result; open it to see why"

@@ -197,7 +197,7 @@ class SessionState:
         on_effects = [
             effect.advice
             for result in diagnoses
-            for effect in result.effects or ()
+            for effect in result.effects
             if effect.advice and effect.name in ACTIONABLE_EFFECTS
         ]
         return list(dict.fromkeys([*(item.text for item in advice), *on_effects]))

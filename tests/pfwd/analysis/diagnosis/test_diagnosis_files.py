@@ -11,7 +11,6 @@ import pfwd
 from inversion.diagnosis.findings import DeviceValues
 from inversion.inference.instrument import InstrumentKnowledge
 from inversion.measured.record import CALIBRATED_ERROR
-from inversion.records import known
 from pfwd.analysis.diagnosis.device_file import (
     device_of,
     read_device,
@@ -25,6 +24,7 @@ from pfwd.export.json_text import json_text
 from pfwd.files.header import PointSetup
 from pfwd.files.traces import TracePoint, write_traces
 from pfwd_device import Channel, Drop
+from tests.records import known
 from tui.diagnosis_lines import diagnosis_lines
 
 pytestmark = pytest.mark.usefixtures("computed_once")

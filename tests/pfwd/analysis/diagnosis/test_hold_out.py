@@ -17,7 +17,6 @@ from inversion.forward.model import Instrument
 from inversion.inference import structures
 from inversion.inference.next_drop import DropPredictor
 from inversion.inference.structures import Structure
-from inversion.records import known
 from pfwd.analysis.diagnosis import hold_out
 from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_entries
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint, DiagnosisRequest, instrument_of
@@ -26,6 +25,7 @@ from pfwd.analysis.diagnosis.workers import Workers
 from pfwd.analysis.results import HeldOut
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Plate, SoilProfile
+from tests.records import known
 
 RADIUS, MASS, STEP, BEFORE, NOISE = 0.15, 12.0, 1e-4, 200, 1e-3
 

@@ -13,6 +13,7 @@ from textual.widgets import DataTable, Input, TabbedContent
 from textual.widgets._tabs import Underline
 
 from pfwd.analysis.result_store import basis_of
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.errors import OptionError, SurveyError
 from pfwd.facts import fact_of_modulus
 from pfwd.files.header import declared_values
@@ -20,6 +21,7 @@ from pfwd.judging import point_views
 from pfwd.units import SI
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from tests.pfwd.report.surveys import SETUP, half_sine_drop, write_judged_survey
+from tests.records import complete
 from tests.tui.screen.scripted import play, until
 from tui.cli import main
 from tui.diagnosis_lines import diagnosis_lines, diagnosis_sentence, point_cells, survey_lines
@@ -417,9 +419,11 @@ def test_the_row_has_the_diagnosis_in_force(survey: Path) -> None:
     }
     first, second = read_survey(survey).points[:2]
     with SurveyWriter.open(survey, publish=False) as writer:
-        writer.save_result(first.drops[-1].number, diagnosis, "diagnosis")
+        writer.save_result(
+            first.drops[-1].number, complete(DiagnosisResult, diagnosis), "diagnosis"
+        )
         stale = {**diagnosis, "basis": "0" * 16}
-        writer.save_result(second.drops[-1].number, stale, "diagnosis")
+        writer.save_result(second.drops[-1].number, complete(DiagnosisResult, stale), "diagnosis")
     rows = {row.name: row for row in opened(survey).rows}
     assert rows[first.name].diagnosis_text == "use with care, 1.8 % of the peak unexplained"
     assert rows[first.name].modulus == 45e6, "the one that is in force"
@@ -439,7 +443,9 @@ def test_screen_and_diagnose_print_the_same_modulus_and_unexplained_part(survey:
     }
     first = read_survey(survey).points[0]
     with SurveyWriter.open(survey, publish=False) as writer:
-        writer.save_result(first.drops[-1].number, diagnosis, "diagnosis")
+        writer.save_result(
+            first.drops[-1].number, complete(DiagnosisResult, diagnosis), "diagnosis"
+        )
     point = next(iter(point_views(read_survey(survey))))
     result, modulus = point.diagnosis_in_force, point.progress.modulus
     assert result is not None
