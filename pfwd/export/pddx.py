@@ -15,8 +15,8 @@ from itertools import groupby
 from pfwd.errors import SurveyError, refusal
 from pfwd.export.output import new_text_file
 from pfwd.export.rows import Order, Row
+from pfwd.files.editing import later_declarations
 from pfwd.judging.places import number
-from pfwd.judging.view import later_declarations
 from pfwd_device.recording.drop_file import software_version
 
 VERSION = "2.0"

@@ -27,6 +27,7 @@ __all__ = [
     "choose_drop",
     "choose_point",
     "edit_survey",
+    "later_declarations",
     "move_drop",
     "no_collections",
     "overview_of",
@@ -172,6 +173,31 @@ def _refuse_contradictions(survey: Survey, chosen: SurveyPoint, edits: Sequence[
             raise OptionError(refusal("--name", expected, quote(edit.value))) from err
         if any(name in (point.name, point.title) for point in survey.points if point is not chosen):
             raise OptionError(refusal("--name", "a name that no other point has", quote(name)))
+
+
+def later_declarations(point: SurveyPoint, *, position: bool = False) -> dict[str, Any]:
+    """Return the declarations of a point that were edited after it was measured.
+
+    Parameters
+    ----------
+    point : SurveyPoint
+    position : bool
+        True: with ``latitude`` and ``longitude`` of an edited position.
+
+    Returns
+    -------
+    dict
+        By header key.
+    """
+    declared: dict[str, Any] = {}
+    kinds = ("declared", "position") if position else ("declared",)
+    for edit in point.edits:
+        kind, value = edit["what"], edit.get("value")
+        if kind in kinds and isinstance(value, dict):
+            declared |= value
+        elif kind == "operator" and value is not None:
+            declared["operator"] = value
+    return declared
 
 
 def choose_point(survey: Survey, name: str | None) -> SurveyPoint:

@@ -233,14 +233,9 @@ class PointSetup:
             present, missing = RESPONSE_KEY, "geophone_damping"
             if self.geophone_natural_frequency is None:
                 present, missing = missing, present
-            raise TraceError(
-                refusal(
-                    "header",
-                    "geophone_natural_frequency_hz and geophone_damping together",
-                    f"{present} alone",
-                    f"declare {missing} too, or {RESPONSE_KEY} = 0 if the record is corrected",
-                )
-            )
+            expected = f"{RESPONSE_KEY} and geophone_damping together"
+            hint = f"declare {missing} too, or {RESPONSE_KEY} = 0 if the record is corrected"
+            raise TraceError(refusal("header", expected, f"{present} alone", hint))
         clashing = sorted(set(self.extra) & (set(HEADER_KEYS) | {TRACES_FORMAT_KEY}))
         if clashing:
             raise TraceError(refusal("header", "keys unknown to the format in extra", clashing[0]))
@@ -369,25 +364,6 @@ def parse_header(text: str, file: str) -> Declarations:
     }
 
 
-def check_version(declarations: Mapping[str, Declaration]) -> None:
-    """Raise TraceError if the key ``pfwd-traces`` names an unsupported version of the format.
-
-    The key may be missing.
-    """
-    if TRACES_FORMAT_KEY not in declarations:
-        return
-    value, where = declarations[TRACES_FORMAT_KEY]
-    if type(value) is not int or value != TRACES_FORMAT_VERSION:
-        raise TraceError(
-            refusal(
-                where,
-                f"{TRACES_FORMAT_KEY} = {TRACES_FORMAT_VERSION}",
-                quote(value),
-                "a file of a newer version needs a newer program",
-            )
-        )
-
-
 def setup_from(declarations: Mapping[str, Declaration], where: str) -> PointSetup:
     """Check declarations and return them as a `PointSetup`.
 
@@ -408,22 +384,24 @@ def setup_from(declarations: Mapping[str, Declaration], where: str) -> PointSetu
         If the plate radius is missing, a value is outside its range, or only one of the two keys of
         the geophone is declared.
     """
-    check_version(declarations)
     values: dict[str, Any] = {}
     extra: dict[str, Any] = {}
-    for key, declaration in declarations.items():
+    for key, (value, place) in declarations.items():
         if key == TRACES_FORMAT_KEY:
+            if type(value) is not int or value != TRACES_FORMAT_VERSION:
+                expected = f"{TRACES_FORMAT_KEY} = {TRACES_FORMAT_VERSION}"
+                hint = "a file of a newer version needs a newer program"
+                raise TraceError(refusal(place, expected, quote(value), hint))
             continue
         if key not in HEADER_KEYS:
-            extra[key] = declaration.value
+            extra[key] = value
             continue
-        value = declaration.value
         kind = HEADER_KEYS[key].value
         if isinstance(value, datetime.date | datetime.time) and (
             kind is _FREE or isinstance(kind, Date)
         ):
             value = value.isoformat()
-        check_value(key, value, declaration.where)
+        check_value(key, value, place)
         values[HEADER_KEYS[key].attribute] = value
     if values.get("test") == "stiffness" or "rig_stiffness" in values:
         values.setdefault("plate_radius", 0.0)

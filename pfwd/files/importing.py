@@ -171,10 +171,8 @@ def _import_drop(
     # As JSON data: what a survey returns when it is read again.
     declared = dict(json.loads(json.dumps(point.declared, default=str)))
     key = _fingerprint(drop, declared)
-    kind, remarks = kind_of(drop, declared), remarks_of(declared)
     stored = writer.find_key(key)
     if stored is None:
-        number = max(drop.number, writer.next_number(name))
         metadata = {
             "key": key,
             "imported_from": os.path.basename(file),
@@ -183,14 +181,26 @@ def _import_drop(
             "time_utc": point.setup.time_utc,
             "software_version": software_version(),
         }
-        record = DropRecord(name, replace(drop, number=number), None, declared, metadata)
-        record = writer.with_copy_mark(record)
-        remarks += _copy_remarks(record)
-        saved = writer.save_drop(record)
-        writer.publish(saved)
-        return Imported(file, record.point, number, saved, kind=kind, remarks=remarks)
-    number = before.get(stored, drop.number)
+        return _save(writer, file, DropRecord(name, drop, None, declared, metadata))
+    number, kind = before.get(stored, drop.number), kind_of(drop, declared)
+    remarks = remarks_of(declared)
     return Imported(file, name, number, stored, before=True, kind=kind, remarks=remarks)
+
+
+def _save(
+    writer: SurveyWriter, file: str, record: DropRecord, *, marks_copies: bool = True
+) -> Imported:
+    """Save a drop under its number, or the next free one of its point."""
+    number = max(record.drop.number, writer.next_number(record.point))
+    record = replace(record, drop=replace(record.drop, number=number))
+    if marks_copies:
+        record = writer.with_copy_mark(record)
+    saved = writer.save_drop(record)
+    writer.publish(saved)
+    kind, remarks = kind_of(record.drop, record.declared), remarks_of(record.declared)
+    if (fault := copy_fault(record.metadata)) is not None:
+        remarks += (f"drop {number}: {fault}; the point gets no verdict with it",)
+    return Imported(file, record.point, number, saved, kind=kind, remarks=remarks)
 
 
 def _fingerprint(drop: Drop, declared: dict[str, Any]) -> str:
@@ -312,31 +322,14 @@ def _import_stored_drop(
         record, results = drop.read(), drop.read_results()
     except RecordingError as err:
         return Imported(file, drop.point, drop.drop, error=str(err))
-    number = max(record.drop.number, writer.next_number(record.point))
-    record = replace(
-        record,
-        drop=replace(record.drop, number=number),
-        metadata={**record.metadata, "key": key},
-    )
-    if not drop.discarded:
-        record = writer.with_copy_mark(record)
-    saved = writer.save_drop(record)
-    writer.publish(saved)
+    record = replace(record, metadata={**record.metadata, "key": key})
+    imported = _save(writer, file, record, marks_copies=not drop.discarded)
     for result in results:
-        writer.save_result(saved, result)
+        writer.save_result(imported.record, result)
     for edit in drop.edits:
-        writer.edit(edit["what"], edit.get("value"), number=saved)
-    before[saved] = number
-    kind = kind_of(record.drop, record.declared)
-    remarks = remarks_of(record.declared) + _copy_remarks(record)
-    return Imported(file, record.point, number, saved, kind=kind, remarks=remarks)
-
-
-def _copy_remarks(record: DropRecord) -> tuple[str, ...]:
-    fault = copy_fault(record.metadata)
-    if fault is None:
-        return ()
-    return (f"drop {record.drop.number}: {fault}; the point gets no verdict with it",)
+        writer.edit(edit["what"], edit.get("value"), number=imported.record)
+    before[imported.record] = imported.number
+    return imported
 
 
 def _original_declarations(point: SurveyPoint) -> dict[str, Any]:

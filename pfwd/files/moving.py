@@ -119,8 +119,8 @@ def _copy_in_use(survey: Survey, drop: SurveyDrop) -> SurveyDrop | None:
     by_name = {(each.point, each.drop): each for each in survey.drops}
     copy, visited = drop, {drop.number}
     while copy.discarded:
-        place = _place_after_move(copy)
-        following = None if place is None else by_name.get(place)
+        place = _place_after_move(_last_discard(copy))
+        following = by_name.get((place["point"], place["drop"])) if place else None
         if following is None or following.number in visited:
             return None
         visited.add(following.number)
@@ -128,11 +128,12 @@ def _copy_in_use(survey: Survey, drop: SurveyDrop) -> SurveyDrop | None:
     return None if copy.number == drop.number else copy
 
 
-def _place_after_move(drop: SurveyDrop) -> tuple[Any, Any] | None:
-    """Return point and drop number to which a drop was moved; None: its last discard is no move."""
-    value = _last_discard(drop)
+def _place_after_move(value: object) -> dict[str, Any] | None:
+    """Return point and drop number in the value of a discard; None: it is no move."""
     place = value.get(MOVED_TO) if isinstance(value, Mapping) else None
-    return (place.get("point"), place.get("drop")) if isinstance(place, Mapping) else None
+    return (
+        {key: place.get(key) for key in ("point", "drop")} if isinstance(place, Mapping) else None
+    )
 
 
 def moved_drops(folder: str | os.PathLike[str]) -> dict[int, Notice]:
@@ -176,7 +177,5 @@ def moved_to(value: object) -> Notice | None:
     Notice or None
         None: the drop was discarded, not moved.
     """
-    place = value.get(MOVED_TO) if isinstance(value, Mapping) else None
-    if not isinstance(place, Mapping):
-        return None
-    return Notice("moved", {key: str(place.get(key)) for key in ("point", "drop")})
+    place = _place_after_move(value)
+    return None if place is None else Notice("moved", {k: str(v) for k, v in place.items()})

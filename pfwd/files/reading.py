@@ -7,10 +7,10 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
-from typing import Any
 
 from inversion.notices import Notice
 from pfwd.errors import SurveyError, refusal
+from pfwd.files.editing import later_declarations
 from pfwd.files.folders import is_hdf5, is_survey_file
 from pfwd.files.foreign.common import Channels, Request
 from pfwd.files.foreign.registry import DELIMITED_TEXT, find_format, read_foreign
@@ -116,7 +116,7 @@ def points_of(
     """
     if point.discarded:
         return
-    edits = _later_declarations(point)
+    edits = later_declarations(point, position=True)
     records = [(drop.read(), drop) for drop in point.drops if not drop.discarded]
     for recorded, group in groupby(records, key=lambda pair: dict(pair[0].declared)):
         edited, drops = zip(
@@ -124,18 +124,6 @@ def points_of(
             strict=True,
         )
         yield replace(_point(file, point.title, edited, declared or {}), survey_drops=drops)
-
-
-def _later_declarations(point: SurveyPoint) -> dict[str, Any]:
-    """Return the declarations that edits of a point have added, by header key."""
-    declared: dict[str, Any] = {}
-    for edit in point.edits:
-        value = edit.get("value")
-        if edit["what"] in ("declared", "position") and isinstance(value, dict):
-            declared |= value
-        elif edit["what"] == "operator" and value is not None:
-            declared["operator"] = value
-    return declared
 
 
 def _point(

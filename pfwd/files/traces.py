@@ -298,8 +298,12 @@ def _read_top(stream: TextIO, file: str, *, foreign: bool) -> _Top:
                 expected = f"# {TRACES_FORMAT_KEY} = {TRACES_FORMAT_VERSION}"
                 raise TraceError(refusal(where, expected, quote(text.rstrip()), hint))
         if text.startswith("#"):
-            if native:
-                _declare(declarations, text[1:], where)
+            parsed = parse_declaration(text[1:], where) if native else None
+            if parsed is not None:
+                key, declaration = parsed
+                if key in declarations:
+                    raise TraceError(refusal(where, "every key once", f"{quote(key)} again"))
+                declarations[key] = declaration
         elif text.strip():
             return _Top(declarations, parse_columns(text, where), line)
     raise TraceError(refusal(file, "a row of column names", "the end of the file"))
@@ -327,16 +331,6 @@ def numbered_lines(stream: TextIO, file: str) -> Iterator[tuple[int, str]]:
         if not text:
             return
         yield line, text
-
-
-def _declare(declarations: Declarations, text: str, where: str) -> None:
-    parsed = parse_declaration(text, where)
-    if parsed is None:
-        return
-    key, declaration = parsed
-    if key in declarations:
-        raise TraceError(refusal(where, "every key once", f"{quote(key)} again"))
-    declarations[key] = declaration
 
 
 def _read_numbers(stream: TextIO, file: str, top: _Top) -> NDArray[np.float64]:

@@ -79,29 +79,22 @@ def check_survey(
         If the path is none of the three, or the survey in one file is damaged.
     """
     if is_hdf5(path):
-        return _check_drop_file(path), []
+        return _record(path, _check_drop_file(os.fspath(path))), []
     with survey_folder(path) as folder:
         # A survey in one file has its drops in it, even if a spare folder has further ones.
         report = check(folder, spare=None if is_survey_file(path) else spare_folder(spare))
     return _record(path, report), list(report.notes)
 
 
-def _check_drop_file(path: str | os.PathLike[str]) -> dict[str, Any]:
-    damaged = []
+def _check_drop_file(path: str) -> CheckReport:
+    damaged: tuple[str, ...] = ()
     try:
         read_drop_file(path)
     except ExportedSurveyError:
         raise
     except RecordingError as err:
-        damaged = [str(err)]
-    return {
-        "survey": os.fspath(path),
-        "drops_acknowledged": 1,
-        "drops_published": 1 - len(damaged),
-        "recovered": 0,
-        "damaged": damaged,
-        "ok": not damaged,
-    }
+        damaged = (str(err),)
+    return CheckReport(path, 1, 1 - len(damaged), 0, damaged, notes=(), closed=True)
 
 
 def _record(folder: str | os.PathLike[str], report: CheckReport | RecoveryReport) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from pfwd.analysis.result_store import (
 )
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.errors import SurveyError
+from pfwd.files.editing import later_declarations
 from pfwd.files.folders import is_survey, is_survey_file
 from pfwd.files.header import Declaration, PointSetup, setup_from
 from pfwd.files.moving import moved_to
@@ -161,21 +162,6 @@ def with_moduli_in_force(diagnoses: Sequence[DiagnosisResult]) -> list[Diagnosis
         replace(diagnosis, point_modulus=modulus)
         for diagnosis, modulus in zip(diagnoses, moduli, strict=True)
     ]
-
-
-def later_declarations(point: SurveyPoint) -> dict[str, Any]:
-    """Return the declarations of a point that were edited after it was measured.
-
-    The keys are those of a header.
-    """
-    declared: dict[str, Any] = {}
-    for edit in point.edits:
-        kind, value = edit["what"], edit.get("value")
-        if kind == "declared" and isinstance(value, dict):
-            declared |= value
-        elif kind == "operator" and value is not None:
-            declared["operator"] = value
-    return declared
 
 
 def _drop_view(drop: SurveyDrop, later: Mapping[str, Any], before: DropView | None) -> DropView:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass
 
 from pfwd.errors import SurveyError, refusal
-from pfwd.judging.view import later_declarations
+from pfwd.files.editing import later_declarations
 from pfwd.procedures import parse_procedure
 from pfwd.session.drop_metadata import feed_item_of
 from pfwd.session.feeds import Ended, FeedItem, ImportedDrop, RecordedDrop

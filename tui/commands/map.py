@@ -94,7 +94,7 @@ def _ask(draft: "MapDraft") -> "MapDraft":
 
 
 def _ask_about(column: "DraftColumn") -> "DraftColumn":
-    from pfwd.files.foreign.units import COLUMN_UNITS
+    from pfwd.files.foreign.column_map import COLUMN_UNITS
     from pfwd_plugins.quantities import MOTIONS, motion
 
     name = clean(column.name or f"column {column.position}")

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from pfwd.errors import TraceError, quote, refusal
-from pfwd.files.foreign.units import COLUMN_UNITS
 from pfwd.files.header import Declaration, Declarations
 from pfwd.toml_reading import parse_user_toml, read_toml_text
 from pfwd_device.schema import (
@@ -23,6 +22,12 @@ from pfwd_device.schema import (
     TomlTable,
 )
 from pfwd_plugins.quantities import MOTIONS, Measurand, motion
+
+COLUMN_UNITS: Mapping[str, Mapping[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
+    **{quantity: quantity.units for quantity in (Measurand.LOAD, *MOTIONS)},
+}
+"""Units of a column of numbers, by what it has, as factors from the unit to SI."""
 
 DELIMITERS = {",": ",", ";": ";", "\t": "\t", "tab": "\t", "|": "|", "blank": None}
 """Characters between columns, by the name in a map; None: one or more blanks."""

@@ -319,16 +319,17 @@ def position_of(latitude: object, longitude: object) -> dict[str, float]:
     return {"latitude": north, "longitude": east} if is_position(north, east) else {}
 
 
+def celsius(fahrenheit: float) -> float:
+    """Convert degrees Fahrenheit to degrees Celsius."""
+    return (fahrenheit - 32.0) / 1.8
+
+
 def temperature_of(value: object) -> float | None:
     """Convert a number or its text to degrees Celsius; None: no number, or outside the range of
     ground.
     """
     number = finite(value)
-    return (
-        number
-        if number is not None and HEADER_KEYS["temperature_c"].value.accepts(number)
-        else None
-    )
+    return number if HEADER_KEYS["temperature_c"].value.accepts(number) else None
 
 
 def moment_of(text: object) -> dict[str, str]:

@@ -35,6 +35,7 @@ from inversion.notices import Notice, Value
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.foreign.common import (
     Request,
+    celsius,
     finite,
     position_of,
     short_text,
@@ -50,7 +51,6 @@ from pfwd.files.foreign.peaks_text import (
     points_of_stations,
     require_plate_radius,
 )
-from pfwd.files.foreign.units import celsius
 from pfwd.files.header import RADIUS_KEY
 from pfwd.files.traces import TracePoint
 

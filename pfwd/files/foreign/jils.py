@@ -42,7 +42,6 @@ from pfwd.files.foreign.jils_peaks import (
     station_name,
 )
 from pfwd.files.foreign.peaks_text import OFFSETS_KEY, StationDrops
-from pfwd.files.foreign.units import TIME_UNITS
 from pfwd.files.traces import MAX_FILE_DROPS, MAX_FILE_NUMBERS, TracePoint, numbered_lines
 from pfwd_device import Drop
 from pfwd_plugins.quantities import POUND_FORCE_N, Measurand
@@ -236,6 +235,6 @@ def _drop(file: str, number: int, block: _Block, offsets: Sequence[float]) -> Dr
         # The file is positive upward. 0.0 - x and not -x, which would turn 0 into -0.
         values = 0.0 - table[:, 2 + index] * Measurand.DISPLACEMENT.units["mil"]
         sensors.append((offsets[index], Measurand.DISPLACEMENT, values))
-    time = even_time(table[:, 0] * TIME_UNITS["ms"], where)
+    time = even_time(table[:, 0] * 1e-3, where)
     load = table[:, 1] * Measurand.LOAD.units["kip"]
     return make_drop(number, time, load, sensors, where)

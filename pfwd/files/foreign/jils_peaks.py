@@ -23,6 +23,7 @@ from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.foreign.common import (
     Request,
     Values,
+    celsius,
     distinct_sensors,
     finite,
     position_of,
@@ -37,7 +38,6 @@ from pfwd.files.foreign.peaks_text import (
     number_of,
     points_of_stations,
 )
-from pfwd.files.foreign.units import celsius
 from pfwd.files.header import MAX_REMARK_CHARACTERS
 from pfwd.files.traces import TracePoint
 from pfwd_plugins.quantities import Measurand

@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from pfwd.errors import TraceError, refusal
-from pfwd.files.foreign.column_map import TextLayout
-from pfwd.files.foreign.units import COLUMN_UNITS
+from pfwd.files.foreign.column_map import COLUMN_UNITS, TextLayout
 from pfwd.files.toml import toml_line
 from pfwd_plugins.quantities import MOTIONS, Measurand
 

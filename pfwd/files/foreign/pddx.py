@@ -14,6 +14,7 @@ from inversion.notices import Notice, Value
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.foreign.common import (
     Request,
+    celsius,
     finite,
     position_of,
     short_text,
@@ -30,7 +31,6 @@ from pfwd.files.foreign.peaks_text import (
     points_of_stations,
     require_plate_radius,
 )
-from pfwd.files.foreign.units import celsius
 from pfwd.files.traces import TracePoint
 from pfwd_plugins.quantities import INCH_M, POUND_FORCE_N
 
@@ -167,8 +167,7 @@ class _Reader:
     def _plate(self) -> tuple[float, float]:
         """Return the plate radius, m, and the factor from the file's unit of load to N."""
         key = "LoadPlateRadius"
-        text, line = self._sections.get("Device Configuration", {}).get(key, ("", 0))
-        where = f"{self._file}, line {line}" if line else self._file
+        text, line, where = self._entry("Device Configuration", key)
         recorded = number_of(text.replace(self._decimal, "."), f"{key}, a number", where)
         radius = plate_radius(
             self._request, recorded * self._unit("LoadPlateRadiusUnits", LENGTH_UNITS)
@@ -242,22 +241,26 @@ class _Reader:
     def _split(self, text: str) -> list[str]:
         return [part.strip().replace(self._decimal, ".") for part in text.split(self._delimiter)]
 
+    def _entry(self, section: str, key: str) -> tuple[str, int, str]:
+        """Return the text, the line, and the place for messages, of a key; 0: it is missing."""
+        text, line = self._sections.get(section, {}).get(key, ("", 0))
+        return text, line, f"{self._file}, line {line}" if line else self._file
+
     def _get(self, section: str, key: str) -> str:
         return _plain(self._sections.get(section, {}), key)
 
     def _unit(self, key: str, units: Mapping[str, float]) -> float:
-        text, line = self._sections.get("Units", {}).get(key, ("", 0))
-        factor = units.get(text.strip().lower().removesuffix("s"), units.get(text.strip().lower()))
+        text, _, where = self._entry("Units", key)
+        name = text.strip().lower()
+        factor = units.get(name.removesuffix("s"), units.get(name))
         if factor is None:
-            where = f"{self._file}, line {line}" if line else self._file
             raise TraceError(refusal(where, f"{key}: one of {', '.join(units)}", quote(text)))
         return factor
 
     def _numbers(self, section: str, key: str, *, needed: bool = True) -> Sequence[float]:
-        text, line = self._sections.get(section, {}).get(key, ("", 0))
+        text, _, where = self._entry(section, key)
         if not text and not needed:
             return []
-        where = f"{self._file}, line {line}" if line else self._file
         return [number_of(part, f"{key}, numbers", where) for part in self._split(text)]
 
 

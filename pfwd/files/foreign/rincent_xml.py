@@ -308,26 +308,21 @@ def _point(row: Row, report: Row, place: Row) -> PointFacts:
 def _only(tables: Tables, name: str, keys: tuple[str, ...], where: str) -> Row:
     """Return the row of a table of settings that the points use; {} if the table is missing.
 
+    Other tables refer to it by an ``Id`` column; if they refer to none, all its rows are used.
+
     Raises
     ------
     TraceError
         If rows in use differ in one of `keys`.
     """
-    rows = _used(tables, name)
+    rows = tables.get(name, [])
+    identities = {
+        row[f"Id{name}"] for table in tables.values() for row in table if f"Id{name}" in row
+    }
+    rows = [row for row in rows if row.get("ID") in identities] or rows
     different = {tuple(row.get(key) for key in keys) for row in rows}
     if len(different) > 1:
         expected = f"one set of {', '.join(keys)} for all points"
         hint = "save the points with one setting as a project of their own"
         raise TraceError(refusal(f"{where}, {name}", expected, f"{len(different)}", hint))
     return rows[0] if rows else {}
-
-
-def _used(tables: Tables, name: str) -> list[dict[str, str]]:
-    """Return the rows to which other tables refer by an ``Id`` column; if they refer to none, all
-    rows.
-    """
-    rows = tables.get(name, [])
-    identities = {
-        row[f"Id{name}"] for table in tables.values() for row in table if f"Id{name}" in row
-    }
-    return [row for row in rows if row.get("ID") in identities] or rows
