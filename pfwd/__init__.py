@@ -20,9 +20,12 @@ if TYPE_CHECKING:
     from pfwd.analysis.results import DropResult as Result
     from pfwd.errors import OptionError, SurveyError
     from pfwd.scripting.diagnosing import Diagnoses, diagnose
-    from pfwd.scripting.measured import Drop, Point, Points, drop, read
+    from pfwd.scripting.measured import MeasuredDrop as Drop
+    from pfwd.scripting.measured import MeasuredPoint as Point
+    from pfwd.scripting.measured import Points, drop, read
     from pfwd.scripting.results import Results, invert
-    from pfwd.scripting.surveys import Survey, example, open
+    from pfwd.scripting.surveys import StoredSurvey as Survey
+    from pfwd.scripting.surveys import example, open
 
 __all__ = [
     "Diagnoses",
@@ -46,11 +49,15 @@ __all__ = [
 
 _NAMES_BY_MODULE = {
     "inversion.errors": ("InversionError",),
+    "pfwd.analysis.results": ("DiagnosisResult as Diagnosis", "DropResult as Result"),
     "pfwd.errors": ("OptionError", "SurveyError"),
-    "pfwd.scripting.diagnosing": ("Diagnoses", "Diagnosis", "diagnose"),
-    "pfwd.scripting.measured": ("Drop", "Point", "Points", "drop", "read"),
-    "pfwd.scripting.results": ("Result", "Results", "invert"),
-    "pfwd.scripting.surveys": ("Survey", "example", "open"),
+    "pfwd.scripting.diagnosing": ("Diagnoses", "diagnose"),
+    "pfwd.scripting.measured": (
+        *("MeasuredDrop as Drop", "MeasuredPoint as Point"),
+        *("Points", "drop", "read"),
+    ),
+    "pfwd.scripting.results": ("Results", "invert"),
+    "pfwd.scripting.surveys": ("StoredSurvey as Survey", "example", "open"),
     "pfwd.version": ("__version__",),
 }
 

@@ -18,14 +18,19 @@ def lazy_getattr(
     package : dict
         Globals of the package.
     names_by_module : mapping of str to sequence of str
-        Names that the package imports from each module.
+        Names that the package imports from each module; with another name as ``name as other``.
     """
-    homes = {name: module for module, names in names_by_module.items() for name in names}
+    homes: dict[str, tuple[str, str]] = {}
+    for module, names in names_by_module.items():
+        for entry in names:
+            name, _, public = entry.partition(" as ")
+            homes[public or name] = module, name
 
     def getattr_of_package(name: str) -> Any:
         if name not in homes:
             raise AttributeError(f"module {package['__name__']!r} has no attribute {name!r}")
-        value = package[name] = getattr(import_module(homes[name]), name)
+        module, original = homes[name]
+        value = package[name] = getattr(import_module(module), original)
         return value
 
     return getattr_of_package

@@ -67,33 +67,62 @@ def value_of(
         recorded_values(measured, "peak_deflection"),
         recorded_values(measured, "peak_load"),
     )
-    if not deflections:
+    has_loads = len(loads) == len(deflections)
+    is_lwd, is_deflection = (
+        procedure.quantity is quantity for quantity in (Quantity.E_LWD, Quantity.DEFLECTION)
+    )
+    if not deflections or (is_lwd and not has_loads):
         return None
-    if procedure.quantity is Quantity.DEFLECTION:
-        return _deflection(deflections, loads, plate_radius)
-    if procedure.quantity is Quantity.E_VD:
-        return _e_vd(procedure, deflections, loads, plate_radius)
-    if len(loads) != len(deflections):
-        return None
-    ratio = _poisson_ratio(procedure, declared_ratio, notes)
-    return _e_lwd(procedure, deflections, loads, plate_radius, ratio)
-
-
-def _deflection(
-    deflections: Sequence[float], loads: Sequence[float], plate_radius: float
-) -> PointValue:
-    average = mean(deflections)
-    interval, drop_range = _spread_of(average, deflections)
+    ratio = _poisson_ratio(procedure, declared_ratio, notes) if is_lwd else None
+    average, mean_load = mean(deflections), mean(loads) if has_loads else None
+    value, *of_drops = (
+        _from_peaks(procedure, load, deflection, plate_radius, ratio)
+        for load, deflection in (
+            (mean_load, average),
+            *zip(loads if has_loads else [None] * len(deflections), deflections, strict=True),
+        )
+    )
+    if procedure.average == "modulus":
+        value = mean(of_drops)
+    interval, drop_range = _spread_of(value, of_drops)
+    nominal, factor = procedure.nominal_pressure, procedure.factor
+    pressure = None if nominal is None else nominal.value
+    if is_lwd and mean_load is not None:
+        pressure = mean_load / (math.pi * plate_radius**2)
     return PointValue(
-        Quantity.DEFLECTION,
-        average,
+        procedure.quantity,
+        value,
         interval,
         len(deflections),
         drop_range,
         mean_deflection=average,
-        mean_load=_mean_load(deflections, loads),
+        mean_load=mean_load,
+        factor=None if is_deflection or factor is None else factor.value,
         plate_radius=plate_radius,
+        poisson_ratio=ratio,
+        pressure=None if is_deflection else pressure,
     )
+
+
+def _from_peaks(
+    procedure: Procedure,
+    load: float | None,
+    deflection: float,
+    plate_radius: float,
+    ratio: float | None,
+) -> float:
+    """Return the judged value from the peaks of a drop, or from the means of several."""
+    if procedure.quantity is Quantity.DEFLECTION:
+        return deflection
+    # The reader refuses a profile without them.
+    assert procedure.factor is not None
+    if procedure.quantity is Quantity.E_VD:
+        assert procedure.nominal_pressure is not None
+        nominal = procedure.nominal_pressure.value
+        return e_vd(deflection, plate_radius, procedure.factor.value, nominal)
+    assert load is not None  # drops without a load have no value
+    assert ratio is not None
+    return e_lwd(load, deflection, plate_radius, ratio, procedure.factor.value)
 
 
 def _spread_of(
@@ -104,72 +133,6 @@ def _spread_of(
         return None, (min(values), max(values)) if len(values) > 1 else None
     half = half_width_95(values) or 0.0
     return (max(0.0, average - half), average + half), None
-
-
-def _e_vd(
-    procedure: Procedure,
-    deflections: Sequence[float],
-    loads: Sequence[float],
-    plate_radius: float,
-) -> PointValue:
-    # The reader refuses a profile without them.
-    assert procedure.factor is not None
-    assert procedure.nominal_pressure is not None
-    factor, nominal = procedure.factor.value, procedure.nominal_pressure.value
-    average = mean(deflections)
-    moduli = [e_vd(deflection, plate_radius, factor, nominal) for deflection in deflections]
-    of_means = e_vd(average, plate_radius, factor, nominal)
-    value = mean(moduli) if procedure.average == "modulus" else of_means
-    interval, drop_range = _spread_of(value, moduli)
-    return PointValue(
-        Quantity.E_VD,
-        value,
-        interval,
-        len(deflections),
-        drop_range,
-        mean_deflection=average,
-        mean_load=_mean_load(deflections, loads),
-        factor=factor,
-        plate_radius=plate_radius,
-        pressure=nominal,
-    )
-
-
-def _e_lwd(
-    procedure: Procedure,
-    deflections: Sequence[float],
-    loads: Sequence[float],
-    plate_radius: float,
-    ratio: float,
-) -> PointValue:
-    assert procedure.factor is not None  # the reader refuses a profile without
-    factor = procedure.factor.value
-    average, mean_load = mean(deflections), mean(loads)
-    moduli = [
-        e_lwd(load, deflection, plate_radius, ratio, factor)
-        for load, deflection in zip(loads, deflections, strict=True)
-    ]
-    of_means = e_lwd(mean_load, average, plate_radius, ratio, factor)
-    value = mean(moduli) if procedure.average == "modulus" else of_means
-    interval, drop_range = _spread_of(value, moduli)
-    return PointValue(
-        Quantity.E_LWD,
-        value,
-        interval,
-        len(deflections),
-        drop_range,
-        mean_deflection=average,
-        mean_load=mean_load,
-        factor=factor,
-        plate_radius=plate_radius,
-        poisson_ratio=ratio,
-        pressure=mean_load / (math.pi * plate_radius**2),
-    )
-
-
-def _mean_load(deflections: Sequence[float], loads: Sequence[float]) -> float | None:
-    """Return the mean peak load, N; None: the load of at least one drop is unknown."""
-    return mean(loads) if len(loads) == len(deflections) else None
 
 
 def moduli_of(

@@ -17,7 +17,7 @@ from pfwd import display
 from pfwd.analysis.results import DiagnosisResult as Diagnosis
 from pfwd.errors import OptionError, SurveyError, refusal
 from pfwd.judging.view import with_moduli_in_force
-from pfwd.scripting.measured import Data, Drop, Point, points_of, requested
+from pfwd.scripting.measured import Data, MeasuredDrop, MeasuredPoint, points_of, requested
 from pfwd.scripting.options import DIAGNOSE_OPTIONS
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ class Diagnoses(display.DisplayableList[Diagnosis]):
 
 # A point is a sequence of drops, too: the first overload counts.
 @overload
-def diagnose(data: Drop | Point, /, **options: Any) -> Diagnosis: ...
+def diagnose(data: MeasuredDrop | MeasuredPoint, /, **options: Any) -> Diagnosis: ...
 @overload
 def diagnose(time: ArrayLike, load: ArrayLike, values: Any, /, **options: Any) -> Diagnosis: ...
 @overload
@@ -107,7 +107,7 @@ def diagnose(
             raise SurveyError(outcome.error or refusal(outcome.file, "a diagnosis", "none"))
         results.append(replace(outcome.result, predictor=predictor))
     diagnoses = Diagnoses(with_moduli_in_force(results))
-    return diagnoses[0] if isinstance(data, Drop | Point) else diagnoses
+    return diagnoses[0] if isinstance(data, MeasuredDrop | MeasuredPoint) else diagnoses
 
 
 def _predictors(

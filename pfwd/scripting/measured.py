@@ -30,8 +30,7 @@ from pfwd.files.traces import (
     sensor_name,
 )
 from pfwd.scripting.options import DECLARED_OPTIONS, Header, analysis_options, reading
-from pfwd_device.drop import Channel, Peaks
-from pfwd_device.drop import Drop as DeviceDrop
+from pfwd_device.drop import Channel, Drop, Peaks
 from pfwd_device.signals import displacement_of
 from pfwd_plugins.quantities import MOTIONS, MotionName, motion
 
@@ -44,7 +43,7 @@ ARRAYS_FILE = "arrays"
 """Text in place of the file name, for a drop that was made from arrays."""
 
 
-class Drop(display.Displayable):
+class MeasuredDrop(display.Displayable):
     """One impact with its recorded traces and the declarations of its point."""
 
     __slots__ = ("_drop", "_index", "_point")
@@ -187,13 +186,15 @@ class Drop(display.Displayable):
         return _plot([self], ax, "")
 
 
-class Point(display.Displayable, tuple[Drop, ...]):
+class MeasuredPoint(display.Displayable, tuple[MeasuredDrop, ...]):
     """One test point with its declared values and its drops; a sequence of drops."""
 
     _point: TracePoint
 
     def __new__(cls, point: TracePoint) -> Self:
-        self = super().__new__(cls, (Drop(point, index) for index in range(len(point.drops))))
+        self = super().__new__(
+            cls, (MeasuredDrop(point, index) for index in range(len(point.drops)))
+        )
         self._point = point
         return self
 
@@ -208,7 +209,7 @@ class Point(display.Displayable, tuple[Drop, ...]):
     """Declared name; None: not declared."""
     declared: dict[str, Any] = display.alias("_point.declared")
     """Declared values of instrument and ground, by header key (docs/traces.md)."""
-    drops: tuple[Drop, ...] = property(tuple)  # type: ignore[assignment]
+    drops: tuple[MeasuredDrop, ...] = property(tuple)  # type: ignore[assignment]
     """Drops in the order of the file."""
 
     def __repr__(self) -> str:
@@ -233,7 +234,7 @@ class Point(display.Displayable, tuple[Drop, ...]):
         return _plot(self, ax, repr(self))
 
 
-class Points(display.DisplayableList[Point]):
+class Points(display.DisplayableList[MeasuredPoint]):
     """Test points of one file; a sequence of points, which can be chosen by name as well."""
 
     KEY, NAME = "points", "name"
@@ -244,7 +245,7 @@ class Points(display.DisplayableList[Point]):
         return self[0].file if self else ""
 
     @property
-    def drops(self) -> tuple[Drop, ...]:
+    def drops(self) -> tuple[MeasuredDrop, ...]:
         """Drops of all points, point by point."""
         return tuple(drop for point in self for drop in point)
 
@@ -269,7 +270,7 @@ class HasPoints(Protocol):
     def points(self) -> Points: ...
 
 
-Data = str | os.PathLike[str] | HasPoints | Sequence[Drop | Point]
+Data = str | os.PathLike[str] | HasPoints | Sequence[MeasuredDrop | MeasuredPoint]
 """Data of several drops."""
 
 
@@ -318,7 +319,7 @@ def read(
     options = analysis_options(DECLARED_OPTIONS, declared)
     file, overrides = reading(header, options)
     points = read_points(path, file, overrides, column_map=map, channels=channels)
-    return Points(Point(point) for point in points)
+    return Points(MeasuredPoint(point) for point in points)
 
 
 def drop(
@@ -331,7 +332,7 @@ def drop(
     geophone_natural_frequency: float | None = None,
     geophone_damping: float | None = None,
     **declared: float | None,
-) -> Drop:
+) -> MeasuredDrop:
     """Make a drop from arrays.
 
     Parameters
@@ -375,10 +376,10 @@ def drop(
         geophone_damping=geophone_damping,
     )
     sensors = (Channel(r, measured, row) for r, row in zip(places, table, strict=True))
-    made = DeviceDrop(1, axis, force, tuple(sensors))
+    made = Drop(1, axis, force, tuple(sensors))
     hint = f"is the time in s, the load in N, and are the values in {measured.unit}?"
     refuse_wrong_units([made], setup, "arrays", hint)
-    return Drop(TracePoint(ARRAYS_FILE, setup, (made,), setup_warnings(setup, [made])), 0)
+    return MeasuredDrop(TracePoint(ARRAYS_FILE, setup, (made,), setup_warnings(setup, [made])), 0)
 
 
 def requested(
@@ -443,11 +444,11 @@ def points_of(data: object, header: Header, overrides: Mapping[str, float]) -> l
     if header is not None:
         hint = "give it to pfwd.read"
         raise OptionError(refusal("header", "none for what was read already", "one", hint))
-    if isinstance(data, Drop):
+    if isinstance(data, MeasuredDrop):
         point, place = data._point, slice(data._index, data._index + 1)
         part = replace(point, drops=point.drops[place], survey_drops=point.survey_drops[place])
         return [_declared(part, overrides)]
-    if isinstance(data, Point):
+    if isinstance(data, MeasuredPoint):
         return [_declared(data._point, overrides)]
     points = getattr(data, "points", data)
     if isinstance(points, Sequence) and points and not isinstance(points, bytes):
@@ -464,7 +465,7 @@ def _declared(point: TracePoint, overrides: Mapping[str, float]) -> TracePoint:
     return replace(point, setup=replace(point.setup, **changes)) if changes else point
 
 
-def _plot(drops: Sequence[Drop], ax: Axes | None, title: str) -> Axes:
+def _plot(drops: Sequence[MeasuredDrop], ax: Axes | None, title: str) -> Axes:
     ax = display.axes_or_new(ax)
     for drop_ in drops:
         for offset, values in zip(drop_.offsets, drop_.displacement, strict=True):

@@ -15,7 +15,7 @@ from pfwd import display
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult as Result
 from pfwd.errors import OptionError, refusal
-from pfwd.scripting.measured import Data, Drop, Point, points_of, requested
+from pfwd.scripting.measured import Data, MeasuredDrop, MeasuredPoint, points_of, requested
 from pfwd.scripting.options import INVERT_OPTIONS, Header
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def _range(values: Sequence[float]) -> str:
 
 
 @overload
-def invert(data: Drop, /, **options: Any) -> Result: ...
+def invert(data: MeasuredDrop, /, **options: Any) -> Result: ...
 @overload
 def invert(time: ArrayLike, load: ArrayLike, values: Any, /, **options: Any) -> Result: ...
 @overload
@@ -149,7 +149,7 @@ def invert(data: Any, /, *arrays: Any, **options: Any) -> Result | Results:
     """
     data, settings, header = requested(INVERT_OPTIONS, data, arrays, options)
     results = _results(data, settings, header)
-    return results[0] if isinstance(data, Drop) else Results(results)
+    return results[0] if isinstance(data, MeasuredDrop) else Results(results)
 
 
 def _results(data: Any, options: AnalysisOptions, header: Header) -> list[Result]:
@@ -157,7 +157,7 @@ def _results(data: Any, options: AnalysisOptions, header: Header) -> list[Result
     from pfwd.analysis.screening.bad_sensors import leave_out_bad_sensors
     from pfwd.analysis.screening.drops import screen_point
 
-    if isinstance(data, Drop):
+    if isinstance(data, MeasuredDrop):
         if options.joint:
             hint = "give the point, or leave joint out"
             raise OptionError(refusal("joint", "several drops of a point", "one drop", hint))
@@ -167,7 +167,7 @@ def _results(data: Any, options: AnalysisOptions, header: Header) -> list[Result
         (point,) = points_of(data, header, options.overrides())
         analysis = analyse_drop(point.drops[0], point.setup, screening, options, library())
         return [_result(point, 0, analysis)]
-    several = isinstance(data, list | tuple) and not isinstance(data, Point)
+    several = isinstance(data, list | tuple) and not isinstance(data, MeasuredPoint)
     if several and data and not options.joint:
         return [result for item in data for result in _results(item, options, header)]
     return [

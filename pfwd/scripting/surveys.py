@@ -19,7 +19,7 @@ from pfwd.errors import OptionError, quote, refusal
 from pfwd.export.rows import Order, Row, point_rows
 from pfwd.files.opening import survey_content
 from pfwd.procedures import Verdict
-from pfwd.scripting.measured import Drop, Points, read
+from pfwd.scripting.measured import MeasuredDrop, Points, read
 from pfwd.scripting.results import Results, library
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ SURVEY: Literal["survey"] = "survey"
 DATA_FOLDER = Path(__file__).resolve().parent / "data"
 
 
-class Survey(display.Displayable):
+class StoredSurvey(display.Displayable):
     """Survey as it was when `open` read it."""
 
     def __init__(self, content: recording.Survey) -> None:
@@ -59,7 +59,7 @@ class Survey(display.Displayable):
         return read(self.path)
 
     @property
-    def drops(self) -> tuple[Drop, ...]:
+    def drops(self) -> tuple[MeasuredDrop, ...]:
         """Drops of all points; discarded ones are omitted."""
         return self.points.drops
 
@@ -208,7 +208,7 @@ class Survey(display.Displayable):
         return "peak displacement in the centre, mm"
 
 
-def open(path: str | os.PathLike[str]) -> Survey:
+def open(path: str | os.PathLike[str]) -> StoredSurvey:
     """Read a survey from its folder or from one file (``.pfwdz``).
 
     Another program may be writing to it.
@@ -225,14 +225,14 @@ def open(path: str | os.PathLike[str]) -> Survey:
     """
     if not isinstance(path, str | os.PathLike):
         raise OptionError(refusal("path", "the path of a survey", type(path).__name__))
-    return Survey(survey_content(path))
+    return StoredSurvey(survey_content(path))
 
 
 @overload
 def example(name: Traces) -> Points: ...
 @overload
-def example(name: Literal["survey"]) -> Survey: ...
-def example(name: str) -> Points | Survey:
+def example(name: Literal["survey"]) -> StoredSurvey: ...
+def example(name: str) -> Points | StoredSurvey:
     """Return an example that ships with the package, simulated by finite elements with noise.
 
     Parameters
