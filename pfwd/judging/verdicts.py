@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from inversion.notices import Notice, invalidating
 from pfwd.analysis.result_store import holds
-from pfwd.analysis.results import DiagnosisResult
+from pfwd.analysis.results import DiagnosisResult, FittedState
 from pfwd.files.header import PointSetup
 from pfwd.judging.drops import DropView, classify_drops
 from pfwd.judging.job import Job
@@ -24,9 +24,15 @@ from pfwd.procedures import (
     judge,
 )
 from pfwd.procedures.judging import is_target_for
-from pfwd.procedures.point import in_force_as_dict
+from pfwd.procedures.point import ModulusSource, in_force_as_dict
 from pfwd.procedures.profile import OUR_TOLERANCES
-from pfwd.procedures.values import moduli_of, residual_fault, unsupported_records, value_of
+from pfwd.procedures.values import (
+    moduli_of,
+    modulus_to_use,
+    residual_fault,
+    unsupported_records,
+    value_of,
+)
 from pfwd_device.recording.survey_reader import SurveyPoint
 
 DEFAULT_RADIUS = 0.15
@@ -183,34 +189,30 @@ class PointView:
 _TAKING_NO_PART = (Kind.DISCARDED, Kind.REJECTED)
 
 
-def _diagnosed(point: PointView) -> DiagnosedModulus | None:
-    diagnosis = point.diagnosis_in_force
-    return None if diagnosis is None else _modulus_of(diagnosis)
-
-
-def _modulus_of(diagnosis: DiagnosisResult) -> DiagnosedModulus | None:
-    after = diagnosis.after
-    if after is None:
+def _diagnosed(diagnosis: DiagnosisResult | None) -> DiagnosedModulus | None:
+    if diagnosis is None or diagnosis.after is None:
         return None
+    modulus = _modulus_of(diagnosis.after, "diagnosed")
+    if diagnosis.equivalent_use == "do-not-use":
+        modulus = dataclasses.replace(modulus, equivalent=None, equivalent_interval=None)
+    is_open = modulus.value is None and modulus.equivalent is None
     return DiagnosedModulus(
-        after.modulus_pa,
-        after.modulus_interval_pa,
+        None if is_open else modulus,
         diagnosis.use,
         diagnosis.use_reason,
         diagnosis.equivalent_use,
-        *_equivalent(diagnosis),
-        after.modulus_depth_m,
     )
 
 
-def _equivalent(
-    diagnosis: DiagnosisResult,
-) -> tuple[float | None, tuple[float, float] | None]:
-    """Return the equivalent modulus of a diagnosis that may be used, Pa, with its interval."""
-    after = diagnosis.after
-    if after is None or diagnosis.equivalent_use == "do-not-use":
-        return None, None
-    return after.equivalent_modulus_pa, after.equivalent_modulus_interval_pa
+def _modulus_of(state: FittedState, source: ModulusSource) -> PointModulus:
+    return PointModulus(
+        state.modulus_pa,
+        state.modulus_interval_pa,
+        source,
+        equivalent=state.equivalent_modulus_pa,
+        equivalent_interval=state.equivalent_modulus_interval_pa,
+        depth=state.modulus_depth_m,
+    )
 
 
 def fit_before_diagnosis(diagnosis: DiagnosisResult) -> PointModulus | None:
@@ -221,18 +223,10 @@ def fit_before_diagnosis(diagnosis: DiagnosisResult) -> PointModulus | None:
     before = diagnosis.before
     if before is None or before.modulus_pa is None:
         return None
-    limit = OUR_TOLERANCES["most_residual"]
-    fault = invalidating(diagnosis.warnings, "fit")
-    fault = fault or residual_fault(before.contact_residual_rms_over_peak, limit)
-    return PointModulus(
-        before.modulus_pa,
-        before.modulus_interval_pa,
-        "fitted",
-        fault,
-        equivalent=before.equivalent_modulus_pa,
-        equivalent_interval=before.equivalent_modulus_interval_pa,
-        depth=before.modulus_depth_m,
+    fault = invalidating(diagnosis.warnings, "fit") or residual_fault(
+        before.contact_residual_rms_over_peak, OUR_TOLERANCES["most_residual"]
     )
+    return dataclasses.replace(_modulus_of(before, "fitted"), not_supported=fault)
 
 
 def modulus_in_force(
@@ -259,12 +253,9 @@ def modulus_in_force(
         fitted = dataclasses.replace(point, diagnosis=diagnosis).progress.fitted_modulus
         drops = set(diagnosis.drops)
         fault = unsupported_records([fact for fact in point.facts if fact.number in drops])
-    diagnosed = _modulus_of(diagnosis)
-    in_force = fitted
-    if diagnosed is not None and diagnosed.use != "do-not-use":
-        in_force = diagnosed.as_modulus()
-    elif fitted is None or (fitted.not_supported is not None and fault is None):
-        in_force = None if diagnosed is None else diagnosed.as_equivalent_alone()
+    in_force, _ = modulus_to_use(fitted, _diagnosed(diagnosis))
+    if in_force is None and fault is not None:
+        in_force = fitted
     return in_force and dataclasses.replace(in_force, not_supported=fault)
 
 
@@ -285,7 +276,7 @@ def _judge(point: PointView) -> PointProgress:
         target=target,
         moisture=None if setup is None else setup.moisture,
         material=None if setup is None or setup.material is None else str(setup.material),
-        diagnosed=_diagnosed(point),
+        diagnosed=_diagnosed(point.diagnosis_in_force),
         centre_sensor=None if setup is None else setup.centre_sensor,
         earlier_violations=faults,
     )

@@ -62,15 +62,6 @@ class _Scatter:
     """Mean deflection over mean peak velocity, s."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Goal:
-    """Target of a point, and the place where it was stated."""
-
-    target: float | None
-    """Pa, or m if the target is a deflection; None: there is no target."""
-    source: Notice | None
-
-
 def judge(
     procedure: Procedure,
     drops: Sequence[PointDrop],
@@ -148,10 +139,10 @@ def judge(
         value = dataclasses.replace(value, not_supported=reason, not_supported_code=None)
     scatter = _scatter(procedure.quantity, used)
     faults = _point_faults(procedure, scatter, value, notes)
-    goal = _goal(procedure, target, moisture, material, notes)
+    target, target_source = _goal(procedure, target, moisture, material, notes)
     _note_s_over_v(procedure, scatter.s_over_v, notes)
     verdict, reason, code = _verdict(
-        procedure, value, goal.target, violated, faults, sorted_drops, withheld, modulus
+        procedure, value, target, violated, faults, sorted_drops, withheld, modulus
     )
     next_kind, instruction = next_step(procedure, sorted_drops, violated, faults)
     return PointProgress(
@@ -178,8 +169,8 @@ def judge(
         compaction=_compaction(sorted_drops),
         compaction_change=scatter.change,
         stress=stress_of(procedure, sorted_drops.usable, plate_radius, poisson_ratio),
-        target=goal.target,
-        target_source=goal.source,
+        target=target,
+        target_source=target_source,
         verdict=verdict,
         verdict_reason=reason,
         verdict_reason_code=code,
@@ -294,20 +285,20 @@ def _goal(
     moisture: float | None,
     material: str | None,
     notes: list[Notice],
-) -> _Goal:
-    """Return the target declared for the point if it fits, else that of the procedure.
+) -> tuple[float | None, Notice | None]:
+    """Return the target and its source: that of the point if it fits, else of the procedure.
 
     A target fits if it is of the judged quantity.
     """
     if target is not None and is_target_for(procedure, target):
-        return _Goal(target, Notice("target-of-point"))
+        return target, Notice("target-of-point")
     if target is not None:
         is_deflection = procedure.quantity is Quantity.DEFLECTION
         notes.append(Notice("target-is-modulus" if is_deflection else "target-is-deflection"))
     default = procedure.target_for(moisture, material)
     if default is None:
-        return _Goal(None, None)
-    return _Goal(default.value.value, text_notice(default.value.source))
+        return None, None
+    return default.value.value, text_notice(default.value.source)
 
 
 def is_target_for(procedure: Procedure, target: float) -> bool:

@@ -200,40 +200,21 @@ class PointModulus:
 class DiagnosedModulus:
     """Modulus of a point from its diagnosis, whose model includes effects of device and ground."""
 
-    value: float | None
-    """Modulus, Pa; None: the diagnosis leaves it open."""
-    interval: tuple[float, float] | None
-    """95 % interval, Pa; it includes the error of the model that the remaining residual shows."""
+    modulus: PointModulus | None
+    """Modulus, and the equivalent one if it may be used; None: the diagnosis leaves both open."""
     use: Use
     use_reason: Notice
     """Reason for the permitted use."""
     equivalent_use: Use | None = None
     """Permitted use of the equivalent modulus; None: as `use`."""
-    equivalent: float | None = None
-    """Equivalent modulus, Pa; None: there is none, or it may not be used."""
-    equivalent_interval: tuple[float, float] | None = None
-    depth: tuple[float, float | None] | None = None
-    """Depths between which the modulus holds, m."""
 
-    def as_modulus(self, not_supported: Notice | None = None) -> PointModulus | None:
-        """Return the diagnosed values as the modulus of a point; None: there are none."""
-        if self.value is None and self.equivalent is None:
+    @property
+    def equivalent_alone(self) -> PointModulus | None:
+        """Equivalent modulus, if it may be used although the modulus may not; else None."""
+        modulus = self.modulus
+        if self.equivalent_use in (None, "do-not-use") or not modulus or not modulus.equivalent:
             return None
-        return PointModulus(
-            self.value,
-            self.interval,
-            "diagnosed",
-            not_supported,
-            equivalent=self.equivalent,
-            equivalent_interval=self.equivalent_interval,
-            depth=self.depth,
-        )
-
-    def as_equivalent_alone(self) -> PointModulus | None:
-        """Return the equivalent modulus if it may be used although the modulus may not."""
-        if self.equivalent_use in (None, "do-not-use"):
-            return None
-        return replace(self, value=None, interval=None, depth=None).as_modulus()
+        return replace(modulus, value=None, interval=None, depth=None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 from inversion.notices import Notice, of_drops
 from pfwd.procedures.point import (
@@ -153,14 +154,21 @@ def moduli_of(
     diagnosed : DiagnosedModulus or None
         Modulus from the diagnosis of the point.
     """
-    fitted = _fitted_modulus(procedure, used)
+    return modulus_to_use(_fitted_modulus(procedure, used), diagnosed)
+
+
+def modulus_to_use(
+    fitted: PointModulus | None, diagnosed: DiagnosedModulus | None
+) -> tuple[PointModulus | None, PointModulus | None]:
+    """Return the modulus of a point that is to be used, and the other one, see `moduli_of`."""
     if diagnosed is None:
         return fitted, None
+    modulus = diagnosed.modulus
     if diagnosed.use != "do-not-use":
-        return diagnosed.as_modulus(), fitted
+        return modulus, fitted
     if fitted is not None and fitted.not_supported is None:
-        return fitted, diagnosed.as_modulus(diagnosed.use_reason)
-    return diagnosed.as_equivalent_alone(), None
+        return fitted, modulus and replace(modulus, not_supported=diagnosed.use_reason)
+    return diagnosed.equivalent_alone, None
 
 
 def _fitted_modulus(procedure: Procedure, used: Sequence[PointDrop]) -> PointModulus | None:

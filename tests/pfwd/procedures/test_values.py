@@ -19,7 +19,7 @@ from pfwd.procedures import (
     find_procedure,
     judge,
 )
-from pfwd.procedures.point import DiagnosedModulus, Use
+from pfwd.procedures.point import DiagnosedModulus, PointModulus, Use
 from pfwd.procedures.values import (
     half_width_95,
     mean,
@@ -306,7 +306,7 @@ def test_the_fitted_modulus_carries_the_first_fault_of_its_drops() -> None:
 def test_the_diagnosed_modulus_is_in_force_where_it_may_be_used(
     use: Use, modulus: float | None, sources: list[str | None]
 ) -> None:
-    diagnosed = DiagnosedModulus(40e6, (38e6, 42e6), use, "the reason")
+    diagnosed = DiagnosedModulus(PointModulus(40e6, (38e6, 42e6), "diagnosed"), use, "the reason")
     moduli = moduli_of(GERMAN, drops(0.5, modulus=modulus), diagnosed)
     assert [m and m.source for m in moduli] == sources
     reasons = [m.not_supported for m in moduli if m is not None and m.source == "diagnosed"]
