@@ -24,7 +24,7 @@ the report and scripts use the same two calls::
 
 `pfwd.analysis.drop_facts.point_drop` makes a `PointDrop` of a recorded drop, and removes the
 declared geophone response from the peak. Call ``judge`` after every drop with all drops of the
-point; it has no state. ``kind_of`` returns the kind of the next drop from the rejected ones alone.
+point; it has no state.
 ``None`` in a field of `PointDrop` means unknown; a check that needs the field is skipped.
 
 A profile names the source of every number. A number whose source could not be confirmed is marked
@@ -55,7 +55,6 @@ from pfwd.procedures.shipped import (
     shipped_names,
     shipped_procedures,
 )
-from pfwd.procedures.sorting import kind_of
 
 __all__ = [
     "NO_PROCEDURE",
@@ -77,7 +76,6 @@ __all__ = [
     "Verdict",
     "find_procedure",
     "judge",
-    "kind_of",
     "parse_procedure",
     "plain_procedure",
     "read_procedure",

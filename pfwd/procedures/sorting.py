@@ -43,23 +43,6 @@ class SortedDrops:
     """True when the procedure requires a number of drops; each of them then needs a value."""
 
 
-def kind_of(procedure: Procedure, rejected: Sequence[bool], seating: int = 0) -> Kind:
-    """Return the kind of the next drop of a point: seating or measured.
-
-    Parameters
-    ----------
-    procedure : Procedure
-    rejected : sequence of bool
-        For every earlier drop of the point, whether it was rejected. A rejected drop did not load
-        the ground as a drop does, and therefore does not seat the plate.
-    seating : int
-        Number of seating drops, used when the procedure enforces none.
-    """
-    required = seating if procedure.seating_drops is None else procedure.seating_drops
-    loaded = sum(not was_rejected for was_rejected in rejected)
-    return Kind.SEATING if loaded < required else Kind.MEASURED
-
-
 def sort_drops(
     procedure: Procedure, drops: Sequence[PointDrop], notes: list[Notice]
 ) -> SortedDrops:

@@ -15,7 +15,6 @@ from pfwd.procedures import (
     SourcedNumber,
     find_procedure,
     judge,
-    kind_of,
 )
 from pfwd.procedures.profile import CHECKS
 
@@ -174,15 +173,6 @@ def test_kinds_by_the_procedure_and_by_the_marks() -> None:
         (4, "discarded"),
     ]
     assert (marks.seating_done, marks.measured_done, marks.complete) == (2, 1, True)
-
-
-def test_the_next_kind_where_the_procedure_has_no_number_is_the_setup_s() -> None:
-    assert kind_of(PAPER, []) is MEASURED
-    assert kind_of(PAPER, [False], seating=2) is SEATING
-    assert kind_of(PAPER, [False, True], seating=2) is SEATING
-    assert kind_of(PAPER, [False, False], seating=2) is MEASURED
-    assert kind_of(GERMAN, [False, False], seating=9) is SEATING
-    assert kind_of(GERMAN, [False, False, False], seating=9) is MEASURED
 
 
 def test_compaction_leaves_out_what_did_not_load_the_ground() -> None:

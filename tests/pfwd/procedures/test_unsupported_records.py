@@ -61,8 +61,3 @@ def test_a_record_that_its_file_contradicts_decides_nothing(procedure: Procedure
     assert f"drop 6: {fault}" in progress.verdict_reason
     seating = [dataclasses.replace(SOUND[0], record_fault=fault), *SOUND[1:]]
     assert judged(procedure, seating).verdict is Verdict.PASS, "a seating drop is not averaged"
-
-
-def test_rounded_peaks_without_traces_may_agree() -> None:
-    peaks = [dataclasses.replace(item, pulse_duration=None) for item in drops_of(*[1.0] * 6)]
-    assert judged(PROCEDURES[0], peaks).verdict is Verdict.PASS
