@@ -137,11 +137,6 @@ class FiniteElementModel:
         force[PLATE_INDEX] = 1.0
         return force
 
-    def energy(self, displacement: Array, velocity: Array) -> float:
-        """Return the elastic and kinetic energy of ground and plate, J."""
-        elastic = displacement @ (self.stiffness @ displacement)
-        return float(elastic + velocity @ (self.inertia @ velocity)) / 2
-
 
 def factorise(matrix: Any) -> Any:
     """Return a function that solves a linear system with a symmetric sparse matrix.

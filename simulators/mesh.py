@@ -177,10 +177,6 @@ class ConstantQ:
         spring, rates, shares, dashpot = self.elements
         return complex(spring + np.sum(shares * laplace / (laplace + rates)) + dashpot * laplace)
 
-    def rescaled(self, time: float) -> ConstantQ:
-        """Return the damping law in a time unit in which all times are multiplied by `time`."""
-        return replace(self, reference=self.reference / time)
-
 
 @dataclass(frozen=True)
 class SoilProfile:
@@ -215,22 +211,6 @@ class SoilProfile:
         if self.damping_law is not None:
             return "constant-q"
         return "kelvin-voigt" if self.growth is None else "growth"
-
-    @property
-    def soil_parameters(self) -> dict[str, float | list[float]]:
-        """Parameters of growth and damping law, with SI units in their names; empty without."""
-        parameters: dict[str, float | list[float]] = {}
-        modulus = self.layers[0].modulus
-        if self.damping_law is not None:
-            parameters["quality"] = self.damping_law.quality
-            parameters["reference_hz"] = self.damping_law.reference / (2 * math.pi)
-            parameters["modulus_at_reference_pa"] = modulus
-        if self.growth is not None:
-            parameters["growth_depth_m"] = self.growth.depth
-            parameters["growth_exponent"] = self.growth.exponent
-            parameters["growth_limit_m"] = min(self.growth.limit, self.bedrock_depth)
-            parameters["surface_modulus_pa"] = modulus
-        return parameters
 
     @property
     def interfaces(self) -> Array:

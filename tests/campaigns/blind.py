@@ -28,6 +28,7 @@ import numpy as np
 
 from simulators.mesh import ConstantQ, Growth, SoilProfile, require
 from tests.campaigns.effects.catalogue import CLEAN, EFFECTS, SimulatedEffect
+from tests.campaigns.effects.mechanics import soil_parameters
 from tests.campaigns.effects.recording import Converter, write_signals
 from tests.campaigns.effects.scene import Laboratory, Scene, SimulatedPoint
 
@@ -410,7 +411,7 @@ def _make(plan: _Plan, path: Path, laboratory: Laboratory, noise: float | None) 
         device=plan.device,
         group=effect.group,
         soil=scene.ground.soil,
-        soil_parameters=scene.ground.soil_parameters,
+        soil_parameters=soil_parameters(scene.ground),
     )
 
 

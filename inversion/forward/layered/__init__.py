@@ -4,7 +4,7 @@
 - `kernel`: compliance of the surface at one wavenumber, and its derivatives
 - `quadrature`: nodes of the wavenumber integrals, `CONVERGED` and, for a search, `FAST`
 - `plate`: the plate on layered ground, displacement per force at the sensors
-- `model`: displacement histories of one drop
+- `model`: response of many grounds under a plate with mass, and its derivatives
 """
 
 from inversion.forward.layered.ground import (
@@ -15,11 +15,7 @@ from inversion.forward.layered.ground import (
     Medium,
     MediumParameter,
 )
-from inversion.forward.layered.model import (
-    LayeredForwardModel,
-    layered_transfer,
-    layered_transfer_slopes,
-)
+from inversion.forward.layered.model import layered_transfer, layered_transfer_slopes
 from inversion.forward.layered.plate import (
     LAYERED_PLATE_MODELS,
     LayeredPlateModel,
@@ -35,7 +31,6 @@ __all__ = [
     "FIELDS",
     "LAYERED_PLATE_MODELS",
     "Field",
-    "LayeredForwardModel",
     "LayeredGround",
     "LayeredGrounds",
     "LayeredPlateModel",

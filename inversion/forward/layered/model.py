@@ -15,76 +15,17 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from inversion.arrays import ComplexArray, FloatArray
+from inversion.arrays import ComplexArray
 from inversion.forward.layered.ground import LayeredGrounds, MediumParameter
 from inversion.forward.layered.plate import (
-    LayeredPlateModel,
     PlateSetup,
     displacement_per_force,
     displacement_slopes,
 )
 from inversion.forward.layered.quadrature import FAST, NodeLayout, WavenumberRule, nodes
-from inversion.forward.model import Instrument, Synthesis
 
 # Largest ratio of the number of wavenumbers of grounds that are solved together.
 _MAX_NODE_RATIO = 1.4
-
-
-class LayeredForwardModel:
-    """Displacement histories of one drop on many layered grounds at once.
-
-    Parameters
-    ----------
-    plate : one of LAYERED_PLATE_MODELS
-    instrument : Instrument
-    offsets : sequence of float, m, distances of the sensors from the plate's centre
-    time : (n,) ndarray of float, s, uniform samples of the load
-    load : (n,) ndarray of float, N, without its offset
-    times : (m,) ndarray of float, s, times of the displacement, >= 0
-    band : float, Hz
-    rule : WavenumberRule
-    """
-
-    def __init__(
-        self,
-        plate: LayeredPlateModel,
-        instrument: Instrument,
-        offsets: Sequence[float],
-        time: FloatArray,
-        load: FloatArray,
-        times: FloatArray,
-        band: float,
-        rule: WavenumberRule = FAST,
-    ) -> None:
-        self.setup = PlateSetup(plate, instrument.plate_radius, tuple(map(float, offsets)))
-        self.instrument = instrument
-        self.rule = rule
-        self._synthesis = Synthesis(instrument, time, load, times, band)
-        self.s = self._synthesis.s
-
-    def transfer(self, grounds: LayeredGrounds) -> ComplexArray:
-        """Return displacement over load at every sensor, (m, n_sensors, n_frequencies), m/N."""
-        return layered_transfer(self.setup, self.instrument.plate_mass, self.s, grounds, self.rule)
-
-    def displacement(self, grounds: LayeredGrounds) -> FloatArray:
-        """Return the displacement at ``times``, (m, n_sensors, n_times), m."""
-        return self._synthesis.histories(self.transfer(grounds))
-
-    def displacement_slopes(
-        self, grounds: LayeredGrounds, parameters: Sequence[MediumParameter]
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return :meth:`displacement` and its derivatives with respect to parameters of the media.
-
-        Returns
-        -------
-        (m, n_sensors, n_times) and (m, len(parameters), n_sensors, n_times), m and m over the unit
-            of the parameter
-        """
-        transfer, slopes = layered_transfer_slopes(
-            self.setup, self.instrument.plate_mass, self.s, grounds, parameters, self.rule
-        )
-        histories = self._synthesis.histories(np.concatenate([transfer[:, None], slopes], axis=1))
-        return histories[:, 0], histories[:, 1:]
 
 
 def layered_transfer(

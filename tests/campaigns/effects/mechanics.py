@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from simulators.drop import STANDARD_GRAVITY, SimulatedDrop
-from simulators.mesh import Array
+from simulators.mesh import Array, SoilProfile
 from tests.campaigns.effects.march import Indentation, strike
 from tests.campaigns.effects.response import layered_ground, stacked_ground
 from tests.campaigns.effects.scene import Scene, SimulatedPoint
@@ -30,6 +30,22 @@ def bedrock(scene: Scene, strength: float) -> SimulatedPoint:
     return SimulatedPoint(signals, scene.modulus, {"depth_m": depth}, declared_depth=math.inf)
 
 
+def soil_parameters(ground: SoilProfile) -> dict[str, float | list[float]]:
+    """Return the parameters of growth and damping law, with SI units in their names."""
+    parameters: dict[str, float | list[float]] = {}
+    law, growth, modulus = ground.damping_law, ground.growth, ground.layers[0].modulus
+    if law is not None:
+        parameters["quality"] = law.quality
+        parameters["reference_hz"] = law.reference / (2 * math.pi)
+        parameters["modulus_at_reference_pa"] = modulus
+    if growth is not None:
+        parameters["growth_depth_m"] = growth.depth
+        parameters["growth_exponent"] = growth.exponent
+        parameters["growth_limit_m"] = min(growth.limit, ground.bedrock_depth)
+        parameters["surface_modulus_pa"] = modulus
+    return parameters
+
+
 def undeclared_soil(scene: Scene, strength: float) -> SimulatedPoint:
     """Return a test point on soil that the analysis does not model.
 
@@ -37,7 +53,7 @@ def undeclared_soil(scene: Scene, strength: float) -> SimulatedPoint:
     effect than the choice of the site, which was made before.
     """
     return SimulatedPoint(
-        scene.signals(scene.strike_all()), scene.modulus, scene.ground.soil_parameters
+        scene.signals(scene.strike_all()), scene.modulus, soil_parameters(scene.ground)
     )
 
 

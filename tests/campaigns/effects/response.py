@@ -95,6 +95,7 @@ class GroundResponse:
         viscosity :math:`\eta \, density / time`, and the time step is multiplied by `time`.
         """
         modulus, law = density / time**2, self.ground.damping_law
+        law = law and replace(law, reference=law.reference / time)
         layers = tuple(
             replace(
                 layer,
@@ -106,7 +107,11 @@ class GroundResponse:
         )
         return replace(
             self,
-            ground=replace(self.ground, layers=layers, damping_law=law and law.rescaled(time)),
+            ground=replace(
+                self.ground,
+                layers=layers,
+                damping_law=law,
+            ),
             time_step=self.time_step * time,
             displacement=self.displacement / modulus,
             velocity=self.velocity / (modulus * time),

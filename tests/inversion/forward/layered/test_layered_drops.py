@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 
 from inversion import Instrument
-from inversion.forward.layered import LayeredForwardModel, LayeredGround, LayeredGrounds, Medium
+from inversion.forward.layered import LayeredGround, LayeredGrounds, Medium
+from inversion.forward.model import Synthesis
 from pfwd.analysis.analyse import record_of
 from pfwd.files.traces import read_traces
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Plate, SoilLayer, SoilProfile
+from tests.inversion.forward.layered.histories import layered_displacement
 
 RADIUS = 0.15
 OFFSETS = (0.0, 0.3, 0.6, 0.9)
@@ -40,19 +42,13 @@ def test_finite_elements_of_the_simulators(layers: Any, base: Any, contact: Any)
         duration=0.05,
         time_step=2e-4,
     )
-    model = LayeredForwardModel(
-        "rigid-rough" if contact == "rough" else "rigid-smooth",
-        Instrument(RADIUS, 12.0),
-        OFFSETS,
-        drop.time,
-        drop.load,
-        drop.time[1:],
-        1600.0,
-    )
+    instrument = Instrument(RADIUS, 12.0)
+    synthesis = Synthesis(instrument, drop.time, drop.load, drop.time[1:], 1600.0)
     media = tuple(
         Medium(m.modulus, m.viscosity, m.density, m.poisson_ratio, m.thickness) for m in layers
     )
-    found = model.displacement(LayeredGrounds.of([LayeredGround(media, base == "rigid")]))[0]
+    grounds = LayeredGrounds.of([LayeredGround(media, base == "rigid")])
+    found = layered_displacement(f"rigid-{contact}", instrument, OFFSETS, synthesis, grounds)[0]
     expected = drop.ground_displacement[:, 1:]
     error = np.max(np.abs(found - expected), axis=1) / np.max(np.abs(expected), axis=1)
     assert error[0] < 1e-3
@@ -84,16 +80,10 @@ def test_finite_elements_of_another_program(name: str, shared: Path) -> None:
         )
     )
     time = record.time - record.time[0]
-    model = LayeredForwardModel(
-        "rigid-rough",
-        record.instrument,
-        [sensor.offset for sensor in record.sensors],
-        time,
-        record.load,
-        time[1:],
-        1600.0,
-    )
-    moved = model.displacement(LayeredGrounds.of([LayeredGround(media, rock is not None)]))[0]
+    synthesis = Synthesis(record.instrument, time, record.load, time[1:], 1600.0)
+    grounds = LayeredGrounds.of([LayeredGround(media, rock is not None)])
+    offsets = [sensor.offset for sensor in record.sensors]
+    (moved,) = layered_displacement("rigid-rough", record.instrument, offsets, synthesis, grounds)
     for sensor, found in zip(record.sensors, moved, strict=True):
         assert sensor.quantity == "velocity"
         residual = np.gradient(found, time[1]) - sensor.values[1:]

@@ -18,7 +18,6 @@ from inversion.forward.layered import (
     CONVERGED,
     FAST,
     LAYERED_PLATE_MODELS,
-    LayeredForwardModel,
     LayeredGround,
     LayeredGrounds,
     LayeredPlateModel,
@@ -27,9 +26,12 @@ from inversion.forward.layered import (
     PlateSetup,
     displacement_per_force,
     displacement_slopes,
+    layered_transfer,
+    layered_transfer_slopes,
 )
-from inversion.forward.model import ForwardModel
+from inversion.forward.model import ForwardModel, Synthesis
 from tests import reference
+from tests.inversion.forward.layered.histories import layered_displacement
 from tests.inversion.forward.layered.references import burmister_factor, uniform_pressure_deflection
 
 Array = NDArray[Any]
@@ -99,10 +101,9 @@ def test_one_medium_is_the_surrogate_within_its_error(
     fast = ForwardModel(surrogate, instrument, time, load, wanted, 1600.0).displacement(
         Grounds(np.array([5e7]), np.array([5e4]), np.array([2000.0]), np.array([1 / depth]))
     )
-    model = LayeredForwardModel(
-        "rigid-rough", instrument, (0.0,), time, load, wanted, 1600.0, CONVERGED
-    )
-    found = model.displacement(alone(homogeneous(5e7, 5e4, 0.35, depth)))
+    synthesis = Synthesis(instrument, time, load, wanted, 1600.0)
+    layered = alone(homogeneous(5e7, 5e4, 0.35, depth))
+    found = layered_displacement("rigid-rough", instrument, (0.0,), synthesis, layered, CONVERGED)
     assert error_over_peak(found[0], fast[0]) < 3e-4
 
 
@@ -385,12 +386,18 @@ def test_slopes_are_those_of_differences(plate: LayeredPlateModel, mass: float) 
     )
     time = np.linspace(0, 0.05, 251)
     load = np.sin(np.pi * np.minimum(time, 0.02) / 0.02)
-    model = LayeredForwardModel(
-        plate, Instrument(RADIUS, mass), (0.0, 0.1, 0.4), time, load, time[10::10], 200.0, CONVERGED
+    setup = PlateSetup(plate, RADIUS, (0.0, 0.1, 0.4))
+    synthesis = Synthesis(Instrument(RADIUS, mass), time, load, time[10::10], 200.0)
+
+    def displacement(some: LayeredGrounds) -> Array:
+        return synthesis.histories(layered_transfer(setup, mass, synthesis.s, some, CONVERGED))
+
+    values, slopes = map(
+        synthesis.histories,
+        layered_transfer_slopes(setup, mass, synthesis.s, grounds, grounds.parameters, CONVERGED),
     )
-    values, slopes = model.displacement_slopes(grounds, grounds.parameters)
     assert len(grounds.parameters) == 15
-    np.testing.assert_allclose(values, model.displacement(grounds), rtol=1e-9, atol=1e-18)
+    np.testing.assert_allclose(values, displacement(grounds), rtol=1e-9, atol=1e-18)
     for i, (field, medium) in enumerate(grounds.parameters):
         base = getattr(grounds, field)
         step = 1e-4 * base[:, medium]
@@ -398,7 +405,7 @@ def test_slopes_are_those_of_differences(plate: LayeredPlateModel, mass: float) 
         for sign in (1, -1):
             moved = base.copy()
             moved[:, medium] += sign * step
-            sides.append(model.displacement(replace(grounds, **{field: moved})))
+            sides.append(displacement(replace(grounds, **{field: moved})))
         change = (sides[0] - sides[1]) / (2 * step[:, None, None])
         size = np.max(np.abs(change), axis=(1, 2), keepdims=True)
         assert np.max(np.abs(slopes[:, i] - change) / size) < 1e-5, (field, medium)
@@ -421,15 +428,8 @@ def test_slopes_of_chosen_parameters_and_of_the_fast_rule() -> None:
 
 
 def test_the_mass_of_the_plate_is_outside_the_ground() -> None:
-    time = np.linspace(0, 0.05, 501)
-    load = np.sin(np.pi * np.minimum(time, 0.02) / 0.02)
-    grounds = alone(SOFT_ON_ROCK)
-    light, heavy = (
-        LayeredForwardModel("uniform", Instrument(RADIUS, m), OFFSETS, time, load, time[1:], 400.0)
-        for m in (0.0, 20.0)
-    )
-    s = light.s
-    free, loaded = light.transfer(grounds)[0], heavy.transfer(grounds)[0]
+    setup, s = PlateSetup("uniform", RADIUS, OFFSETS), TRANSFORM.s
+    free, loaded = (layered_transfer(setup, m, s, alone(SOFT_ON_ROCK))[0] for m in (0.0, 20.0))
     # F_cell = F_contact + m s^2 w_centre
     np.testing.assert_allclose(loaded, free * (1 - 20.0 * s**2 * loaded[0]), rtol=1e-9)
 
