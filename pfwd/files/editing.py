@@ -18,24 +18,8 @@ from pfwd.files.moving import move_with, point_called, restore_with
 from pfwd.files.opening import survey_content
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Survey, SurveyDrop, SurveyPoint, SurveyWriter, read_survey
-from pfwd_device.recording.index import no_collections
+from pfwd_device.recording.index import no_collections as no_collections
 from pfwd_device.recording.record import point_name
-
-__all__ = [
-    "Edit",
-    "add_events",
-    "choose_drop",
-    "choose_point",
-    "edit_survey",
-    "later_declarations",
-    "move_drop",
-    "no_collections",
-    "overview_of",
-    "parse_declaration_option",
-    "parse_position",
-    "survey_overview",
-    "target_pa",
-]
 
 
 @dataclass(frozen=True, slots=True)

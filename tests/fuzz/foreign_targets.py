@@ -1,8 +1,7 @@
 """Targets that read other programs' files, and exported surveys."""
 
-import io
+import json
 import tempfile
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +13,19 @@ from pfwd_device import Drop
 from pfwd_device.signals import trace_peaks
 from tests.fuzz.outside_targets import memory_folder
 from tests.fuzz.targets import cuts, target
+from tests.pfwd.files.foreign.builders import (
+    acquired,
+    dataset,
+    pulse,
+    stored,
+    thy,
+    viewed,
+    zipped,
+)
 from tests.pfwd.files.foreign.peaks_builders import dynatest, f25, pddx, places, sweco
 
 HEADER = b"plate_radius_m = 0.15\nsensor_offsets_m = [0.0, 0.3]\n"
+ONE_SENSOR = b"plate_radius_m = 0.15\nsensor_offsets_m = [0.0]\n"
 MAP = b"""plate_radius_m = 0.15
 [time]
 column = 1
@@ -44,14 +53,26 @@ Time Force Disp1 Disp2
 Impact: 0    Number_of_samples: 16
 """
 
-DAT = """Weight/spring: 3
+DAT = b"""Weight/spring: 3
 Operator: A. B.
 1 1   0.000 1 10.05  5.83  4.91 71.3
 Drop Sequence Completed Time: 08:36    Air Temp (F): 71.3
 GPS: Quality : DGPS Fix   Latitude = 34 deg58.140780  N   Longitude = 89 deg49.0   W   PDOP = 0.00
 Note: retest
 """
-F25, SWECO, DYNATEST, PDDX = (make(places()) for make in (f25, sweco, dynatest, pddx))
+DROP = pulse(samples=20, pre=0.0005)
+DROPS = {"1": [DROP, DROP]}
+TRACES, DATA_SET = stored(DROPS["1"]), dataset(DROPS)
+ACQUIRED, VIEWED = (json.dumps(make(DROPS)).encode() for make in (acquired, viewed))
+THY = thy([(1, 1, DROP), (2, 1, DROP)])
+TEXT = b"".join(b"%d,%d,%d\n" % (n, n % 7, n % 5) for n in range(40))
+F25, SWECO, DYNATEST, PDDX = (make(places()).encode() for make in (f25, sweco, dynatest, pddx))
+
+PIECES = (
+    *(b"-1", b"0", b"1e999", b"NaN", b"null", b"{}", b"[]", b'""', b"<", b"]]>", b"&a;"),
+    *(b"9" * 30, b"true", b"-", b",", b"\n", b"=", b"\0", b"\xff\xfe", b"\x7f\xff\xff\xff", b""),
+)
+"""Pieces with a meaning in one of the formats."""
 
 
 def read_or_refused(
@@ -100,12 +121,18 @@ def _check_peaks(drop: Drop) -> None:
     basin_of(peaks, 0.15, 0.35)
 
 
-def _zip(**members: bytes) -> bytes:
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w") as archive:
-        for name, data in members.items():
-            archive.writestr(name.replace("__", "/").replace("_dot_", "."), data)
-    return stream.getvalue()
+def project(database: bytes = DATABASE, traces: bytes = TRACES) -> bytes:
+    """A project with stored traces."""
+    return zipped({"database.json": database, "rawdata/1": traces})
+
+
+def changed(data: bytes, whole: bytes) -> bytes:
+    """Right content with up to four places replaced by a byte or a piece, as the data say."""
+    for place, value, length, piece in zip(*(data[n:16:4] for n in range(4)), strict=False):
+        at = (place * 251 + value) % (len(whole) + 1)
+        new = PIECES[piece % len(PIECES)] if piece < 200 else bytes([value])
+        whole = whole[:at] + new + whole[at + length % 12 :]
+    return whole
 
 
 @target("foreign")
@@ -116,82 +143,70 @@ def archive_bytes(data: bytes) -> None:
 
 
 @target("foreign")
-def archive_holes(data: bytes) -> None:
-    """A right archive with bytes changed where the data say."""
-    whole = bytearray(_zip(database_dot_json=DATABASE, rawdata__1=STORED + data[:200]))
-    for place, value in zip(data[::2], data[1::2], strict=False):
-        whole[(place * 251 + value) % len(whole)] ^= value
-    read_or_refused(bytes(whole), "a.prjz")
+def archive_changes(data: bytes) -> None:
+    """A right archive with changes."""
+    read_or_refused(changed(data, project()), "a.prjz")
 
 
 @target("foreign")
 def json_database(data: bytes) -> None:
-    """Any bytes as a database, and any values for its keys."""
-    read_or_refused(_zip(database_dot_json=data, rawdata__1=STORED), "a.prjz")
+    """Any bytes as a database, any values for its keys, and changes of databases."""
     keys = [b"ParamsAcqu", b"PVs", b"ParamsBearing", b"Calibrations", b"project"]
     text = (
         b"{" + b",".join(b'"%s": %s' % pair for pair in zip(keys, cuts(data), strict=False)) + b"}"
     )
-    read_or_refused(_zip(database_dot_json=text, rawdata__1=STORED), "a.prjz")
+    for database in (data, text, changed(data, ACQUIRED), changed(data, VIEWED)):
+        read_or_refused(project(database), "a.prjz")
 
 
 @target("foreign")
 def stored_traces(data: bytes) -> None:
-    """Any bytes as stored traces, and behind a right header."""
-    for member in (data, STORED + data):
-        read_or_refused(_zip(database_dot_json=DATABASE, rawdata__1=member), "a.prjz")
+    """Any bytes as stored traces, and behind a right header, and changes of traces."""
+    for member in (data, STORED + data, changed(data, TRACES)):
+        read_or_refused(project(traces=member), "a.prjz")
 
 
 @target("foreign")
 def xml_database(data: bytes) -> None:
-    """Any bytes as a data set, and within one."""
-    for member in (data, XML + data, XML + data + b"</MDDataSet>"):
-        read_or_refused(_zip(database_dot_xml=member), "a.dynz")
+    """Any bytes as a data set, and within one, and changes of one."""
+    for member in (data, XML + data, XML + data + b"</MDDataSet>", changed(data, DATA_SET)):
+        read_or_refused(zipped({"database.xml": member}), "a.dynz")
 
 
 @target("foreign")
 def jils_file(data: bytes) -> None:
-    """Any bytes as a time history, and as the rows of one."""
-    read_or_refused(data, "a.thy", header=HEADER)
-    read_or_refused(JILS + data, "a.thy", header=HEADER)
+    """Any bytes as a time history, and as the rows of one, and changes of one."""
     rows = b"".join(b"%d.0 %d -%d 1\n" % (n, byte, byte) for n, byte in enumerate(data[:40]))
-    read_or_refused(JILS + rows, "a.thy", header=HEADER)
+    for text in (data, JILS + data, JILS + rows):
+        read_or_refused(text, "a.thy", header=HEADER)
+    read_or_refused(changed(data, THY), "a.thy", header=ONE_SENSOR)
 
 
 @target("foreign")
 def column_map(data: bytes) -> None:
-    """Any bytes as a map, and as more keys of one."""
-    text = b"".join(b"%d,1,2\n" % n for n in range(20))
-    for columns in (data, MAP + data, data + b"\n" + MAP):
-        read_or_refused(text, "a.txt", map_=columns)
+    """Any bytes as a map, and as more keys of one, and changes of one."""
+    for columns in (data, MAP + data, data + b"\n" + MAP, changed(data, MAP)):
+        read_or_refused(TEXT, "a.txt", map_=columns)
 
 
 @target("foreign")
 def delimited_text(data: bytes) -> None:
-    """Any bytes as a text, and as cells of one."""
-    read_or_refused(data, "a.txt", map_=MAP)
+    """Any bytes as a text, and as cells of one, and changes of one."""
     cells = [piece[:9].replace(b"\n", b" ") for piece in cuts(data)][:60]
     rows = b"".join(b"%d,%s,2\n" % (n, piece) for n, piece in enumerate(cells))
-    read_or_refused(rows, "a.txt", map_=MAP)
+    for text in (data, rows, changed(data, TEXT)):
+        read_or_refused(text, "a.txt", map_=MAP)
 
 
-def _lines(data: bytes, head: str) -> bytes:
+def _lines(data: bytes, head: bytes) -> bytes:
     """A right head, then lines of the bytes."""
-    return head.encode() + b"".join(piece.replace(b"\n", b" ") + b"\r\n" for piece in cuts(data))
+    return head + b"".join(piece.replace(b"\n", b" ") + b"\r\n" for piece in cuts(data))
 
 
-def _changed(data: bytes, whole: str) -> bytes:
-    """A right text with bytes changed where the data say."""
-    text = bytearray(whole.encode())
-    for place, value in zip(data[::2], data[1::2], strict=False):
-        text[(place * 251 + value) % len(text)] = value
-    return bytes(text)
-
-
-def _peaks_text(data: bytes, name: str, whole: str) -> None:
+def _peaks_text(data: bytes, name: str, whole: bytes) -> None:
     read_or_refused(data, name)
     read_or_refused(data, name, header=HEADER)
-    read_or_refused(_changed(data, whole), name)
+    read_or_refused(changed(data, whole), name)
     read_or_refused(_lines(data, whole), name, header=HEADER)
 
 
@@ -224,7 +239,7 @@ def jils_peaks_file(data: bytes) -> None:
     """Any bytes as a .DAT, and as its lines."""
     read_or_refused(data, "a.dat", header=HEADER)
     read_or_refused(_lines(data, DAT), "a.dat", header=HEADER)
-    read_or_refused(_changed(data, DAT), "a.dat", header=HEADER)
+    read_or_refused(changed(data, DAT), "a.dat", header=HEADER)
 
 
 @target("foreign")

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import tests.fuzz.foreign_targets
-import tests.fuzz.outside_targets  # noqa: F401  (these enter their targets)
+import tests.fuzz.outside_targets  # noqa: F401  (it enters its targets)
+from tests.fuzz import foreign_targets as foreign
 from tests.fuzz.targets import TARGETS, Target, peak_memory
 from tests.pfwd_device.wire import by_hand
 
@@ -37,6 +37,25 @@ INPUTS = st.one_of(
 @settings(max_examples=60, deadline=None)
 def test_target_holds_on_any_bytes(group: str, name: str, data: bytes) -> None:
     TARGETS[group][name](data)
+
+
+@pytest.mark.parametrize(
+    ("data", "name", "options"),
+    [
+        *(
+            (foreign.project(database), "a.prjz", {})
+            for database in (foreign.ACQUIRED, foreign.VIEWED)
+        ),
+        (foreign.zipped({"database.xml": foreign.DATA_SET}), "a.dynz", {}),
+        (foreign.THY, "a.thy", {"header": foreign.ONE_SENSOR}),
+        (foreign.DAT, "a.dat", {"header": foreign.HEADER}),
+        (foreign.TEXT, "a.txt", {"map_": foreign.MAP}),
+    ],
+)
+def test_what_the_targets_change_is_right(
+    data: bytes, name: str, options: dict[str, bytes]
+) -> None:
+    assert foreign.read_or_refused(data, name, **options)
 
 
 @pytest.mark.parametrize(("group", "name"), EVERY)

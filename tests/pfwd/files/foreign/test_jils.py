@@ -51,24 +51,27 @@ def test_units_and_signs_are_ours(file: Path, header: Path) -> None:
     assert wanted == pytest.approx([40033.99, 40033.99], abs=0.01)
 
 
-def test_sensors_on_both_sides_at_one_distance_are_two(tmp_path: Path, file: Path) -> None:
-    header = tmp_path / "h.toml"
-    header.write_text("plate_radius_m = 0.15\nsensor_offsets_m = [0.0, 0.3, -0.3]\n")
-    first, _ = read_points(file, header)
-    for drop, (_, _, recorded) in zip(first.drops, DROPS, strict=False):
-        assert [channel.offset for channel in drop.channels] == [0.0, 0.3, -0.3]
-        np.testing.assert_allclose(drop.channels[2].values, recorded.sensors[2], atol=2e-11)
-    assert not any("left out" in text for text in first.warnings)
-
-
-def test_a_second_sensor_at_one_place_is_left_out_and_that_is_said(
-    tmp_path: Path, file: Path
+@pytest.mark.parametrize(
+    ("declared", "offsets", "remark"),
+    [
+        ("sensor_offsets_m = [0.0, 0.3, -0.3]", [0.0, 0.3, -0.3], None),
+        ("sensor_offsets_m = [0.0, 0.3, 0.3]", [0.0, 0.3], "a second sensor at 0.3 m is left out"),
+        ("", [0.0], "sensors in the file: 9"),
+    ],
+)
+def test_sensors_are_where_they_are_declared(
+    tmp_path: Path, file: Path, declared: str, offsets: list[float], remark: str | None
 ) -> None:
     header = tmp_path / "h.toml"
-    header.write_text("plate_radius_m = 0.15\nsensor_offsets_m = [0.0, 0.3, 0.3]\n")
+    header.write_text(f"plate_radius_m = 0.15\n{declared}\n")
     first, _ = read_points(file, header)
-    assert [channel.offset for channel in first.drops[0].channels] == [0.0, 0.3]
-    assert any("a second sensor at 0.3 m is left out" in text for text in first.warnings)
+    for drop, (_, _, recorded) in zip(first.drops, DROPS, strict=False):
+        assert [channel.offset for channel in drop.channels] == offsets
+        for channel, values in zip(drop.channels, recorded.sensors, strict=False):
+            np.testing.assert_allclose(channel.values, values, atol=2e-11)
+    sensors = [text for text in first.warnings if "sensor" in text]
+    assert len(sensors) == (remark is not None)
+    assert all(remark is not None and remark in text for text in sensors)
 
 
 def test_rounded_times_become_even(tmp_path: Path, header: Path) -> None:
@@ -77,17 +80,6 @@ def test_rounded_times_become_even(tmp_path: Path, header: Path) -> None:
     first, _ = read_points(path, header)
     steps = np.diff(first.drops[0].time)
     assert steps.max() - steps.min() < 1e-12
-
-
-def test_without_offsets_the_first_sensor_is_the_centre_and_that_is_said(
-    tmp_path: Path, file: Path
-) -> None:
-    header = tmp_path / "h.toml"
-    header.write_text("plate_radius_m = 0.15")
-    first, _ = read_points(file, header)
-    assert [channel.offset for channel in first.drops[0].channels] == [0.0]
-    (warning,) = [text for text in first.warnings if "sensor_offsets_m" in text]
-    assert "sensors in the file: 9" in warning
 
 
 def test_content_tells_it_under_any_name(tmp_path: Path, header: Path) -> None:

@@ -190,41 +190,57 @@ def f25_of(*rows: str, positions: str = "0,   300,   600") -> str:
     return "\r\n".join([*heading, *rows]) + "\r\n"
 
 
-def test_an_f25_drop_with_surplus_deflections_is_read_with_a_remark(read: Reader) -> None:
-    (point,) = read("a.f25", f25_of(basin_row(1, 3), basin_row(2, 4), basin_row(3, 4)))
-    expected = {0.0: 400e-6, 0.3: 90e-6, 0.6: 80e-6}
-    assert [moved for _, moved in numbers([point])] == [pytest.approx(expected)] * 3
-    assert (
-        "a.f25, line 6: 4 deflections, 3 positions in line 5020: deflection 4 was left out; "
-        "1 more of that kind"
-    ) in point.warnings
+FIRST, CUT_OFF = basin_row(1, 3), basin_row(2, 3)[:-9]
+SHIFTED = basin_row(2, 3).replace("700,", "700,  49.5,")
+SOUND = {0.0: 400e-6, 0.3: 90e-6, 0.6: 80e-6}
+SHORT, LONG = {0.0: 400e-6, 0.3: 90e-6}, {0.0: 1607e-6, 0.3: 90e-6, 0.6: 80e-6}
 
 
-def test_an_f25_drop_with_fewer_deflections_is_read_with_a_remark(read: Reader) -> None:
-    (point,) = read("a.f25", f25_of(basin_row(1, 3), basin_row(2, 2), basin_row(3, 2)))
-    assert [list(moved) for _, moved in numbers([point])] == [[0.0, 0.3, 0.6], [0.0, 0.3], [0, 0.3]]
-    assert any("line 6: 2 deflections, 3 positions in line 5020" in w for w in point.warnings)
+@pytest.mark.parametrize(
+    ("rows", "deflections", "remark"),
+    [
+        (
+            [FIRST, basin_row(2, 4), basin_row(3, 4)],
+            [SOUND] * 3,
+            "4 deflections, 3 positions in line 5020: deflection 4 was left out; 1 more of that",
+        ),
+        (
+            [FIRST, basin_row(2, 2), basin_row(3, 2)],
+            [SOUND, SHORT, SHORT],
+            "2 deflections, 3 positions in line 5020",
+        ),
+        # The last number may have lost digits.
+        ([FIRST, CUT_OFF], [SOUND], "the file is cut off within this drop"),
+        (
+            [FIRST, SHIFTED],
+            [SOUND],
+            "4 deflections, 3 positions in line 5020, and the largest deflection is not",
+        ),
+        # Four fields of three numbers: the deflection at the plate is 1607 um, not 1 um.
+        (
+            [FIRST, basin_row(2, 3, "1,607.0")],
+            [SOUND, LONG],
+            "numbers with a comma between the thousands",
+        ),
+        ([basin_row(1, 3, " 1,607"), basin_row(2, 3)], [LONG, SOUND], None),
+    ],
+)
+def test_columns_of_an_f25_that_do_not_fit_its_positions(
+    read: Reader, rows: list[str], deflections: list[dict[float, float]], remark: str | None
+) -> None:
+    (point,) = read("a.f25", f25_of(*rows))
+    assert [moved for _, moved in numbers([point])] == [pytest.approx(d) for d in deflections]
+    if remark is not None:
+        assert any(text.startswith(f"a.f25, line 6: {remark}") for text in point.warnings)
 
 
-def test_an_f25_that_is_cut_off_within_a_drop(read: Reader) -> None:
-    """The last number may have lost digits."""
-    (point,) = read("a.f25", f25_of(basin_row(1, 3), basin_row(2, 3)[:-9]))
-    assert len(point.drops) == 1
-    assert any("line 6: the file is cut off within this drop" in w for w in point.warnings)
-
-
-def test_columns_of_an_f25_that_cannot_match_the_positions_are_left_out(read: Reader) -> None:
-    shifted = basin_row(2, 3).replace("700,", "700,  49.5,")
-    (point,) = read("a.f25", f25_of(basin_row(1, 3), shifted))
-    assert len(point.drops) == 1
-    expected = "line 6: 4 deflections, 3 positions in line 5020, and the largest deflection is not"
-    assert any(expected in w for w in point.warnings)
+def test_an_f25_of_which_no_drop_can_be_read_is_refused(read: Reader) -> None:
     with pytest.raises(TraceError, match="drops with a load and deflections, got none"):
-        read("b.f25", f25_of(shifted))
+        read("b.f25", f25_of(SHIFTED))
 
 
 def test_a_position_of_an_f25_may_be_missing_between_others(read: Reader) -> None:
-    (point,) = read("a.f25", f25_of(basin_row(1, 3), positions="0,N0    ,   600"))
+    (point,) = read("a.f25", f25_of(FIRST, positions="0,N0    ,   600"))
     assert numbers([point])[0][1] == pytest.approx({0.0: 400e-6, 0.6: 80e-6})
     assert any("deflection 2 was left out" in w for w in point.warnings)
 
@@ -256,15 +272,6 @@ def test_the_plate_of_an_f25_may_change_between_stations(read: Reader) -> None:
     assert any("radius 0.15 or 0.225 m" in w for w in first.warnings)
     with pytest.raises(TraceError, match="line 7: expected one plate at a station, of radius 150"):
         read("b.f25", f25_of(basin_row(1, 3), later[0], basin_row(2, 3)))
-
-
-def test_commas_between_the_thousands_of_an_f25(read: Reader) -> None:
-    """Four fields of three numbers: the deflection at the plate is 1607 um, not 1 um."""
-    (point,) = read("a.f25", f25_of(basin_row(1, 3), basin_row(2, 3, "1,607.0")))
-    assert [moved[0.0] for _, moved in numbers([point])] == pytest.approx([400e-6, 1607e-6])
-    assert any("line 6: numbers with a comma between the thousands" in w for w in point.warnings)
-    (same,) = read("b.f25", f25_of(basin_row(1, 3, " 1,607")))
-    assert numbers([same])[0][1] == pytest.approx({0.0: 1607e-6, 0.3: 90e-6, 0.6: 80e-6})
 
 
 def test_a_sensor_that_gave_nothing_is_left_out(read: Reader) -> None:
