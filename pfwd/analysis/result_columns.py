@@ -58,12 +58,22 @@ def result_columns(place: TableColumn) -> tuple[ResultColumn, ...]:
     place : TableColumn
         Name of the part, as in the metadata of the fields of `InversionResult`.
     """
-    return tuple(_columns_of(InversionResult, place))
+    return tuple(columns_of(InversionResult, place))
 
 
-def _columns_of(
-    record: type[JsonRecord], place: TableColumn, prefix: str = "", which: str = ""
+def columns_of(
+    record: type[JsonRecord], place: TableColumn = "last", prefix: str = "", which: str = ""
 ) -> Iterator[ResultColumn]:
+    """Yield the columns for the fields of a record, in the order of a table.
+
+    Parameters
+    ----------
+    record : type of JsonRecord
+    place : TableColumn
+        Part of the table, as in the metadata of the fields.
+    prefix, which : str
+        Beginning of the names and of the meanings.
+    """
     hints = get_type_hints(record)
     for field in _in_table_order(record):
         if field.metadata["column"] != place:
@@ -77,12 +87,12 @@ def _columns_of(
             for column in _ends_of(name, hint):
                 yield ResultColumn(column, "number", meaning)
         elif hint is HalfSinePulse:
-            yield from _columns_of(HalfSinePulse, "established", f"{name}_")
+            yield from columns_of(HalfSinePulse, "established", f"{name}_")
         else:
             yield ResultColumn(N_LAYERS, "whole", "Media with a modulus; modulus_pa: the lowest")
             for number in range(1, MOST_LAYERS + 1):
                 medium = f"Medium {number} from the top: "
-                yield from _columns_of(LayerResult, "layers", f"layer_{number}_", medium)
+                yield from columns_of(LayerResult, "layers", f"layer_{number}_", medium)
 
 
 def _in_table_order(record: type[JsonRecord]) -> list[Field[Any]]:
@@ -148,6 +158,15 @@ def nested_cells(result: InversionResult) -> dict[str, Any]:
         if not layer.modulus_known:
             cells[f"{prefix}modulus_pa"] = None
         _add_intervals(cells, layer, prefix)
+    return cells
+
+
+def cells_of(record: JsonRecord | None, prefix: str = "") -> dict[str, Any]:
+    """Return the cells of a record by the names of `columns_of`; None: there are none."""
+    if record is None:
+        return {}
+    cells = {prefix + name: value for name, value in record.to_json().items()}
+    _add_intervals(cells, record, prefix)
     return cells
 
 

@@ -24,8 +24,14 @@ from pathlib import Path
 from typing import Any
 
 from inversion.records import is_number
-from pfwd.analysis.result_columns import Kind, nested_cells, result_columns
-from pfwd.analysis.results import DiagnosisResult, DropResult
+from pfwd.analysis.result_columns import (
+    Kind,
+    cells_of,
+    columns_of,
+    nested_cells,
+    result_columns,
+)
+from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
 from pfwd.errors import OptionError, SurveyError, refusal
 from pfwd.files.output_path import disk_errors, refuse_inside_survey, replaced_durably
 
@@ -105,29 +111,14 @@ DIAGNOSIS_COLUMNS: tuple[tuple[str, Kind], ...] = (
     ("plate", "text"),
     ("plate_radius_m", "number"),
     ("poisson_ratio", "number"),
-    ("model", "text"),
-    ("modulus_pa", "number"),
-    ("modulus_sd_pa", "number"),
-    ("modulus_interval_low_pa", "number"),
-    ("modulus_interval_high_pa", "number"),
-    ("stress_pa", "number"),
-    ("modulus_100kpa_pa", "number"),
-    ("residual_rms_over_peak", "number"),
-    ("contact_residual_rms_over_peak", "number"),
-    ("residual_over_noise", "number"),
-    ("before_model", "text"),
-    ("before_modulus_pa", "number"),
-    ("before_residual_rms_over_peak", "number"),
-    ("before_contact_residual_rms_over_peak", "number"),
+    *((c.name, c.kind) for c in columns_of(FittedState)),
+    *((c.name, c.kind) for c in columns_of(FittedState, prefix="before_")),
     ("held_out_mode", "text"),
     ("held_out_before", "number"),
     ("held_out_after", "number"),
     ("effects", "texts"),
     ("rejected", "texts"),
     ("warnings", "texts"),
-    ("equivalent_modulus_pa", "number"),
-    ("equivalent_modulus_interval_low_pa", "number"),
-    ("equivalent_modulus_interval_high_pa", "number"),
 )
 """Name and type of each column of the table ``diagnoses``, a row for each point. Names with
 ``before_`` hold values of the base model, without effects."""
@@ -169,12 +160,8 @@ def diagnosis_row(result: DiagnosisResult, digest: str) -> dict[str, Any]:
         SHA-256 of the source's content.
     """
     flat = result.to_json() | {"source_sha256": digest, "drops": len(result.drops)}
-    flat |= {f"before_{key}": value for key, value in (flat.get("before") or {}).items()}
+    flat |= cells_of(result.after) | cells_of(result.before, "before_")
     flat |= {f"held_out_{key}": value for key, value in (flat.get("held_out") or {}).items()}
-    flat |= flat.get("after") or {}
-    for name in ("modulus", "equivalent_modulus"):
-        ends = flat.get(f"{name}_interval_pa") or (None, None)
-        flat[f"{name}_interval_low_pa"], flat[f"{name}_interval_high_pa"] = ends
     flat["effects"] = [effect.name for effect in result.effects]
     return {name: _cell(flat.get(name), kind) for name, kind in DIAGNOSIS_COLUMNS}
 
