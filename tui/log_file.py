@@ -1,10 +1,12 @@
 """Log file of a measurement, in the folder ``log`` of its survey, with all messages."""
 
+import contextlib
 import logging
 import logging.handlers
 import os
 import time
 from collections import deque
+from collections.abc import Iterator
 from io import TextIOWrapper
 from pathlib import Path
 
@@ -57,13 +59,9 @@ class _SurveyLog(logging.handlers.RotatingFileHandler):
         return super()._open()
 
 
-def open_log(folder: str | Path) -> logging.Handler:
-    """Write all log messages to ``log/pfwd.log`` in the folder of a survey.
-
-    Returns
-    -------
-    logging.Handler
-        To be passed to `close_log`.
+@contextlib.contextmanager
+def survey_log(folder: str | Path) -> Iterator[None]:
+    """Write all log messages within the block to ``log/pfwd.log`` in the folder of a survey.
 
     Raises
     ------
@@ -81,10 +79,8 @@ def open_log(folder: str | Path) -> logging.Handler:
     root.addHandler(handler)
     # On a full disk the log is lost, but the measurement goes on.
     logging.raiseExceptions = False
-    return handler
-
-
-def close_log(handler: logging.Handler) -> None:
-    """Close the log file that `open_log` opened."""
-    logging.getLogger().removeHandler(handler)
-    handler.close()
+    try:
+        yield
+    finally:
+        root.removeHandler(handler)
+        handler.close()

@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.errors import OptionError, SurveyError, refusal
@@ -17,6 +18,8 @@ from pfwd.judging import Job, JobRequest, target_si
 from pfwd.judging.stations import read_stations
 from pfwd.judging.view import job_of_folder
 from pfwd.procedures import NO_PROCEDURE, Procedure, find_procedure
+from pfwd.session.plan import SessionPlan
+from pfwd.session.position import PositionReceiver
 from pfwd.session.setup_file import MeasuringSetup, read_setup_file, with_procedure
 from tui.arguments import analysis_options
 from tui.output import on_terminal, say
@@ -52,6 +55,47 @@ def measuring_setup(args: argparse.Namespace) -> MeasuringSetup:
     if args.procedure is not None:
         setup = with_procedure(setup, find_procedure(args.procedure))
     return setup
+
+
+def session_plan(
+    args: argparse.Namespace,
+    setup: MeasuringSetup,
+    job: JobRequest,
+    default_procedure: Procedure | None,
+    *,
+    calibration: Literal["refuse", "ask"],
+) -> tuple[SessionPlan, PositionReceiver | None]:
+    """Return the plan of a session with an instrument, and the satellite receiver in it.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+    setup : MeasuringSetup
+    job : JobRequest
+    default_procedure : Procedure or None
+        Procedure of a new survey if none is chosen.
+    calibration : "refuse" or "ask"
+        What to do with an instrument whose calibration has changed, unless the command line
+        accepts it.
+
+    Raises
+    ------
+    OptionError
+        If an option is outside its range, or options contradict each other.
+    """
+    receiver = None if args.gps is None else PositionReceiver(args.gps)
+    plan = SessionPlan(
+        point=args.point,
+        setup=setup,
+        job=job,
+        default_procedure=default_procedure,
+        drops=args.drops,
+        options=measuring_options(args),
+        give_up=args.give_up,
+        changed_calibration="accept" if args.accept_calibration else calibration,
+        position=receiver,
+    )
+    return plan, receiver
 
 
 def job_request(

@@ -30,7 +30,7 @@ from tests.tui.console import (
     records,
     wait_for_line,
 )
-from tui.log_file import close_log, open_log
+from tui.log_file import survey_log
 
 
 def test_a_survey_and_a_point_are_continued(tmp_path: Path) -> None:
@@ -249,14 +249,11 @@ def test_a_sensitivity_that_measures_nothing_is_refused(sensitivity: float, tmp_
 
 def test_the_log_waits_for_the_folder_of_the_survey(tmp_path: Path) -> None:
     survey = tmp_path / "survey"
-    handler = open_log(survey)
-    try:
+    with survey_log(survey):
         logging_of_python.getLogger("pfwd").warning("before")
         assert not survey.exists()
         survey.mkdir()
         logging_of_python.getLogger("pfwd").warning("after")
-    finally:
-        close_log(handler)
     lines = (survey / "log" / "pfwd.log").read_text(encoding="utf-8").splitlines()
     assert [line.rpartition(": ")[2] for line in lines] == ["before", "after"]
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tui.log_file import close_log, open_log
+from tui.log_file import survey_log
 
 
 @pytest.mark.parametrize("number", [errno.EIO, errno.ESTALE])
@@ -17,7 +17,6 @@ def test_a_folder_that_cannot_be_looked_at_stops_no_logging_thread(
 ) -> None:
     folder, stat = tmp_path / "survey", os.stat
     folder.mkdir()
-    handler = open_log(folder)
     log = logging.getLogger("test_log_file")
 
     def failing(path: Any, *args: Any, **options: Any) -> os.stat_result:
@@ -25,12 +24,10 @@ def test_a_folder_that_cannot_be_looked_at_stops_no_logging_thread(
             raise OSError(number, os.strerror(number), str(path))
         return stat(path, *args, **options)
 
-    try:
+    with survey_log(folder):
         with monkeypatch.context() as failure:
             failure.setattr(os, "stat", failing)
             log.warning("while the disk fails")
         log.warning("afterwards")
-    finally:
-        close_log(handler)
     lines = (folder / "log" / "pfwd.log").read_text(encoding="utf-8").splitlines()
     assert [line.rpartition(": ")[2] for line in lines] == ["while the disk fails", "afterwards"]

@@ -33,7 +33,7 @@ from pfwd.session.events import (
 from pfwd_device import Drop
 from tests.records import read
 from tui.format import drop_line
-from tui.log_file import MAX_BYTES, MAX_OLD_FILES, close_log, open_log
+from tui.log_file import MAX_BYTES, MAX_OLD_FILES, survey_log
 from tui.session_lines import SessionLines
 
 RESULT = {
@@ -264,9 +264,8 @@ def test_a_drop_on_one_line() -> None:
 @pytest.fixture
 def log(tmp_path: Path) -> Iterator[Path]:
     raises = logging.raiseExceptions
-    handler = open_log(tmp_path)
-    yield tmp_path / "log"
-    close_log(handler)
+    with survey_log(tmp_path):
+        yield tmp_path / "log"
     logging.raiseExceptions = raises
 
 

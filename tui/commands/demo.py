@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
     from simulators.firmware import BoardOptions, HostBoard, serve_firmware
     from simulators.instrument import serve
     from simulators.mesh import SimulationError
-    from tui.log_file import close_log, open_log
+    from tui.log_file import survey_log
     from tui.measuring_options import try_output
     from tui.session_lines import STATUS_OF_ENDING, SessionLines
 
@@ -119,14 +119,11 @@ def run(args: argparse.Namespace) -> int:
         if args.firmware:
             instrument_text = f"compiled firmware playing {args.play or 'simulated drops'}"
         say(f"{instrument_text} at {instrument.url}")
-        handler = open_log(folder)
-        try:
+        with survey_log(folder):
             ending = measure(
                 instrument.url, folder, lines.print_event, plan, control=stopped_by_signals
             )
             lines.finish()
-        finally:
-            close_log(handler)
         opening, reporting = next_commands(folder)
         say(f"next: {opening}  (the drops on the screen)")
         say(f"next: {reporting}  (the report)")

@@ -33,13 +33,11 @@ def run(args: argparse.Namespace) -> int:
     """Measure with the instrument on a screen until the operator closes it."""
     from pfwd.judging import JobRequest
     from pfwd.procedures import plain_procedure
-    from pfwd.session.plan import SessionPlan
-    from pfwd.session.position import PositionReceiver
     from tui.measuring_options import (
         agreed_on_terminal,
         job_request,
-        measuring_options,
         measuring_setup,
+        session_plan,
         try_output,
     )
     from tui.screen.session.sources import LiveSource
@@ -48,7 +46,6 @@ def run(args: argparse.Namespace) -> int:
 
     try_output(args.output)
     setup = measuring_setup(args)
-    options = measuring_options(args)
     seating = setup.declared.get("seating_drops")
     default = plain_procedure() if seating is None else plain_procedure(int(seating))
     if args.json:  # for programs, without a screen
@@ -63,16 +60,7 @@ def run(args: argparse.Namespace) -> int:
     request = JobRequest(units=load_settings().units).over(request)
     if not agreed_on_terminal(args.output, setup.procedure, request):
         return 0
-    receiver = PositionReceiver(args.gps) if args.gps is not None else None
-    plan = SessionPlan(
-        point=args.point,
-        setup=setup,
-        options=options,
-        changed_calibration="accept" if args.accept_calibration else "ask",
-        position=receiver,
-        job=request,
-        default_procedure=default,
-    )
+    plan, receiver = session_plan(args, setup, request, default, calibration="ask")
     source = LiveSource(args.url, Path(args.output), plan, args.spare)
     with receiver or contextlib.nullcontext():
         return show(source, "live", remarks=remarks)

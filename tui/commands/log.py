@@ -81,44 +81,28 @@ def run(args: argparse.Namespace, default_procedure: "Procedure | None" = None) 
         1 if a drop could not be saved, 3 if the instrument was lost for longer than ``--give-up``.
     """
     from pfwd.session.measure import measure, stopped_by_signals
-    from pfwd.session.position import PositionReceiver
-    from pfwd.session.session import Ending, SessionPlan
-    from tui.log_file import close_log, open_log
-    from tui.measuring_options import job_request, measuring_options, measuring_setup, try_output
+    from pfwd.session.session import Ending
+    from tui.log_file import survey_log
+    from tui.measuring_options import job_request, measuring_setup, session_plan, try_output
     from tui.session_lines import STATUS_OF_ENDING, SessionLines
 
     try_output(args.output)
     setup = measuring_setup(args)
-    options = measuring_options(args)
-    receiver = PositionReceiver(args.gps) if args.gps is not None else None
-    plan = SessionPlan(
-        point=args.point,
-        setup=setup,
-        job=job_request(args, args.output, setup.procedure, default_procedure),
-        default_procedure=default_procedure,
-        drops=args.drops,
-        options=options,
-        give_up=args.give_up,
-        changed_calibration="accept" if args.accept_calibration else "refuse",
-        position=receiver,
-    )
+    job = job_request(args, args.output, setup.procedure, default_procedure)
+    plan, receiver = session_plan(args, setup, job, default_procedure, calibration="refuse")
     bell = not args.no_bell and sys.stderr.isatty()
-    lines = SessionLines(as_json=args.json, analysed=options is not None, bell=bell)
-    handler = open_log(args.output)
-    try:
-        with receiver or contextlib.nullcontext():
-            ending = measure(
-                args.url,
-                args.output,
-                _with_position_warnings(lines.print_event, receiver),
-                plan,
-                capture=args.capture,
-                control=stopped_by_signals,
-                spare=args.spare,
-            )
+    lines = SessionLines(as_json=args.json, analysed=plan.options is not None, bell=bell)
+    with survey_log(args.output), receiver or contextlib.nullcontext():
+        ending = measure(
+            args.url,
+            args.output,
+            _with_position_warnings(lines.print_event, receiver),
+            plan,
+            capture=args.capture,
+            control=stopped_by_signals,
+            spare=args.spare,
+        )
         lines.finish()
-    finally:
-        close_log(handler)
     if ending is Ending.LOST:
         say(
             f"log: {args.url}: no instrument for {args.give_up:g} s (--give-up). End other "

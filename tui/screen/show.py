@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from pfwd.procedures import Verdict
 from pfwd.session.events import SessionNotice
-from tui.log_file import close_log, open_log
+from tui.log_file import survey_log
 from tui.output import counted, next_commands, on_terminal, say
 from tui.screen.session.sources import SessionSource
 
@@ -96,12 +96,10 @@ def _logged(source: SessionSource) -> Iterator[None]:
     """Write the log into a survey that is recorded, and nothing to the terminal meanwhile."""
     silent = logging.NullHandler()
     logging.getLogger().addHandler(silent)
-    handler = None
-    if source.writes and source.survey is not None:
-        handler = open_log(source.survey)
     try:
-        yield
+        with contextlib.ExitStack() as stack:
+            if source.writes and source.survey is not None:
+                stack.enter_context(survey_log(source.survey))
+            yield
     finally:
-        if handler is not None:
-            close_log(handler)
         logging.getLogger().removeHandler(silent)

@@ -27,7 +27,7 @@ from tests.tui.screen.scripted import (
     saved,
     status,
 )
-from tui.log_file import close_log, open_log
+from tui.log_file import survey_log
 from tui.screen.session.event_log import log_event
 from tui.screen.session.screen_events import DiagnosisFinished, Refit, SessionEnded, SurveyRead
 
@@ -137,14 +137,11 @@ async def test_dialogs_and_the_setup_page_show_markup_as_text(
 
 
 def test_the_log_has_a_single_line_per_event(tmp_path: Path) -> None:
-    handler = open_log(tmp_path)
-    try:
+    with survey_log(tmp_path):
         for text in HOSTILE:
             for event in events(text):
                 log_event(event)
-    finally:
-        close_log(handler)
-        logging.getLogger().setLevel(logging.WARNING)
+    logging.getLogger().setLevel(logging.WARNING)
     lines = (tmp_path / "log" / "pfwd.log").read_text(encoding="utf-8").split("\n")
     assert len(lines) > 60
     assert all(harmless(line) for line in lines)
