@@ -59,8 +59,9 @@ def run_over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
             raise OptionError(refusal(conflict, "one of them", "both", "name the files"))
     if args.scheduler is not None and args.jobs > 1:
         raise OptionError(refusal("--scheduler and --jobs", "one of the two", "both"))
-    from pfwd.archive.sources import refuse_missing
+    from pfwd.archive.run import invert_stream, refuse_missing
     from pfwd.archive.work import ArchiveWorkers
+    from pfwd.judging.verdicts import modulus_in_force
 
     refuse_missing(args.files)
     if args.scheduler is not None:
@@ -71,45 +72,31 @@ def run_over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
         workers: ArchiveWorkers = ClusterWorkers(options, args.scheduler)
     else:
         workers = ArchiveWorkers(options, args.jobs)
+    n_sources = n_failures = 0
     with contextlib.closing(workers):
         if args.archive is not None:
             n_sources, n_failures = _store_all(args, workers)
-        else:
-            n_sources, n_failures = _print_all(args, workers)
+        else:  # results are printed in the order in which they are computed
+            for outcome in invert_stream(args.files, workers):
+                n_sources += 1
+                n_failures += len(outcome.failures)
+                for failure in outcome.failures:
+                    say(failure.reason)
+                results = [result for result, _ in outcome.results]
+                lines = printed_results(results, as_json=args.json, by=args.by) if results else []
+                for diagnosis in outcome.diagnoses:
+                    judged = replace(diagnosis, point_modulus=modulus_in_force(diagnosis))
+                    lines += printed_diagnosis(judged, as_json=args.json)
+                for line in lines:
+                    print(line, flush=True)
     if not n_sources:
         say(refusal(", ".join(args.files), "a survey, or files with drops in the folder", "none"))
     return 1 if n_failures or not n_sources else 0
 
 
-def _print_all(args: argparse.Namespace, workers: "ArchiveWorkers") -> tuple[int, int]:
-    """Print results in the order in which they are computed; return the counts of sources and
-    failures.
-    """
-    from pfwd.archive.run import invert_stream
-    from pfwd.judging.verdicts import modulus_in_force
-
-    n_sources = n_failures = 0
-    for outcome in invert_stream(args.files, workers):
-        n_sources += 1
-        n_failures += len(outcome.failures)
-        for failure in outcome.failures:
-            say(failure.reason)
-        lines: list[str] = []
-        for diagnosis in outcome.diagnoses:
-            judged = replace(diagnosis, point_modulus=modulus_in_force(diagnosis))
-            lines += printed_diagnosis(judged, as_json=args.json)
-        if not workers.options.diagnose:
-            results = [result for result, _ in outcome.results]
-            lines += printed_results(results, as_json=args.json, by=args.by)
-        for line in lines:
-            print(line, flush=True)
-    return n_sources, n_failures
-
-
 def _store_all(args: argparse.Namespace, workers: "ArchiveWorkers") -> tuple[int, int]:
     """Store results as tables and print a summary; return the counts of sources and failures."""
-    from pfwd.archive.run import invert_archive
-    from pfwd.archive.sources import find_sources
+    from pfwd.archive.run import find_sources, invert_archive
 
     n_failures = 0
     with ProgressBars() as bars:

@@ -7,6 +7,7 @@
 """
 
 import hashlib
+import itertools
 import json
 import os
 import time
@@ -18,20 +19,34 @@ from filelock import FileLock, Timeout
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.archive.dataset import TABLES, ArchiveFolder, Row, diagnosis_row, result_row
-from pfwd.archive.sources import (
+from pfwd.archive.work import (
+    ArchiveWorkers,
+    Batch,
     Source,
-    content_digest,
-    find_sources,
-    pieces_of,
+    SourceFailure,
+    SourceOutcome,
+    source_of_file,
+    source_of_survey,
+    survey_files,
 )
-from pfwd.archive.work import ArchiveWorkers, Batch, SourceFailure, SourceOutcome
 from pfwd.errors import OptionError, SurveyError, refusal
+from pfwd.files.folders import SURVEY_FILE_SUFFIX, is_survey, is_survey_file
+from pfwd.files.foreign.registry import foreign_suffixes
+from pfwd.files.opening import survey_content
 from pfwd.files.output_path import replaced_at_once
 from pfwd_device.recording.drop_file import software_version
 
 TABLE_VERSION = 1
 """Version of the tables, part of the run's key: raised when a column changes its meaning, so that
 old and new rows do not mix."""
+
+PFWD_SUFFIXES = (".csv", ".h5", SURVEY_FILE_SUFFIX)
+"""Suffixes, in small letters, of this program's own files with drops."""
+
+PIECE_DROPS = 500
+"""Drops in a piece of a survey: half a minute of work, which an interruption loses."""
+
+_CHUNK_BYTES = 1 << 20
 
 BATCH_SOURCES = 16
 BATCH_BYTES = 2_000_000
@@ -109,6 +124,120 @@ def run_identity(options: AnalysisOptions) -> dict[str, Any]:
         "options": settings,
         "header_sha256": digest,
     }
+
+
+def find_sources(paths: Sequence[str], leave_out: str | None = None) -> Iterator[Source]:
+    """Yield the named files and surveys, and those in named folders, sorted by name.
+
+    A file in a folder is a source if its suffix is one of this program or of a format that it
+    imports; a file that is named itself always is. Links to folders are not followed.
+
+    Parameters
+    ----------
+    paths : sequence of str
+        Files, surveys and folders.
+    leave_out : str, optional
+        Folder that is skipped: the one for the results.
+
+    Raises
+    ------
+    OptionError
+        If one of `paths` does not exist.
+    """
+    refuse_missing(paths)
+    skipped = None if leave_out is None else os.path.realpath(leave_out)
+    suffixes = (*PFWD_SUFFIXES, *foreign_suffixes())
+    for path in paths:
+        absolute = os.path.abspath(path)
+        if os.path.isdir(absolute):
+            yield from _sources_below(absolute, skipped, suffixes)
+        else:
+            yield source_of_file(absolute)
+
+
+def refuse_missing(paths: Sequence[str]) -> None:
+    """Raise an error for the first path that does not exist.
+
+    Raises
+    ------
+    OptionError
+    """
+    for path in paths:
+        if not os.path.exists(path):
+            raise OptionError(refusal(path, "a file or folder", "nothing of that name"))
+
+
+def _sources_below(folder: str, skipped: str | None, suffixes: tuple[str, ...]) -> Iterator[Source]:
+    if skipped is not None and os.path.realpath(folder) == skipped:
+        return
+    if is_survey(folder):
+        yield source_of_survey(folder)
+        return
+    try:
+        with os.scandir(folder) as listing:
+            entries = sorted(listing, key=lambda entry: entry.name)
+    except OSError:
+        # Reading it as a file fails with the reason, which is stored like any other failure.
+        yield Source(folder, -1, 0)
+        return
+    for entry in entries:
+        if entry.is_dir(follow_symlinks=False):
+            yield from _sources_below(entry.path, skipped, suffixes)
+        elif entry.name.lower().endswith(suffixes):
+            yield source_of_file(entry.path)
+
+
+def content_digest(source: Source) -> str:
+    """Return the SHA-256 of the content of a source, in hexadecimal digits.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be read.
+    """
+    if not source.survey:
+        with open(source.path, "rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    digest = hashlib.sha256()
+    for name in survey_files(source.path):
+        path = os.path.join(source.path, name)
+        if not os.path.isfile(path):
+            continue
+        digest.update(f"{name.replace(os.sep, '/')}\0{os.path.getsize(path)}\0".encode())
+        with open(path, "rb") as stream:
+            while chunk := stream.read(_CHUNK_BYTES):
+                digest.update(chunk)
+    return digest.hexdigest()
+
+
+def pieces_of(source: Source) -> list[Source]:
+    """Divide a survey into pieces of complete points, with about `PIECE_DROPS` drops each.
+
+    Other sources, and a survey that cannot be read, are one piece: its inversion then reports the
+    reason.
+    """
+    # Any error is reported later, by the inversion of the source.
+    try:
+        if not (source.survey or is_survey_file(source.path)):
+            return [source]
+        points = survey_content(source.path).points
+    except Exception:
+        return [source]
+    ends, drops = [0], 0
+    for number, point in enumerate(points, start=1):
+        drops += len(point.drops)
+        if drops >= PIECE_DROPS:
+            ends.append(number)
+            drops = 0
+    if ends[-1] < len(points):
+        ends.append(len(points))
+    if len(ends) <= 2:
+        return [source]
+    bounds = list(itertools.pairwise(ends))
+    return [
+        replace(source, piece=n, pieces=len(bounds), first_point=first, end_point=end)
+        for n, (first, end) in enumerate(bounds)
+    ]
 
 
 def invert_archive(

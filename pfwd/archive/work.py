@@ -1,8 +1,10 @@
-"""Inversion or diagnosis of a batch of sources by one worker.
+"""Sources of an archive, and their inversion or diagnosis by one worker.
 
 Nothing is written, so that a batch may be repeated at any time, on any computer.
 """
 
+import contextlib
+import os
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, wait
@@ -18,7 +20,6 @@ from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.response_tables import library_of_process
 from pfwd.analysis.results import DiagnosisResult, DropResult
-from pfwd.archive.sources import Source, is_unchanged
 from pfwd.errors import SurveyError, refusal
 from pfwd.files.folders import is_survey_file
 from pfwd.files.header import declarations_of
@@ -28,6 +29,74 @@ from pfwd.files.traces import TracePoint
 from pfwd.jobs import Jobs, WorkerDied
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Survey
+
+_RECORD_FOLDERS = ("journal", "drops")
+"""Folders of a survey with its recorded drops; other files in it do not change its content."""
+_SURVEY_LEDGER = "acknowledged.txt"
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """File or survey to be inverted, or a piece of a large survey: a range of its points."""
+
+    path: str
+    """Absolute path."""
+    size: int
+    """Size in bytes; for a survey the sum over its files."""
+    mtime_ns: int
+    """Time of the last change, ns since 1970; for a survey that of the file changed last."""
+    survey: bool = False
+    """True if the source is the folder of a survey."""
+    digest: str = ""
+    """SHA-256 of the content; empty: not computed yet."""
+    piece: int = 0
+    """Number of this piece of a survey, from 0."""
+    pieces: int = 1
+    """Number of pieces of the survey."""
+    first_point: int = 0
+    """Index of the first point in the piece."""
+    end_point: int | None = None
+    """Index after the last point in the piece; None: up to the last point of the survey."""
+
+    @property
+    def key(self) -> str:
+        """Identity of content and piece; sources with the same key are inverted once."""
+        return self.digest if self.pieces == 1 else f"{self.digest}:{self.piece}/{self.pieces}"
+
+
+def source_of_file(path: str) -> Source:
+    try:
+        status = os.stat(path)
+    except OSError:
+        return Source(path, -1, 0)
+    return Source(path, status.st_size, status.st_mtime_ns)
+
+
+def source_of_survey(folder: str) -> Source:
+    size = latest = 0
+    for name in survey_files(folder):
+        try:
+            status = os.stat(os.path.join(folder, name))
+        except OSError:
+            continue
+        size, latest = size + status.st_size, max(latest, status.st_mtime_ns)
+    return Source(folder, size, latest, survey=True)
+
+
+def survey_files(folder: str) -> list[str]:
+    names = [_SURVEY_LEDGER]
+    for part in _RECORD_FOLDERS:
+        with contextlib.suppress(OSError):
+            listing = sorted(os.listdir(os.path.join(folder, part)))
+            names += [os.path.join(part, name) for name in listing]
+    return names
+
+
+def is_unchanged(source: Source) -> bool:
+    """Return whether the file or survey still has the size and time that the source records."""
+    now = source_of_survey(source.path) if source.survey else source_of_file(source.path)
+    return (now.size, now.mtime_ns) == (source.size, source.mtime_ns)
+
 
 FailureKind = Literal["refused", "damage", "unforeseen", "worker", "changed"]
 

@@ -8,8 +8,7 @@ from pyarrow import dataset as tables
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult
-from pfwd.archive.sources import Source
-from pfwd.archive.work import ArchiveWorkers, Batch, SourceOutcome, invert_batch
+from pfwd.archive.work import ArchiveWorkers, Batch, Source, SourceOutcome, invert_batch
 
 
 class HereWorkers(ArchiveWorkers):

@@ -17,8 +17,7 @@ from pfwd.analysis.results import DropResult, LayerResult
 from pfwd.archive import dataset, work
 from pfwd.archive import run as running
 from pfwd.archive.dataset import RESULT_COLUMNS, result_row
-from pfwd.archive.run import invert_archive, invert_stream
-from pfwd.archive.sources import find_sources, pieces_of
+from pfwd.archive.run import find_sources, invert_archive, invert_stream, pieces_of
 from pfwd.archive.work import Batch, SourceFailure, SourceOutcome
 from pfwd.errors import OptionError, SurveyError
 from pfwd.files.importing import import_files
@@ -412,7 +411,7 @@ def test_a_large_survey_is_done_in_pieces_that_can_be_continued(
     survey: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (whole,) = find_sources([str(survey)])
-    monkeypatch.setattr("pfwd.archive.sources.PIECE_DROPS", 4)
+    monkeypatch.setattr("pfwd.archive.run.PIECE_DROPS", 4)
     pieces = pieces_of(whole)
     assert [(one.first_point, one.end_point) for one in pieces] == [(0, 2), (2, 4), (4, 6)]
     monkeypatch.setattr(running, "BATCH_SOURCES", 1)

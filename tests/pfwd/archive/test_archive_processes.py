@@ -15,11 +15,11 @@ import pytest
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.archive import run as running
 from pfwd.archive.run import Summary, invert_archive, invert_stream
-from pfwd.archive.sources import Source
 from pfwd.archive.work import (
     MAX_DEATHS_PER_SOURCE,
     ArchiveWorkers,
     Batch,
+    Source,
     SourceFailure,
     SourceOutcome,
 )

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import pfwd_plugins
-from pfwd.archive.sources import find_sources
+from pfwd.archive.run import find_sources
 from pfwd.errors import TraceError
 from pfwd.files.foreign import registry
 from pfwd.files.reading import read_points
