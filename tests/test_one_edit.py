@@ -11,14 +11,14 @@ import pytest
 SOURCE = Path(__file__).parents[1] / "inversion" / "result.py"
 NEW_FIELD = """
     settlement_index_m: float | None = quantity("Settlement that nobody computes yet", "m")
-    warnings: tuple[Notice, ...] | None = quantity("""
+    warnings: tuple[Notice, ...] = quantity("""
 SCRIPT = """
 import json, sys, types
 from pathlib import Path
 
 source, field, folder = Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3])
 text = source.read_text(encoding="utf-8")
-old = "\\n    warnings: tuple[Notice, ...] | None = quantity("
+old = "\\n    warnings: tuple[Notice, ...] = quantity("
 assert text.count(old) == 1
 module = types.ModuleType("inversion.result")
 sys.modules["inversion.result"] = module
@@ -30,6 +30,7 @@ from pfwd.export.export import export_survey
 from pfwd.files.header import declared_values
 from pfwd.analysis.results import DropResult
 from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
+from tests.records import read
 
 with SurveyWriter.open(folder / "s", publish=False, reserve_bytes=0) as writer:
     declared = declared_values(SETUP)
