@@ -11,11 +11,11 @@ if TYPE_CHECKING:
 _LARGE = 3
 """First digit of a spread from which the spread has one digit in texts; a smaller one has two."""
 
-MOST_DIGITS = 4
+MAX_DIGITS = 4
 """Largest number of digits of a value, however small its interval: no load cell is more accurate.
 """
 
-FEW_DIGITS = 3
+DEFAULT_DIGITS = 3
 """Number of digits of a value whose uncertainty is not known."""
 
 _MIN_STRESS_DIFFERENCE = 0.02
@@ -117,7 +117,7 @@ def with_ends(value: float, ends: tuple[float, float]) -> tuple[str, str, str]:
     far = [abs(value - end) for end in ends]
     # A value at a bound of the search is an end of its interval; this distance of 0 is not used.
     used = [distance for distance in far if distance > 0.01 * abs(value)] or far
-    digits = MOST_DIGITS if any(far) else FEW_DIGITS
+    digits = MAX_DIGITS if any(far) else DEFAULT_DIGITS
     place = max(_place(min(used)), _top(value) - digits + 1)
     low, high = (
         at_place(end, min(max(place, _top(distance) - 1), _top(end) - 1)) if end else "0"
@@ -126,7 +126,7 @@ def with_ends(value: float, ends: tuple[float, float]) -> tuple[str, str, str]:
     return at_place(value, min(place, _top(value) - 1)), low, high
 
 
-def significant(value: float | None, digits: int = FEW_DIGITS) -> str:
+def significant(value: float | None, digits: int = DEFAULT_DIGITS) -> str:
     """Return a number as text with a number of significant digits, but all digits before the point.
 
     Examples
@@ -143,14 +143,14 @@ def significant(value: float | None, digits: int = FEW_DIGITS) -> str:
 
 
 def declared(value: float | None, unit: str = "") -> str:
-    """Return a declared number as text, with at most three digits and no zero behind the others.
+    """Return a declared number as text, as it was given.
 
     Examples
     --------
-    >>> declared(0.15, "m"), declared(0.35), declared(None, "m")
-    ('0.15 m', '0.35', '-')
+    >>> declared(0.15, "m"), declared(0.3048), declared(1800.0), declared(None, "m")
+    ('0.15 m', '0.3048', '1800', '-')
     """
-    return MISSING if value is None else f"{value:.{FEW_DIGITS}g} {unit}".rstrip()
+    return MISSING if value is None else f"{value:.6g} {unit}".rstrip()
 
 
 def _place(spread: float) -> int:

@@ -6,10 +6,11 @@ A fact is a value with its interval, its unit and a note. The keys are names tha
 import math
 from collections.abc import Mapping
 
-from pfwd.analysis.results import DropResult, FittedState, relative_spread
+from pfwd.analysis.results import DropResult, EffectResult, FittedState, relative_spread
 from pfwd.procedures import PointModulus, PointValue, Quantity
 from pfwd.procedures.point import UNSUPPORTED_MARK
-from pfwd.units import Fact, QuantityName
+from pfwd.units import DECLARED, UNDETERMINED, Fact, QuantityName, unit_of_effect
+from pfwd_device.text import clean
 
 UNEXPLAINED = "UNEXPLAINED"
 """Word for a residual above noise and model error, with which the modulus may be wrong."""
@@ -55,7 +56,7 @@ def _parameter(
     if value is None or not math.isfinite(value):
         return Fact(quantity, None)
     if deviation is None or not math.isfinite(deviation):
-        return Fact(quantity, value, note="given")
+        return Fact(quantity, value, note=DECLARED)
     return Fact(quantity, value, deviation=deviation, spread=relative_spread(result))
 
 
@@ -89,6 +90,22 @@ def facts_of_state(state: FittedState | None) -> dict[str, Fact]:
         "density": Fact("density", state.density_kg_m3),
         "stress": Fact("pressure", state.stress_pa),
     }
+
+
+def facts_of_effect(effect: EffectResult) -> list[tuple[str, int | None, Fact]]:
+    """Return the parameters of an effect: name, number of the drop (None: all drops), and fact.
+
+    A fitted parameter without a deviation is one that the records leave open.
+    """
+    is_fitted = effect.probability is not None and math.isfinite(effect.probability)
+    facts = []
+    for parameter in effect.parameters:
+        unit = unit_of_effect(clean(parameter.unit))
+        fact = Fact(unit, parameter.value, deviation=parameter.sd)
+        if is_fitted and not math.isfinite(parameter.sd):
+            fact = Fact(unit, None, note=UNDETERMINED)
+        facts.append((parameter.name, parameter.drop, fact))
+    return facts
 
 
 def fact_of_value(value: PointValue | None) -> Fact:

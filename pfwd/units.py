@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from inversion.notices import ENGLISH, Language, term_text
-from pfwd.digits import MISSING, MOST_DIGITS, rounded, significant, with_ends
+from pfwd.digits import MAX_DIGITS, MISSING, declared, rounded, significant, with_ends
 from pfwd_plugins.quantities import INCH_M, POUND_FORCE_N, Measurand, Unit
 
 UnitsName = Literal["si", "us"]
@@ -79,6 +79,14 @@ def unit_of_effect(unit: str) -> Unit:
     ('ms', 'Hz', '')
     """
     return _EFFECTS.get(unit) or Unit(unit, 1.0)
+
+
+DECLARED = "given"
+"""Note of a value that was declared; it is shown as it was given."""
+
+
+UNDETERMINED = "left_open"
+"""Note of a value that the data do not determine."""
 
 
 class Fact(NamedTuple):
@@ -162,11 +170,14 @@ class Units:
             centre = math.sqrt(low * high) if low > 0.0 else (low + high) / 2.0
             text, *ends = with_ends(centre if value is None else value, (low, high))
             return MISSING if value is None else f"{text}{fact.mark}", ends
+        if fact.note == DECLARED and value is not None:
+            # Converted to other units, it may have no end.
+            return declared(value if self is SI else float(significant(value))), []
         deviation = self.value(fact.quantity, fact.deviation)
         if value is None or not deviation:
             return f"{significant(value)}{'' if value is None else fact.mark}", []
-        # More digits than MOST_DIGITS are not supported, however small the deviation is.
-        minimum = 10.0 ** (math.floor(math.log10(abs(value))) + 2 - MOST_DIGITS) if value else 0.0
+        # More digits than MAX_DIGITS are not supported, however small the deviation is.
+        minimum = 10.0 ** (math.floor(math.log10(abs(value))) + 2 - MAX_DIGITS) if value else 0.0
         spread = max(deviation, abs(value) * fact.spread, minimum)
         text, around = rounded(value, spread), rounded(deviation, spread)
         return text if float(around) == 0.0 else f"{text} ± {around}", []
@@ -180,8 +191,8 @@ class Units:
         ('45.2 MPa (43.4 to 47.1)', '1.00 ft')
         >>> SI.show(Fact("modulus", None, (11.2e6, 561.1e6)))
         'left open (11 to 560 MPa)'
-        >>> SI.show(Fact("depth", 0.702, note="given"), with_unit=False)
-        '0.702 (given)'
+        >>> SI.show(Fact("depth", 0.3, note=DECLARED), with_unit=False)
+        '0.3 (given)'
         """
         value, ends = self.value_and_ends(fact, language)
         name = self.unit(fact.quantity)
@@ -190,9 +201,9 @@ class Units:
             note = ": ".join(filter(None, (fact.note and term_text(fact.note, language), ends)))
             return f"{value}{unit}" + (f" ({note})" if note else "")
         low, high = fact.interval or (0.0, 0.0)
+        text = term_text(UNDETERMINED, language)
         if not ends:
-            return MISSING
-        text = term_text("left_open", language)
+            return text if fact.note == UNDETERMINED else MISSING
         return f"{text} ({ends}{unit})" if 0.0 < high < _MAX_PRINTED_RATIO * low else text
 
 

@@ -14,7 +14,6 @@ from typing import NamedTuple, TypeGuard, TypeVar
 from pfwd.analysis.options import PLATE_WORDS
 from pfwd.analysis.results import (
     DiagnosisResult,
-    EffectParameter,
     EffectResult,
     FittedState,
     HeldOut,
@@ -22,9 +21,9 @@ from pfwd.analysis.results import (
 )
 from pfwd.digits import MISSING, declared, modulus_at_100_kpa, rounded, significant
 from pfwd.export.json_text import json_text
-from pfwd.facts import UNEXPLAINED, facts_of_state
+from pfwd.facts import UNEXPLAINED, facts_of_effect, facts_of_state
 from pfwd.message_groups import as_ranges, group_messages
-from pfwd.units import SI, Fact, Units, modulus_text, percent, unit_of_effect
+from pfwd.units import SI, Fact, Units, modulus_text, percent
 from tui.format import MODEL_WORDS, word
 from tui.output import clean, spelled
 
@@ -353,7 +352,7 @@ def device_lines(results: Sequence[DiagnosisResult]) -> list[str]:
     for name, result in zip(names, results, strict=True):
         for effect in result.effects:
             if effect.scope == "device" and (_is_shared(effect) or result.use != "do-not-use"):
-                values = [_parameter(p, effect) for p in effect.parameters]
+                values = _parameters(effect)
                 numbers = f" ({'; '.join(values)})" if _is_shared(effect) and values else ""
                 advice = f": {effect.advice}" if effect.advice else ""
                 effects.append((name, (f"{_words(effect.name)}{numbers}", advice)))
@@ -535,7 +534,7 @@ def _effect(effect: EffectResult, *, advice: bool) -> list[str]:
     strength = _evidence_text(evidence) if _is_finite(evidence) else shared
     if _is_finite(effect.probability) and _is_finite(evidence):
         strength += f", probability {100 * effect.probability:.0f} %"
-    numbers = [_parameter(parameter, effect) for parameter in effect.parameters]
+    numbers = _parameters(effect)
     text = f": {'; '.join(numbers)}" if numbers else ""
     # An effect that was detected without a fit has no scope and no strength.
     text += "" if effect.scope is None and not _is_finite(evidence) else f" [{strength}]"
@@ -557,15 +556,13 @@ def _words(name: str | None) -> str:
     return clean(name).replace("_", " ")
 
 
-def _parameter(parameter: EffectParameter, effect: EffectResult) -> str:
-    """Return a parameter of an effect with its standard deviation as text."""
-    drop = "" if parameter.drop is None else f" (drop {parameter.drop})"
-    name = f"{_PARAMETER_WORDS.get(parameter.name, _words(parameter.name))}{drop}"
-    has_deviation = _is_finite(parameter.sd)
-    if _is_finite(parameter.value) and not has_deviation and _is_finite(effect.probability):
-        return f"{name} undetermined"
-    unit = unit_of_effect(clean(parameter.unit))
-    return f"{name} {SI.show(Fact(unit, parameter.value, deviation=parameter.sd))}"
+def _parameters(effect: EffectResult) -> list[str]:
+    """Return the parameters of an effect with their standard deviations as texts."""
+    return [
+        f"{_PARAMETER_WORDS.get(name) or _words(name)}"
+        f"{'' if drop is None else f' (drop {drop})'} {SI.show(fact)}"
+        for name, drop, fact in facts_of_effect(effect)
+    ]
 
 
 def _is_finite(value: float | None) -> TypeGuard[float]:

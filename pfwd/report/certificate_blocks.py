@@ -5,10 +5,8 @@ import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import partial
-from statistics import fmean
 from typing import Any
 
-from pfwd.digits import declared, significant
 from pfwd.errors import OptionError, refusal
 from pfwd.judging import PointView
 from pfwd.matplotlib_start import start_matplotlib
@@ -21,7 +19,6 @@ from pfwd.report.blocks import (
     SIGNS,
     Block,
     Heading,
-    Mark,
     Pairs,
     Paragraph,
     Picture,
@@ -37,6 +34,7 @@ from pfwd.report.drawing import (
     with_deflection,
 )
 from pfwd.report.fonts import Letters
+from pfwd.report.formatting import Column, declared, mean, number
 from pfwd.report.peaks_blocks import (
     has_only_peaks,
     has_only_stiffness,
@@ -53,9 +51,12 @@ from pfwd.report.point_facts import (
     shown_drops,
     target_notes,
     time_cells,
+    verdict_columns,
     verdict_of,
 )
 from pfwd.report.texts import Texts
+from pfwd.units import SI, QuantityName
+from pfwd_plugins.quantities import Measurand
 
 MAX_ROWS = 16
 """Number of points up to which their table is on the first page; else it follows later."""
@@ -153,7 +154,7 @@ def certificate_rows(report: Report, texts: Texts) -> tuple[tuple[str, str], ...
     """Return the facts of the head of the page with their labels; what is unknown is empty."""
     points = [point for point in report.points if not point.discarded]
     counts = Counter(verdict_of(point) for point in points)
-    radii = sorted({f"{p.setup.plate_radius * 2e3:g} mm" for p in points if p.setup.plate_radius})
+    radii = sorted({p.setup.plate_radius for p in points if p.setup.plate_radius})
     verdicts = texts.say("verdicts", **{kind: counts[kind] for kind in Verdict})
     if counts[Verdict.NONE] == len(points):
         verdicts = texts["none"]
@@ -166,9 +167,9 @@ def certificate_rows(report: Report, texts: Texts) -> tuple[tuple[str, str], ...
         (texts["operator"], _each(point.setup.operator for point in points)),
         (texts["instrument"], _device(report, points)),
         (texts["calibrated"], _calibration(report.instruments, texts)),
-        (texts["plate_diameter"], ", ".join(radii)),
+        (texts["plate_diameter"], ", ".join(declared(2e3 * r, texts, "mm") for r in radii)),
         (texts["judged_by"], judged_by(report, texts)),
-        (texts["formula"], _formula(report.procedure)),
+        (texts["formula"], _formula(report.procedure, texts)),
         (texts["drops_asked"], _required_drops(report, texts)),
         (texts["load"], _loads(points, report.procedure, texts)),
         (texts["conditions"], _conditions(points, texts)),
@@ -190,18 +191,19 @@ def _period(report: Report, texts: Texts) -> str:
     return f"{first} {first_zone} – {last} {last_zone}"
 
 
-def _formula(procedure: Procedure) -> str:
+def _formula(procedure: Procedure, texts: Texts) -> str:
     """Return the formula of the judged quantity; empty: there is none."""
     factor, nominal = procedure.factor, procedure.nominal_pressure
     if factor is None or procedure.quantity not in (Quantity.E_VD, Quantity.E_LWD):
         return ""
     name, mean = procedure.quantity.value, "s\N{COMBINING MACRON}"
     if procedure.quantity is Quantity.E_VD:
-        pressure = "" if nominal is None else f", σ = {nominal.value / 1e6:g} MPa"
-        return f"{name} = {factor.value:.3g} r σ / {mean}{pressure}"
+        pressure = "" if nominal is None else f", σ = {declared(nominal.value / 1e6, texts, 'MPa')}"
+        return f"{name} = {declared(factor.value, texts)} r σ / {mean}{pressure}"
     ratio = procedure.poisson_ratio
-    ratio_text = "" if ratio is None else f", ν = {ratio.value:g}"
-    return f"{name} = {factor.value:.3g} (1 - ν²) r σ / {mean}, σ = F / (π r²){ratio_text}"
+    ratio_text = "" if ratio is None else f", ν = {declared(ratio.value, texts)}"
+    factor_text = texts.decimals(f"{factor.value:.3g}")  # π/2 and 2 of a plate have many digits
+    return f"{name} = {factor_text} (1 - ν²) r σ / {mean}, σ = F / (π r²){ratio_text}"
 
 
 def _required_drops(report: Report, texts: Texts) -> str:
@@ -226,23 +228,23 @@ def _loads(points: Sequence[PointView], procedure: Procedure, texts: Texts) -> s
     parts = []
     if loads:
         forces, pressures = zip(*loads, strict=True)
-        measured = f"{_range(forces, 1e-3)} kN, σ = {_range(pressures, 1e-3)} kPa"
+        measured = f"{_range('load', forces, texts)}, σ = {_range('pressure', pressures, texts)}"
         parts.append(f"{texts['load_measured']}: {measured}")
     plate = next((point.setup.plate_radius for point in points if point.setup.plate_radius), 0.0)
     presumed = presumed_load(procedure, (), plate) if plate else None
     if presumed is not None:
         ours = f", {texts['our_tolerance']}" if presumed.tolerance_is_ours else ""
         parts.append(
-            f"{texts['load_presumed']}: {significant(presumed.load / 1e3)} kN, σ = "
-            f"{significant(presumed.pressure / 1e3)} kPa "
-            f"(± {100 * presumed.tolerance:g} %{ours})"
+            f"{texts['load_presumed']}: {_range('load', (presumed.load,), texts)}, σ = "
+            f"{_range('pressure', (presumed.pressure,), texts)} "
+            f"(± {declared(100 * presumed.tolerance, texts, '%')}{ours})"
         )
     return "; ".join(parts)
 
 
-def _range(values: Sequence[float], scale: float) -> str:
-    ends = (significant(value * scale) for value in (min(values), max(values)))
-    return " – ".join(dict.fromkeys(ends))
+def _range(quantity: QuantityName, values: Sequence[float], texts: Texts) -> str:
+    lowest, highest = (number(quantity, value, texts) for value in (min(values), max(values)))
+    return f"{formatting.ends(lowest, highest)} {SI.unit(quantity)}"
 
 
 def _conditions(points: Sequence[PointView], texts: Texts) -> str:
@@ -254,8 +256,8 @@ def _conditions(points: Sequence[PointView], texts: Texts) -> str:
     for key, unit in (("moisture", "%"), ("temperature", "°C")):
         values = [v for point in points if (v := getattr(point.setup, key)) is not None]
         if values:
-            ends = dict.fromkeys(declared(value) for value in (min(values), max(values)))
-            conditions.append(f"{texts[key]}: {' – '.join(ends)} {unit}")
+            span = formatting.ends(declared(min(values), texts), declared(max(values), texts))
+            conditions.append(f"{texts[key]}: {span} {unit}")
     return "; ".join(conditions)
 
 
@@ -323,57 +325,58 @@ def points_table(report: Report, texts: Texts) -> Table:
     # The documents of the procedures ask for s and v of the light drop weight tester, and for peak
     # loads of devices with a load cell. A mean settlement that is judged has its own column.
     speeds = not report.chosen or quantity is Quantity.E_VD
-    judged = quantity is not Quantity.MODULUS
-    mean = quantity is not Quantity.DEFLECTION
+    mean_shown = quantity is not Quantity.DEFLECTION
     title, times = time_cells(report, texts)
     along, chainages = chainage_column(report, texts)
-    columns = [texts["point"], along, title, formatting.symbol_title("s", "mm")]
-    columns += [formatting.symbol_title("s\N{COMBINING MACRON}", "mm")] if mean else []
     loads = not speeds or bool(_existing_note(report, texts))
-    measured = [*([("v", "mm/s"), ("s/v", "ms")] * speeds), *([("F", "kN")] * loads)]
-    columns += [formatting.symbol_title(symbol, unit) for symbol, unit in measured]
-    right = (1, *range(4, len(columns)))
-    columns += [formatting.name_of(quantity, texts)] if judged else []
-    columns += [texts["modulus"]]
-    columns += [] if judged else [texts["equivalent_modulus"]]
-    columns += [texts["target"], texts["verdict"]]
-    rows = []
-    for point, chainage, time in zip(report.points, chainages, times, strict=True):
-        progress = point.progress
-        facts = [drop.facts for drop in shown_drops(point)]
-        depths = [s for fact in facts if (s := fact.peak_deflection) is not None]
-        kind = verdict_of(point)
-        cells: list[str | Mark] = [
-            point.shown_name,
-            chainage,
-            time,
-            " / ".join(map(depth_text, depths[:MAX_LISTED_DEPTHS]))
-            + (" …" if len(depths) > MAX_LISTED_DEPTHS else ""),
-        ]
-        cells += [depth_text(fmean(depths) if depths and progress.used else None)] if mean else []
-        if speeds:
-            cells += [
-                _mean([v * 1e3 for fact in facts if (v := fact.peak_velocity) is not None]),
-                formatting.scaled(progress.s_over_v, 1e3, ""),
-            ]
-        if loads:
-            cells.append(_mean([f / 1e3 for fact in facts if (f := fact.peak_load) is not None]))
-        cells += [formatting.value_of(progress.value, texts)] if judged else []
-        cells += [
-            modulus_text(point, texts) if progress.used or progress.modulus else _moduli_of(facts),
-            *([] if judged else [equivalent_text(point, texts)]),
-            formatting.target_of(progress.target, quantity),
-            Mark(kind, texts["discarded"] if point.discarded else texts[kind]),
-        ]
-        rows.append(tuple(cells))
-    table = Table(tuple(columns), tuple(rows), right)
-    return formatting.without_empty_columns(table, always=(title, texts["target"]))
+    points = report.points
+    facts = [[drop.facts for drop in shown_drops(point)] for point in points]
+    depths = [[s for f in of_point if (s := f.peak_deflection) is not None] for of_point in facts]
+    columns = [
+        Column(texts["point"], [point.shown_name for point in points], right=False),
+        Column(along, chainages),
+        Column(title, times, right=False, always=True),
+        Column(formatting.symbol_title("s", "mm"), [_depths(d, texts) for d in depths], False),
+        Column(
+            formatting.symbol_title("s\N{COMBINING MACRON}", "mm"),
+            [
+                mean("settlement", of_point if mean_shown and p.progress.used else (), texts)
+                for p, of_point in zip(points, depths, strict=True)
+            ],
+        ),
+    ]
+    if speeds:
+        speed = [mean(Measurand.VELOCITY, (f.peak_velocity for f in fs), texts) for fs in facts]
+        ratio = [number("duration", point.progress.s_over_v, texts) for point in points]
+        columns.append(Column(formatting.symbol_title("v", "mm/s"), speed))
+        columns.append(Column(formatting.symbol_title("s/v", "ms"), ratio))
+    if loads:
+        force = [mean("load", (f.peak_load for f in of_point), texts) for of_point in facts]
+        columns.append(Column(formatting.symbol_title("F", "kN"), force))
+    if quantity is not Quantity.MODULUS:
+        values = [formatting.value_of(point.progress.value, texts) for point in points]
+        columns.append(Column(formatting.name_of(quantity, texts), values, right=False))
+    moduli = [
+        modulus_text(p, texts) if p.progress.used or p.progress.modulus else _moduli_of(fs, texts)
+        for p, fs in zip(points, facts, strict=True)
+    ]
+    columns.append(Column(texts["modulus"], moduli, right=False))
+    if quantity is Quantity.MODULUS:
+        equivalent = [equivalent_text(point, texts) for point in points]
+        columns.append(Column(texts["equivalent_modulus"], equivalent, right=False))
+    return formatting.table(*columns, *verdict_columns(report, texts))
 
 
-def _moduli_of(drops: Sequence[PointDrop]) -> str:
+def _depths(depths: Sequence[float], texts: Texts) -> str:
+    """Return the first deflections, mm."""
+    listed = " / ".join(number("settlement", s, texts) for s in depths[:MAX_LISTED_DEPTHS])
+    return f"{listed} …" if len(depths) > MAX_LISTED_DEPTHS else listed
+
+
+def _moduli_of(drops: Sequence[PointDrop], texts: Texts) -> str:
     """Return the moduli of drops that are not averaged; what the data do not support is missing."""
     supported = [
-        significant(drop.modulus / 1e6)
+        number("modulus", drop.modulus, texts)
         for drop in drops
         if drop.modulus is not None and drop.fit_fault is None and drop.record_fault is None
     ]
@@ -385,11 +388,6 @@ def _existing_note(report: Report, texts: Texts) -> list[Block]:
     """Return the note on points with drops of which none is averaged; empty without any."""
     some = any(shown_drops(point) and not point.progress.used for point in report.points)
     return [Paragraph(texts["existing_drops"], "note")] if some else []
-
-
-def depth_text(depth: float | None) -> str:
-    """Return a deflection given in m as a text in mm; a dash if it is not known."""
-    return formatting.NO_VALUE if depth is None else f"{depth * 1e3:.3f}"
 
 
 def verdict_reasons(report: Report, texts: Texts) -> list[Block]:
@@ -433,10 +431,6 @@ def unsupported_note(report: Report, texts: Texts) -> list[Block]:
     listed = "; ".join(f"{', '.join(names)}: {reason}" for reason, names in reasons.items())
     text = f"{UNSUPPORTED_MARK} {texts['not_supported']}"
     return [Paragraph(f"{text}: {listed}" if listed else f"{text}.", "note")]
-
-
-def _mean(values: Sequence[float]) -> str:
-    return significant(sum(values) / len(values)) if values else formatting.NO_VALUE
 
 
 MAX_LISTED_DEPTHS = 3

@@ -18,7 +18,6 @@ from pfwd.report.certificate_blocks import (
 )
 from pfwd.report.content import Report
 from pfwd.report.fonts import Letters
-from pfwd.report.localising import localised, names_of
 from pfwd.report.lot_blocks import lot_blocks
 from pfwd.report.peaks_blocks import basin_of_drop, has_only_peaks, has_only_stiffness
 from pfwd.report.point_blocks import photo_blocks, point_blocks
@@ -52,8 +51,7 @@ def compose(
     list of Block
         The first heading is that of the report.
     """
-    certificate = certificate_blocks(report, texts, letters, company, logo)
-    blocks = [*certificate]
+    blocks = certificate_blocks(report, texts, letters, company, logo)
     only_peaks = has_only_peaks(report)
     overview = summary_blocks(report, texts, letters)
     if len(report.points) > MAX_ROWS:  # their table has no room on the first page, the map has
@@ -77,22 +75,13 @@ def compose(
     if texts.code not in ("en", *texts.with_messages):
         blocks.append(Paragraph(texts["messages_note"], "note"))
     common = common_warnings(report)
-    keep = {texts[name] for name in _AS_THEY_ARE}
-    # Names of documents (TP BF-StB part B 8.3) have dots that are no decimal signs.
-    keep |= {block.text for block in certificate if isinstance(block, Paragraph)}
     pages = [
         Together((*point_blocks(p, report, texts, common), *photo_blocks(p, report.survey, texts)))
         for p in report.points
     ]
-    names = names_of(report)
-    content = localised(blocks, texts, keep, names)
-    content += procedure_blocks(report.procedure, texts) if report.chosen else []
-    content += device_blocks(report, texts)
-    return [*content, *localised(pages, texts, keep, names), *recompute_blocks(report, texts)]
-
-
-_AS_THEY_ARE = ("survey", "made", "software", "judged_by", "position", "period", "photos")
-"""Keys of labels whose values contain dots that are not decimal signs."""
+    blocks += procedure_blocks(report.procedure, texts) if report.chosen else []
+    blocks += device_blocks(report, texts)
+    return [*blocks, *pages, *recompute_blocks(report, texts)]
 
 
 def on_new_page(heading: Block) -> Block:

@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any, TypeGuard
 
 from pfwd.analysis.results import DiagnosisResult, EffectResult
-from pfwd.facts import facts_of_state
+from pfwd.facts import facts_of_effect, facts_of_state
 from pfwd.judging import PointView
 from pfwd.message_groups import group_messages
 from pfwd.report import formatting
@@ -15,7 +15,6 @@ from pfwd.report.drawing import COLOURS, finish, margins, number_log_axis
 from pfwd.report.formatting import percent
 from pfwd.report.point_facts import all_warnings, diagnosis_counts, diagnosis_of
 from pfwd.report.texts import Texts
-from pfwd.units import Fact, unit_of_effect
 
 _VERDICTS = ("clean", "explained", "unexplained")
 
@@ -69,8 +68,8 @@ def _states(diagnosis: DiagnosisResult, texts: Texts, *, counts: bool) -> list[B
                 for key in ("modulus", "equivalent")
             ),
             texts.word(str(state.model)),
-            formatting.percent(state.contact_residual_rms_over_peak),
-            formatting.percent(state.residual_rms_over_peak),
+            percent(state.contact_residual_rms_over_peak, texts),
+            percent(state.residual_rms_over_peak, texts),
         )
         for when, state in (("before", diagnosis.before), ("after", diagnosis.after))
         if state is not None
@@ -87,18 +86,29 @@ def _states(diagnosis: DiagnosisResult, texts: Texts, *, counts: bool) -> list[B
     )
     blocks: list[Block] = [Table(columns, tuple(rows), (1, 2, 4, 5))]
     if not counts:  # else the facts of the point have it
-        plate = texts.word(diagnosis.plate or "rigid-rough")
-        radius, ratio = diagnosis.plate_radius_m or 0.0, diagnosis.poisson_ratio or 0.0
-        blocks.append(Paragraph(f"{texts['basis']}: {plate} {radius:g} m, ν {ratio:g}", "note"))
+        plate = formatting.plate_text(
+            diagnosis.plate or "rigid-rough",
+            diagnosis.plate_radius_m,
+            diagnosis.poisson_ratio,
+            texts,
+        )
+        blocks.append(Paragraph(f"{texts['basis']}: {plate}", "note"))
     return blocks
 
 
 def _effect(effect: EffectResult, texts: Texts) -> str:
-    unit = unit_of_effect(effect.unit or "")
-    value = formatting.show(Fact(unit, effect.value, deviation=effect.sd), texts)
-    text = f"{texts.word(str(effect.name))}: {value}"
+    """Return an effect with all its parameters, the effects in its place, and the advice."""
+    facts = facts_of_effect(effect)
+    values = []
+    for name, drop, fact in facts:
+        words = [texts.word(name)] if len(facts) > 1 else []
+        words += [] if drop is None else [f"({texts['drop']} {drop})"]
+        values.append(" ".join([*words, formatting.show(fact, texts)]))
+    text = texts.word(effect.name) + (f": {'; '.join(values)}" if values else "")
     alternatives = ", ".join(map(texts.word, effect.alternatives))
-    return f"{text} ({texts['effect_or']} {alternatives})" if alternatives else text
+    text += f" ({texts['effect_or']} {alternatives})" if alternatives else ""
+    advice = texts.advice(effect)
+    return f"{text} – {advice}" if advice else text
 
 
 Step = tuple[str, float, str]
@@ -141,8 +151,7 @@ def draw_ladder(figure: Any, diagnosis: DiagnosisResult, texts: Texts) -> None:
     start = 100 * lowest / 1.6
     for place, (_, residual, kind) in enumerate(steps):
         axes.barh(place, 100 * residual - start, left=start, height=0.62, color=colours[kind])
-        text = percent(residual).replace(".", texts.decimal)
-        axes.text(100 * residual * 1.04, place, text, va="center", fontsize=7)
+        axes.text(100 * residual * 1.04, place, percent(residual, texts), va="center", fontsize=7)
     axes.set_xscale("log")
     axes.set_xlim(start, 160 * max(residual for _, residual, _ in steps))
     axes.set_yticks(range(len(steps)), [name for name, _, _ in steps])

@@ -14,7 +14,7 @@ from pfwd.judging import DropView, PointView
 from pfwd.procedures import Verdict
 from pfwd.report.content import Report
 from pfwd.report.fonts import Letters
-from pfwd.report.formatting import name_of
+from pfwd.report.formatting import declared, name_of, place_of_sensor
 from pfwd.report.labels import common_beginning, on_page, place_labels, room_of
 from pfwd.report.lot import Line, Lot
 from pfwd.report.point_facts import shown_drops
@@ -229,11 +229,11 @@ def draw_peaks_profile(
     for number, offset in enumerate(offsets):
         colour = colormaps["viridis"](0.9 * number / max(1, len(offsets) - 1))
         values = [1e6 * of_point.get(offset, math.nan) for of_point in peaks]
-        label = texts["centre"] if offset == 0 else f"{offset:g} m".replace(".", texts.decimal)
+        label = place_of_sensor(offset, texts)
         depth.plot(places, values, ".-", color=colour, linewidth=0.9, markersize=4, label=label)
     depth.set_ylim(bottom=0.0)
     depth.invert_yaxis()
-    depth.set_ylabel(texts["peak_axis"], fontsize=7)
+    depth.set_ylabel(f"{texts['deflection']}, µm", fontsize=7)
     depth.legend(fontsize=6, loc="upper left", bbox_to_anchor=(1.005, 1.03), frameon=False)
     depth.tick_params(labelbottom=False)
     means = [1e-6 * float(np.mean(values)) if values else math.nan for values in moduli]
@@ -351,20 +351,20 @@ def _draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts, right: fl
         load.plot(time[part], curves.load[part] / 1e3, color=colour, linewidth=1.1, label=name)
         for values in () if curves.before is None else curves.before:
             grey: Mapping[str, Any] = {"color": "0.65", "linewidth": 0.9, "zorder": 1.5}
-            moved.plot(time[part], values[part] * 1e6, **grey)
+            moved.plot(time[part], values[part] * 1e3, **grey)
         # A single sensor needs no name, and many names would hide the curves.
         sensors = curves.offsets.size
         is_named = sensors <= MAX_LEGEND_SENSORS and sensors + len(drop.left_out) > 1
         for row, offset in enumerate(curves.offsets):
-            label = texts["centre"] if offset == 0 else f"{offset:g} m"
+            label = place_of_sensor(offset, texts)
             if len(drops) == 1:
                 colour = COLOURS[row % len(COLOURS)]
             moved.plot(
-                time[dots], curves.observed[row][dots] * 1e6, ".", markersize=2.6, color=colour
+                time[dots], curves.observed[row][dots] * 1e3, ".", markersize=2.6, color=colour
             )
             moved.plot(
                 time[part],
-                curves.predicted[row][part] * 1e6,
+                curves.predicted[row][part] * 1e3,
                 color=colour,
                 linewidth=1.0,
                 linestyle=("-", "--", "-.", ":")[row % 4],
@@ -387,7 +387,7 @@ def _draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts, right: fl
     excluded = dict.fromkeys(offset for drop in drops for offset in drop.left_out)
     for offset in excluded:
         # Its name alone: what a loose sensor recorded would squeeze the others into a line.
-        moved.plot([], [], color="0.6", label=texts.say("left_out", offset=f"{offset:g}"))
+        moved.plot([], [], color="0.6", label=texts.say("left_out", offset=declared(offset, texts)))
     if ends:
         load.legend(fontsize=7, loc="upper right")
         drawn = [drop.curves for drop in drops if drop.curves is not None]
@@ -425,9 +425,9 @@ def _draw_deflections(axes: Any, point: PointView, texts: Texts) -> None:
             "markerfacecolor": fill,
             "markersize": 6,
         }
-        axes.plot(number, deflection * 1e6, shape, label=label, **style)
+        axes.plot(number, deflection * 1e3, shape, label=label, **style)
         numbers.append(number)
-        depths.append(deflection * 1e6)
+        depths.append(deflection * 1e3)
     axes.plot(numbers, depths, color="0.75", linewidth=1.0, zorder=0)
     axes.set_ylabel(texts["deflection_axis"], fontsize=6)
     _finish_by_drop(axes, max([0.0, *depths]), texts)
@@ -698,13 +698,13 @@ def margins(x0: float, x1: float, y0: float, y1: float) -> dict[str, Any]:
     return {"left": x0, "right": x1, "bottom": y0, "top": y1}
 
 
-def finish(axes: Any, texts: Texts | None = None) -> None:
+def finish(axes: Any, texts: Texts) -> None:
     """Apply the style of all pictures to axes: grid, font size, decimal sign of the language."""
     axes.grid(alpha=0.25)
     axes.tick_params(labelsize=7)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
-    if texts is not None and (decimal := texts.decimal) != ".":
+    if (decimal := texts.decimal) != ".":
         from matplotlib.ticker import ScalarFormatter
 
         class _Localised(ScalarFormatter):
@@ -741,6 +741,4 @@ def number_log_axis(axes: Any, texts: Texts, min_ratio: float = 1.0) -> None:
     axes.xaxis.set_major_locator(LogLocator(10.0, digits))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.xaxis.set_major_formatter(
-        FuncFormatter(lambda value, _place: f"{value:g}".replace(".", texts.decimal))
-    )
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _place: declared(value, texts)))

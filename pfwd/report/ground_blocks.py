@@ -1,7 +1,7 @@
 """The part of a point's page on the ground: profile, bowl, residual by sensor, layers."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import Any
 
@@ -13,24 +13,15 @@ from pfwd.digits import significant
 from pfwd.facts import facts_of_drop
 from pfwd.judging import DropView
 from pfwd.report import formatting
-from pfwd.report.blocks import Block, Heading, Paragraph, Picture, Table
+from pfwd.report.blocks import Block, Heading, Paragraph, Picture
 from pfwd.report.drawing import COLOURS, finish, margins, number_log_axis
+from pfwd.report.formatting import Column, declared, number
 from pfwd.report.point_facts import drops_text
 from pfwd.report.texts import Texts
-from pfwd.units import Fact
+from pfwd.units import DECLARED, Fact
 
 _LAYERS_HEIGHT, _BOWL_HEIGHT = 66.0, 42.0
 """Heights of the picture in mm: layers with deflection bowl, and the bowl alone."""
-
-_LAYER_RESULTS = (
-    ("drop", ""),
-    ("layer", ""),
-    ("modulus", "MPa"),
-    ("thickness", "m"),
-    ("viscosity", "kPa s"),
-    ("density", "kg/m³"),
-    ("poisson", ""),
-)
 
 
 def ground_blocks(drops: Sequence[DropView], name: str, texts: Texts) -> list[Block]:
@@ -70,31 +61,39 @@ def effective_of(result: DropResult, texts: Texts) -> str:
     if result.effective_modulus_pa is None or depth is None:
         return formatting.NO_VALUE
     value = formatting.show(facts_of_drop(result)["effective"], texts)
-    return texts.say("effective_text", value=value, depth=significant(depth, 2))
+    return texts.say("effective_text", value=value, depth=texts.decimals(significant(depth, 2)))
 
 
 def _layers(drops: Sequence[DropView], texts: Texts) -> list[Block]:
-    rows = []
-    for drop in drops:
-        result = drop.result or DropResult()
-        layers = result.layers or ()
-        for place, layer in enumerate(layers, 1):
-            last = place == len(layers)
-            rows.append(
-                (
-                    str(drop.number),
-                    texts.say("subgrade_of", place=place) if last else str(place),
-                    _modulus(layer, texts),
-                    _thickness(layer, texts),
-                    formatting.scaled(layer.viscosity_pa_s, 1e-3, ""),
-                    formatting.scaled(layer.density_kg_m3, 1.0, "", 4),
-                    formatting.scaled(layer.poisson_ratio, 1.0, "", 2),
-                )
-            )
-    columns = tuple(f"{texts[name]}{', ' if unit else ''}{unit}" for name, unit in _LAYER_RESULTS)
+    media = [
+        (drop, place, layer)
+        for drop in drops
+        for place, layer in enumerate((drop.result or DropResult()).layers or (), 1)
+    ]
+    layers = [layer for _, _, layer in media]
+    names = [
+        texts.say("subgrade_of", place=place)
+        if drop.result is not None and place == len(drop.result.layers or ())
+        else str(place)
+        for drop, place, _ in media
+    ]
     blocks: list[Block] = [
         Heading(texts["layers"], 3),
-        Table(columns, tuple(rows), (0, *range(2, len(columns)))),
+        formatting.table(
+            Column(texts["drop"], [str(drop.number) for drop, _, _ in media]),
+            Column(texts["layer"], names, right=False),
+            Column(f"{texts['modulus']}, MPa", [_modulus(layer, texts) for layer in layers]),
+            Column(f"{texts['thickness']}, m", [_thickness(layer, texts) for layer in layers]),
+            Column(
+                f"{texts['viscosity']}, kPa s",
+                [number("viscosity", layer.viscosity_pa_s, texts) for layer in layers],
+            ),
+            Column(
+                f"{texts['density']}, kg/m³",
+                [number("density", layer.density_kg_m3, texts) for layer in layers],
+            ),
+            Column(texts["poisson"], [declared(layer.poisson_ratio, texts) for layer in layers]),
+        ),
     ]
     for drop in drops:
         effective = effective_of(drop.result or DropResult(), texts)
@@ -113,7 +112,7 @@ def _modulus(layer: LayerResult, texts: Texts) -> str:
 def _thickness(layer: LayerResult, texts: Texts) -> str:
     if layer.thickness_m is None:
         return texts["endless"]
-    note = "given" if layer.thickness_sd_m is None else ""
+    note = DECLARED if layer.thickness_sd_m is None else ""
     fact = Fact("depth", layer.thickness_m, layer.thickness_interval_m, note=note)
     return formatting.show(fact, texts, with_unit=False)
 
@@ -121,31 +120,35 @@ def _thickness(layer: LayerResult, texts: Texts) -> str:
 def _sensors(drops: Sequence[DropView], texts: Texts) -> list[Block]:
     """Return a line for each sensor: rms over the drops of its residual over its own peak."""
     fits = over_drops([sensor_fits(drop.curves) for drop in drops if drop.curves is not None])
-    rows = [
-        (
-            texts["centre"] if fit.offset == 0 else f"{fit.offset:g} m",
-            formatting.scaled(fit.measured_peak, 1e6, ""),
-            formatting.scaled(fit.modelled_peak, 1e6, ""),
-            formatting.scaled(fit.contact, 1e2, "", 2),
-            formatting.scaled(fit.whole, 1e2, "", 2),
-        )
-        for fit in fits
-    ]
     excluded = dict.fromkeys(offset for drop in drops for offset in drop.left_out)
-    dashes = (formatting.NO_VALUE,) * 4
-    rows += [(texts.say("left_out", offset=f"{offset:g}"), *dashes) for offset in excluded]
-    columns = (
-        texts["sensor"],
-        f"{texts['bowl_measured']}, µm",
-        f"{texts['bowl_modelled']}, µm",
-        f"{texts['contact_phase']}, %",
-        f"{texts['whole_record']}, %",
+    excluded_names = [texts.say("left_out", offset=declared(offset, texts)) for offset in excluded]
+    dashes = [formatting.NO_VALUE] * len(excluded_names)
+
+    def column(title: str, cells: Iterable[str]) -> Column:
+        return Column(title, [*cells, *dashes])
+
+    table = formatting.table(
+        Column(
+            texts["sensor"],
+            [*(formatting.place_of_sensor(fit.offset, texts) for fit in fits), *excluded_names],
+            right=False,
+        ),
+        column(
+            f"{texts['bowl_measured']}, mm",
+            (number("settlement", fit.measured_peak, texts) for fit in fits),
+        ),
+        column(
+            f"{texts['bowl_modelled']}, mm",
+            (number("settlement", fit.modelled_peak, texts) for fit in fits),
+        ),
+        column(texts["contact_phase"], (formatting.percent(fit.contact, texts) for fit in fits)),
+        column(texts["whole_record"], (formatting.percent(fit.whole, texts) for fit in fits)),
     )
     numbers = [str(drop.number) for drop in drops]
     names = drops_text(numbers, numbers, texts)
     return [
         Heading(texts["sensor_residuals"], 3),
-        Table(columns, tuple(rows), (1, 2, 3, 4)),
+        table,
         Paragraph(f"{names}. {texts['sensor_residuals_note']}", "note"),
     ]
 
@@ -279,8 +282,8 @@ def _draw_bowl(
             continue
         colour = COLOURS[index % len(COLOURS)]
         offsets = np.array([fit.offset for fit in bowl])
-        measured = np.array([fit.measured_peak for fit in bowl]) * 1e6
-        modelled = np.array([fit.modelled_peak for fit in bowl]) * 1e6
+        measured = np.array([fit.measured_peak for fit in bowl]) * 1e3
+        modelled = np.array([fit.modelled_peak for fit in bowl]) * 1e3
         name = f"{texts['drop']} {drop.number}"
         axes.plot(offsets, modelled, "-", color=colour, linewidth=1.1, label=name)
         axes.plot(offsets, measured, "o", color=colour, markersize=4.0)

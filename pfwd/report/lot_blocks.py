@@ -11,6 +11,7 @@ from pfwd.report import formatting
 from pfwd.report.blocks import Block, Heading, Pairs, Paragraph, Picture, Table, Together
 from pfwd.report.content import Report
 from pfwd.report.drawing import draw_correlation, draw_lot
+from pfwd.report.formatting import mean, number
 from pfwd.report.lot import Lot, line_through, lot_of
 from pfwd.report.point_facts import verdict_of
 from pfwd.report.texts import Texts
@@ -61,16 +62,19 @@ def _rows(
     lot: Lot, points: Sequence[PointView], excluded: Sequence[str], unit: str, texts: Texts
 ) -> list[tuple[str, str]]:
     names = [point.shown_name for point in points]
-    outliers = ", ".join(f"{names[i]} ({significant(lot.values[i])})" for i in lot.noticeable)
+    quantity = Unit(unit, 1.0)
+    outliers = ", ".join(
+        f"{names[i]} ({number(quantity, lot.values[i], texts)})" for i in lot.noticeable
+    )
     low, high = lot.mean_interval
     ends = (max(0.0, low), high)
     return [
-        (texts["mean"], formatting.show(Fact(Unit(unit, 1.0), lot.mean, ends), texts)),
+        (texts["mean"], formatting.show(Fact(quantity, lot.mean, ends), texts)),
         (
             texts["spread_of_points"],
-            f"s = {significant(lot.deviation, 2)} {unit}, "
-            f"V = {formatting.percent(lot.variation)}; "
-            f"{significant(min(lot.values))} – {significant(max(lot.values))} {unit}, "
+            f"s = {_rough(lot.deviation, texts)} {unit}, "
+            f"V = {formatting.percent(lot.variation, texts)}; "
+            f"{_extremes(lot.values, texts)} {unit}, "
             f"n = {len(lot.values)}",
         ),
         (texts["characteristic"], _characteristic(lot, unit, texts)),
@@ -86,7 +90,17 @@ def _rows(
 def _characteristic(lot: Lot, unit: str, texts: Texts) -> str:
     if lot.characteristic <= 0:
         return texts["characteristic_none"]
-    return f"{significant(lot.characteristic, 2)} {unit}"
+    return f"{_rough(lot.characteristic, texts)} {unit}"
+
+
+def _rough(value: float, texts: Texts) -> str:
+    """Return an estimate from a few points, which supports two digits."""
+    return texts.decimals(significant(value, 2))
+
+
+def _extremes(values: Sequence[float], texts: Texts) -> str:
+    lowest, highest = (texts.decimals(significant(end)) for end in (min(values), max(values)))
+    return formatting.ends(lowest, highest)
 
 
 def _passed(points: Sequence[PointView], texts: Texts) -> str:
@@ -115,10 +129,10 @@ def _zones(
             (
                 name,
                 str(len(values)),
-                significant(sum(values) / len(values)),
-                formatting.NO_VALUE if lot is None else significant(lot.deviation, 2),
+                mean(Unit(unit, 1.0), values, texts),
+                formatting.NO_VALUE if lot is None else _rough(lot.deviation, texts),
                 formatting.NO_VALUE if lot is None else _characteristic(lot, "", texts).strip(),
-                f"{significant(min(values))} – {significant(max(values))}",
+                _extremes(values, texts),
                 _passed(some, texts),
             )
         )
@@ -155,9 +169,9 @@ def _correlation(
     draw = partial(draw_correlation, pairs=pairs, line=line, names=names, texts=texts)
     sign = "+" if line.slope >= 0 else "−"
     equation = (
-        f"{texts['plate_load_axis']} = {significant(line.intercept, 3)} MPa {sign} "
-        f"{significant(abs(line.slope), 3)} · {name}; R² = {line.r_squared:.2f}, "
+        f"{texts['plate_load_axis']} = {significant(line.intercept)} MPa {sign} "
+        f"{significant(abs(line.slope))} · {name}; R² = {line.r_squared:.2f}, "
         f"n = {line.pairs}"
     )
-    caption = f"{equation}. {texts['plate_load_note']}"
+    caption = f"{texts.decimals(equation)}. {texts['plate_load_note']}"
     return [*blocks, Picture(draw, _CORRELATION_HEIGHT, caption, texts["plate_load"])]

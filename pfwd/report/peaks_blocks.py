@@ -1,28 +1,31 @@
 """The parts of a report on drops without a modulus of a history: basins of peaks, rigs."""
 
-from collections.abc import Collection, Hashable, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Sequence
 from functools import partial
-from statistics import fmean
 
-from pfwd.digits import significant
 from pfwd.judging import DropView, PointView
 from pfwd.peaks.basin import ASSUMED_POISSON_RATIO, Basin, basin_of
+from pfwd.peaks.stiffness import Stiffness
 from pfwd.procedures import Verdict
 from pfwd.report import formatting
-from pfwd.report.blocks import Block, Heading, Mark, Pairs, Paragraph, Picture, Table
+from pfwd.report.blocks import Block, Heading, Pairs, Paragraph, Picture, Table
 from pfwd.report.content import Report
 from pfwd.report.drawing import draw_peaks_profile
 from pfwd.report.fonts import Letters
+from pfwd.report.formatting import Column, declared, mean, number
 from pfwd.report.point_facts import (
     chainage_column,
     remarks_of,
     time_cells,
     used_drops,
+    verdict_columns,
     verdict_of,
 )
 from pfwd.report.texts import Texts
+from pfwd.units import QuantityName, unit_of_effect
+from pfwd_plugins.quantities import Unit
 
-_INDICES = ("SCI, µm", "BDI, µm", "BCI, µm", "AREA, mm")
+STIFFNESS = unit_of_effect("N/m")
 
 _PROFILE_HEIGHT = 82.0
 """mm."""
@@ -48,68 +51,78 @@ def has_only_stiffness(report: Report) -> bool:
 def stiffness_table(report: Report, texts: Texts) -> Table:
     """Return the mean stiffness of the drops of each point on a rig, a line a point."""
     title, times = time_cells(report, texts)
-    rows = []
-    for point, time in zip(report.points, times, strict=True):
-        on_rig = [
-            d.stiffness for d in point.drops if d.stiffness is not None and d.discarded is None
-        ]
-        rows.append(
-            (
-                point.shown_name,
-                time,
-                str(len(on_rig)),
-                _mean([item.peak_load_n for item in on_rig], 1e-3),
-                _mean([item.peak_displacement_m for item in on_rig], 1e3),
-                _mean([item.secant_n_per_m for item in on_rig], 1e-6),
-                _mean([item.dynamic_n_per_m for item in on_rig], 1e-6),
-            )
-        )
-    columns = (
-        *(texts["point"], title, texts["drops"]),
-        *(formatting.symbol_title("F", "kN"), formatting.symbol_title("s", "mm")),
-        f"{texts['stiffness']}, {texts['secant_stiffness']}, MN/m",
-        f"{texts['stiffness']}, {texts['dynamic_stiffness']}, MN/m",
+    on_rig = [
+        [d.stiffness for d in point.drops if d.stiffness is not None and d.discarded is None]
+        for point in report.points
+    ]
+    return formatting.table(
+        Column(texts["point"], [point.shown_name for point in report.points], right=False),
+        Column(title, times, right=False, always=True),
+        Column(texts["drops"], [str(len(of_point)) for of_point in on_rig]),
+        *_stiffness_columns(on_rig, texts),
     )
-    return Table(columns, tuple(rows), tuple(range(2, len(columns))))
+
+
+def _stiffness_columns(drops: Sequence[Sequence[Stiffness]], texts: Texts) -> Iterable[Column]:
+    """Yield the columns of stiffness: a line for the mean of each group of drops."""
+    kinds: tuple[tuple[str, QuantityName | Unit, Callable[[Stiffness], float | None]], ...] = (
+        (formatting.symbol_title("F", "kN"), "load", lambda drop: drop.peak_load_n),
+        (formatting.symbol_title("s", "mm"), "settlement", lambda drop: drop.peak_displacement_m),
+        (
+            f"{texts['stiffness']}, {texts['secant_stiffness']}, MN/m",
+            STIFFNESS,
+            lambda drop: drop.secant_n_per_m,
+        ),
+        (
+            f"{texts['stiffness']}, {texts['dynamic_stiffness']}, MN/m",
+            STIFFNESS,
+            lambda drop: drop.dynamic_n_per_m,
+        ),
+    )
+    for title, quantity, value in kinds:
+        yield Column(title, [mean(quantity, map(value, group), texts) for group in drops])
 
 
 def peaks_table(report: Report, texts: Texts) -> Table:
     """Return every point in one line: mean load, deflection, moduli and indices of its peaks."""
     title, times = time_cells(report, texts)
-    judged = any(point.progress.value is not None for point in report.points)
-    has_verdict = any(verdict_of(point) != Verdict.NONE for point in report.points)
+    points = report.points
     along, chainages = chainage_column(report, texts)
-    columns = [texts["point"], along, title, texts["drops"]]
-    columns += [formatting.symbol_title("F", "kN"), formatting.symbol_title("s", "mm")]
-    columns += [f"{texts['peak_method']}, MPa", *_INDICES]
-    right = (1, *range(3, len(columns)))
-    columns += [formatting.name_of(report.procedure.quantity, texts)] if judged else []
-    columns += [texts["target"], texts["verdict"]] if has_verdict else []
-    rows = []
-    for point, chainage, time in zip(report.points, chainages, times, strict=True):
-        drops = used_drops(point)
-        basins = [basin for drop in drops if (basin := basin_of_drop(drop)) is not None]
-        kind = verdict_of(point)
-        cells: list[str | Mark] = [
-            point.shown_name,
-            chainage,
-            time,
-            str(len(drops)),
-            _mean([drop.facts.peak_load for drop in drops], 1e-3),
-            _mean([drop.facts.peak_deflection for drop in drops], 1e3),
-            _mean([basin.peak_modulus_pa for basin in basins], 1e-6),
-            _mean([basin.sci_m for basin in basins], 1e6),
-            _mean([basin.bdi_m for basin in basins], 1e6),
-            _mean([basin.bci_m for basin in basins], 1e6),
-            _mean([basin.area_m for basin in basins], 1e3),
-        ]
-        cells += [formatting.value_of(point.progress.value, texts)] if judged else []
-        if has_verdict:
-            cells.append(formatting.target_of(point.progress.target, report.procedure.quantity))
-            cells.append(Mark(kind, texts["discarded"] if point.discarded else texts[kind]))
-        rows.append(tuple(cells))
-    table = Table(tuple(columns), tuple(rows), right)
-    return formatting.without_empty_columns(table, always=(title, texts["target"]))
+    drops = [used_drops(point) for point in points]
+    basins = [[b for drop in used if (b := basin_of_drop(drop)) is not None] for used in drops]
+    loads = [mean("load", (drop.facts.peak_load for drop in used), texts) for used in drops]
+    depths = [
+        mean("deflection", (drop.facts.peak_deflection for drop in used), texts) for used in drops
+    ]
+    columns = [
+        Column(texts["point"], [point.shown_name for point in points], right=False),
+        Column(along, chainages),
+        Column(title, times, right=False, always=True),
+        Column(texts["drops"], [str(len(used)) for used in drops]),
+        Column(formatting.symbol_title("F", "kN"), loads),
+        Column(formatting.symbol_title("s", "µm"), depths),  # as the indices beside it
+        *_basin_columns(basins, texts),
+    ]
+    if any(point.progress.value is not None for point in points):
+        values = [formatting.value_of(point.progress.value, texts) for point in points]
+        name = formatting.name_of(report.procedure.quantity, texts)
+        columns.append(Column(name, values, right=False))
+    if any(verdict_of(point) != Verdict.NONE for point in points):
+        columns += verdict_columns(report, texts)
+    return formatting.table(*columns)
+
+
+def _basin_columns(basins: Sequence[Sequence[Basin]], texts: Texts) -> Iterable[Column]:
+    """Yield the columns of modulus and indices: a line for the mean of each group of basins."""
+    kinds: tuple[tuple[str, QuantityName, Callable[[Basin], float | None]], ...] = (
+        (f"{texts['peak_method']}, MPa", "modulus", lambda basin: basin.peak_modulus_pa),
+        ("SCI, µm", "deflection", lambda basin: basin.sci_m),
+        ("BDI, µm", "deflection", lambda basin: basin.bdi_m),
+        ("BCI, µm", "deflection", lambda basin: basin.bci_m),
+        ("AREA, mm", "length", lambda basin: basin.area_m),
+    )
+    for title, quantity, value in kinds:
+        yield Column(title, [mean(quantity, map(value, group), texts) for group in basins])
 
 
 def peaks_profile(report: Report, texts: Texts, letters: Letters) -> list[Block]:
@@ -161,32 +174,26 @@ def peaks_point_blocks(
 def _peaks_of_sensors(point: PointView, texts: Texts) -> Table:
     """Return the peaks of a point as recorded, a line a drop."""
     kinds = dict(point.progress.kinds)
-    peaks = {drop.number: dict(drop.peaks.displacements) for drop in point.drops if drop.peaks}
-    offsets = sorted({offset for of_drop in peaks.values() for offset in of_drop})
-    rows = [
-        (
-            str(drop.number),
-            texts[str(kinds.get(drop.number, facts.kind))],
-            formatting.scaled(facts.peak_load, 1e-3, ""),
-            *(
-                formatting.scaled(peaks.get(drop.number, {}).get(offset), 1e6, "", 4)
-                for offset in offsets
-            ),
-        )
-        for drop, facts in zip(point.drops, point.facts, strict=True)
-    ]
-    columns = (
-        texts["drop"],
-        texts["kind"],
-        formatting.symbol_title("F", "kN"),
-        *(f"d({offset:g} m), µm" for offset in offsets),
+    peaks = [dict(drop.peaks.displacements) if drop.peaks else {} for drop in point.drops]
+    return formatting.table(
+        Column(texts["drop"], [str(drop.number) for drop in point.drops]),
+        Column(
+            texts["kind"],
+            [texts[str(kinds.get(facts.number, facts.kind))] for facts in point.facts],
+            right=False,
+        ),
+        Column(
+            formatting.symbol_title("F", "kN"),
+            [number("load", facts.peak_load, texts) for facts in point.facts],
+        ),
+        *(
+            Column(
+                f"d({declared(offset, texts, 'm')}), µm",
+                [number("deflection", of_drop.get(offset), texts) for of_drop in peaks],
+            )
+            for offset in sorted({offset for of_drop in peaks for offset in of_drop})
+        ),
     )
-    return Table(columns, tuple(rows), (0, *range(2, len(columns))))
-
-
-def _mean(values: Sequence[float | None], scale: float) -> str:
-    recorded = [value * scale for value in values if value is not None]
-    return significant(fmean(recorded)) if recorded else formatting.NO_VALUE
 
 
 def basin_of_drop(drop: DropView) -> Basin | None:
@@ -203,70 +210,39 @@ def _basins(point: PointView, texts: Texts, *, with_heading: bool = True) -> lis
     with_basin = [(drop, basin) for drop, basin in basins if basin is not None]
     if not with_basin:
         return []
-    distances = sorted({offset for _, basin in with_basin for offset in basin.surface_moduli_pa})
-    rows = [
-        (
-            str(drop.number),
-            formatting.scaled(basin.peak_modulus_pa, 1e-6, ""),
-            *_indices(basin),
-            *(
-                formatting.scaled(basin.surface_moduli_pa.get(offset), 1e-6, "")
-                for offset in distances
-            ),
-        )
-        for drop, basin in with_basin
-    ]
-    columns = (
-        texts["drop"],
-        f"{texts['peak_method']}, MPa",
-        *_INDICES,
-        *(f"E\N{SUBSCRIPT ZERO}({offset:g} m), MPa" for offset in distances),
+    moduli = [basin.surface_moduli_pa for _, basin in with_basin]
+    table = formatting.table(
+        Column(texts["drop"], [str(drop.number) for drop, _ in with_basin]),
+        *_basin_columns([[basin] for _, basin in with_basin], texts),
+        *(
+            Column(
+                f"E\N{SUBSCRIPT ZERO}({declared(offset, texts, 'm')}), MPa",
+                [number("modulus", of_drop.get(offset), texts) for of_drop in moduli],
+            )
+            for offset in sorted({offset for of_drop in moduli for offset in of_drop})
+        ),
     )
     ratio = point.setup.poisson_ratio
-    basis = f"a = {point.setup.plate_radius:g} m, ν = "
-    basis += f"{ASSUMED_POISSON_RATIO if ratio is None else ratio:g}"
+    basis = f"a = {declared(point.setup.plate_radius, texts, 'm')}, ν = "
+    basis += declared(ASSUMED_POISSON_RATIO if ratio is None else ratio, texts)
     out = sorted({offset for _, basin in with_basin for offset in basin.rejected_offsets_m})
     blocks: list[Block] = [
         *([Heading(texts["basin"], 3)] if with_heading else []),
-        Table(columns, tuple(rows), tuple(range(len(columns)))),
+        table,
         Paragraph(f"{basis}. {texts['basin_short']}" if with_heading else basis, "note"),
     ]
     if out:
-        places = ", ".join(f"{offset:g} m" for offset in out)
+        places = ", ".join(declared(offset, texts, "m") for offset in out)
         blocks.append(Paragraph(texts.say("basin_left_out", places=places), "note"))
     return blocks
 
 
-def _indices(basin: Basin) -> tuple[str, ...]:
-    depths = (
-        formatting.scaled(value, 1e6, "") for value in (basin.sci_m, basin.bdi_m, basin.bci_m)
-    )
-    return (*depths, formatting.scaled(basin.area_m, 1e3, ""))
-
-
 def _stiffness(point: PointView, texts: Texts) -> list[Block]:
-    rows = [
-        (
-            str(drop.number),
-            formatting.scaled(drop.stiffness.peak_load_n, 1e-3, ""),
-            formatting.scaled(drop.stiffness.peak_displacement_m, 1e6, ""),
-            formatting.scaled(drop.stiffness.secant_n_per_m, 1e-6, ""),
-            formatting.scaled(drop.stiffness.dynamic_n_per_m, 1e-6, ""),
-        )
-        for drop in point.drops
-        if drop.stiffness is not None
-    ]
-    if not rows:
+    on_rig = [(drop, drop.stiffness) for drop in point.drops if drop.stiffness is not None]
+    if not on_rig:
         return []
-    columns = (
-        texts["drop"],
-        f"{texts['load']}, kN",
-        f"{texts['deflection']}, µm",
-        f"{texts['secant_stiffness']}, MN/m",
-        f"{texts['dynamic_stiffness']}, MN/m",
+    table = formatting.table(
+        Column(texts["drop"], [str(drop.number) for drop, _ in on_rig]),
+        *_stiffness_columns([[stiffness] for _, stiffness in on_rig], texts),
     )
-    return [
-        Heading(texts["stiffness"], 3),
-        Table(columns, tuple(rows), tuple(range(len(columns)))),
-        Paragraph(texts["stiffness_note"], "note"),
-    ]
+    return [Heading(texts["stiffness"], 3), table, Paragraph(texts["stiffness_note"], "note")]

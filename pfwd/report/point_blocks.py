@@ -18,11 +18,11 @@ from pfwd.report.blocks import (
     Pairs,
     Paragraph,
     Picture,
-    Table,
 )
 from pfwd.report.content import Report
 from pfwd.report.diagnosis_blocks import diagnosis_blocks
 from pfwd.report.drawing import MAX_PHOTOS, draw_photos, draw_point
+from pfwd.report.formatting import Column, declared
 from pfwd.report.ground_blocks import ground_blocks
 from pfwd.report.peaks_blocks import (
     has_only_peaks,
@@ -33,6 +33,7 @@ from pfwd.report.peaks_blocks import (
 from pfwd.report.point_facts import (
     diagnosis_counts,
     diagnosis_of,
+    drop_columns,
     drops_text,
     remarks_of,
     time_with_zone,
@@ -43,26 +44,8 @@ from pfwd.report.point_result import result_rows
 from pfwd.report.texts import Texts
 from pfwd.units import Fact, unit_of_effect
 
-_NO_RESULT = DropResult()
-
 MAX_DRAWN_DROPS = 6
 """Number of drops in one picture of traces: the averaged ones, else the last ones."""
-
-_DROP_RESULT_COLUMNS = (
-    ("drop", ""),
-    ("kind", ""),
-    ("load", "kN"),
-    ("deflection", "µm"),
-    ("pulse", "ms"),
-    ("modulus", "MPa"),
-    ("equivalent_modulus", "MPa"),
-    ("viscosity", "kPa s"),
-    ("density", "kg/m³"),
-    ("bedrock", "m"),
-    ("residual", "%"),
-    ("peak_method", "MPa"),
-)
-
 
 _EMPTY_LETTERS = f"{formatting.NO_VALUE}; "
 """Characters of a value that is not known."""
@@ -147,8 +130,8 @@ def _rows(point: PointView, report: Report, texts: Texts) -> list[tuple[str, str
                 f"{formatting.value_basis(progress.value, texts)}",
             )
         ]
-    spread = formatting.percent(progress.deflection_spread)
-    s_over_v = formatting.scaled(progress.s_over_v, 1e3, "ms")
+    spread = formatting.percent(progress.deflection_spread, texts)
+    s_over_v = formatting.show(Fact("duration", progress.s_over_v), texts)
     scatter = [
         f"{name}: {value}"
         for name, value in ((texts["spread"], spread), (texts["s_over_v"], s_over_v))
@@ -157,8 +140,8 @@ def _rows(point: PointView, report: Report, texts: Texts) -> list[tuple[str, str
     around = [
         f"{texts[name]}: {value}"
         for name, value in (
-            ("moisture", formatting.scaled(point.setup.moisture, 1.0, "%")),
-            ("temperature", formatting.scaled(point.setup.temperature, 1.0, "°C")),
+            ("moisture", declared(point.setup.moisture, texts, "%")),
+            ("temperature", declared(point.setup.temperature, texts, "°C")),
             ("material", _text_of(point.setup.material)),
             ("photos", _text_of(point.setup.photos)),
         )
@@ -221,7 +204,7 @@ def _pictures(point: PointView, texts: Texts) -> list[Block]:
 
 
 def _target(point: PointView, report: Report, texts: Texts) -> str:
-    text = formatting.target_of(point.progress.target, report.procedure.quantity)
+    text = formatting.target_of(point.progress.target, report.procedure.quantity, texts)
     source = texts.message(point.progress.target_source or "")
     return f"{text} ({source})" if text != formatting.NO_VALUE and source else text
 
@@ -261,42 +244,42 @@ def position_text(position: Mapping[str, Any] | None, texts: Texts) -> str:
     ):
         value = position.get(key)
         if value is not None:
-            parts.append(f"{name} {value:.3g}" if isinstance(value, int | float) else str(value))
+            is_number = isinstance(value, int | float)
+            parts.append(f"{name} {texts.decimals(f'{value:.3g}')}" if is_number else str(value))
     return ", ".join(parts)
 
 
 def _results(point: PointView, texts: Texts) -> list[Block]:
     kinds = dict(point.progress.kinds)
     is_diagnosed = diagnosis_counts(point)
-    rows = []
-    for drop, facts in zip(point.drops, point.facts, strict=True):
-        result = drop.result or _NO_RESULT
-        kind = str(kinds.get(drop.number, facts.kind))
-        fitted = facts_of_drop(result)
-        rows.append(
-            (
-                str(drop.number),
-                texts[kind],
-                formatting.scaled(facts.peak_load, 1e-3, ""),
-                formatting.scaled(facts.peak_deflection, 1e6, ""),
-                formatting.scaled(facts.pulse_duration, 1e3, ""),
-                formatting.NO_VALUE
-                if is_diagnosed and not drop.has_layers
-                else formatting.show(fitted["modulus"], texts, with_unit=False),
-                *(
-                    formatting.show(fitted[key], texts, with_unit=False)
-                    for key in ("equivalent", "viscosity", "density", "bedrock")
-                ),
-                formatting.scaled(result.residual_rms_over_peak, 1e2, "", 2),
-                formatting.scaled(result.peak_modulus_pa, 1e-6, ""),
-            )
-        )
-    names = [f"{texts[name]}{', ' if unit else ''}{unit}" for name, unit in _DROP_RESULT_COLUMNS]
-    # A point of peaks has values in few columns.
-    filled = [i for i in range(len(names)) if any(row[i] != formatting.NO_VALUE for row in rows)]
-    cells = tuple(tuple(row[i] for i in filled) for row in rows)
-    right = tuple(place for place, i in enumerate(filled) if i != 1)
-    table = Table(tuple(names[i] for i in filled), cells, right)
+    results = [drop.result or DropResult() for drop in point.drops]
+    fitted = [facts_of_drop(result) for result in results]
+    for drop, of_drop in zip(point.drops, fitted, strict=True):
+        if is_diagnosed and not drop.has_layers:  # the diagnosis has one modulus for all drops
+            of_drop["modulus"] = Fact("modulus", None)
+
+    def column(key: str, title: str) -> Column:
+        return Column(title, [formatting.show(of[key], texts, with_unit=False) for of in fitted])
+
+    table = formatting.table(
+        Column(texts["drop"], [str(drop.number) for drop in point.drops]),
+        Column(
+            texts["kind"],
+            [texts[str(kinds.get(facts.number, facts.kind))] for facts in point.facts],
+            right=False,
+        ),
+        *drop_columns(point.facts, texts),
+        column("modulus", f"{texts['modulus']}, MPa"),
+        column("equivalent", f"{texts['equivalent_modulus']}, MPa"),
+        column("viscosity", f"{texts['viscosity']}, kPa s"),
+        column("density", f"{texts['density']}, kg/m³"),
+        column("bedrock", f"{texts['bedrock']}, m"),
+        Column(
+            texts["residual"],
+            [formatting.percent(result.residual_rms_over_peak, texts) for result in results],
+        ),
+        column("peak modulus", f"{texts['peak_method']}, MPa"),
+    )
     basis: dict[str, list[str]] = {}
     for drop in point.drops:
         stored_result = drop.result
@@ -307,7 +290,8 @@ def _results(point: PointView, texts: Texts) -> list[Block]:
                 f"{texts.word(str(stored_result.method))}, "
                 f"{texts['load']}: {texts.word(str(stored_result.load))}; "
                 f"{texts['seed']} {stored_result.seed}; {where}; "
-                f"{texts['peak_method']}: k = {stored_result.peak_factor or math.nan:.4g}"
+                f"{texts['peak_method']}: k = "
+                f"{texts.decimals(f'{stored_result.peak_factor or math.nan:.4g}')}"
             )
             basis.setdefault(text, []).append(str(drop.number))
     order = [str(drop.number) for drop in point.drops]

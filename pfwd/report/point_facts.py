@@ -11,11 +11,44 @@ from pfwd.files.header import IMPORTED, declared_values
 from pfwd.judging import DropView, PointView
 from pfwd.judging.stations import chainage_of_point
 from pfwd.message_groups import MessageGroup, as_ranges, group_messages
-from pfwd.procedures import Kind, Quantity, Verdict
+from pfwd.procedures import Kind, PointDrop, Quantity, Verdict
 from pfwd.report import formatting
-from pfwd.report.blocks import Block, Heading, Listing, Paragraph
+from pfwd.report.blocks import Block, Heading, Listing, Mark, Paragraph
 from pfwd.report.content import Report
+from pfwd.report.formatting import Column, number, symbol_title
 from pfwd.report.texts import Texts
+
+
+def verdict_columns(report: Report, texts: Texts) -> tuple[Column, Column]:
+    """Return the columns with the target and the verdict of each point."""
+    quantity = report.procedure.quantity
+    targets = [formatting.target_of(p.progress.target, quantity, texts) for p in report.points]
+    verdicts = [verdict_mark(point, texts) for point in report.points]
+    return (
+        Column(texts["target"], targets, right=False, always=True),
+        Column(texts["verdict"], verdicts, right=False),
+    )
+
+
+def drop_columns(drops: Sequence[PointDrop], texts: Texts) -> tuple[Column, ...]:
+    """Return the columns with load, deflection and duration of the pulse of drops."""
+    return (
+        Column(symbol_title("F", "kN"), [number("load", drop.peak_load, texts) for drop in drops]),
+        Column(
+            symbol_title("s", "mm"),
+            [number("settlement", drop.peak_deflection, texts) for drop in drops],
+        ),
+        Column(
+            f"{texts['pulse']}, ms",
+            [number("duration", drop.pulse_duration, texts) for drop in drops],
+        ),
+    )
+
+
+def verdict_mark(point: PointView, texts: Texts) -> Mark:
+    """Return the verdict of a point as a mark in a cell."""
+    kind = verdict_of(point)
+    return Mark(kind, texts["discarded"] if point.discarded else texts[kind])
 
 
 def verdict_of(point: PointView) -> str:
@@ -103,12 +136,12 @@ def target_notes(report: Report, texts: Texts) -> list[Block]:
     for point in report.points:
         if point.name in report.target_changes:
             time, before = report.target_changes[point.name]
-            shown = f"{time[:MINUTE_LENGTH].replace('T', ' ')} UTC"
-            target = formatting.target_of(before, quantity)
-            note = texts.say("target_changed", time=shown, target=target)
+            moment = f"{time[:MINUTE_LENGTH].replace('T', ' ')} UTC"
+            target = formatting.target_of(before, quantity, texts)
+            note = texts.say("target_changed", time=moment, target=target)
             notes.setdefault(note, []).append(point.shown_name)
     if report.replaced_target is not None:
-        target = formatting.target_of(report.replaced_target, quantity)
+        target = formatting.target_of(report.replaced_target, quantity, texts)
         notes[texts.say("target_of_slip", target=target)] = [report.points[0].shown_name]
     return [
         Paragraph(f"{', '.join(dict.fromkeys(names))}: {note}", "small warning")
@@ -132,8 +165,11 @@ def chainage_column(report: Report, texts: Texts) -> tuple[str, list[str]]:
         )
         for point in report.points
     ]
-    cells = [formatting.NO_VALUE if c is None else f"{round(c, 2):.10g}" for c in chainages]
-    return formatting.symbol_title(texts["chainage"], "m"), cells
+    cells = [
+        formatting.NO_VALUE if c is None else texts.decimals(f"{round(c, 2):.10g}")
+        for c in chainages
+    ]
+    return symbol_title(texts["chainage"], "m"), cells
 
 
 MINUTE_LENGTH = len("2026-01-31 14:05")

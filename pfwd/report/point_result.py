@@ -54,11 +54,14 @@ def _basis_of_diagnosis(diagnosis: DiagnosisResult, point: PointView, texts: Tex
     model = formatting.on_rock(
         texts.word(str(after.model)), _bedrock_depth(diagnosis, texts), texts
     )
-    plate = f"{texts.word(diagnosis.plate or 'rigid-rough')} {diagnosis.plate_radius_m or 0.0:g} m"
     parts = [
         model,
-        plate,
-        f"ν {diagnosis.poisson_ratio or 0.0:g}",
+        formatting.plate_text(
+            diagnosis.plate or "rigid-rough",
+            diagnosis.plate_radius_m,
+            diagnosis.poisson_ratio,
+            texts,
+        ),
         *_ground(facts_of_state(after), texts),
     ]
     order = [str(drop.number) for drop in point.drops]
@@ -145,5 +148,5 @@ def _secant(diagnosis: DiagnosisResult, texts: Texts) -> str:
     at_100_kpa = modulus_at_100_kpa(after)
     if not at_100_kpa:
         return ""
-    stress = f"{after.stress_pa / 1e3:.0f} kPa"
-    return texts.say("secant", stress=stress, modulus=f"{at_100_kpa} MPa")
+    stress = formatting.show(Fact("pressure", after.stress_pa), texts)
+    return texts.say("secant", stress=stress, modulus=f"{texts.decimals(at_100_kpa)} MPa")

@@ -2,7 +2,6 @@
 
 import datetime
 import json
-import math
 from collections.abc import Mapping
 from decimal import Decimal
 from typing import Any
@@ -23,7 +22,7 @@ from pfwd.report.blocks import (
     Table,
 )
 from pfwd.report.content import Report
-from pfwd.report.localising import with_decimals
+from pfwd.report.formatting import declared
 from pfwd.report.peaks_blocks import has_only_peaks
 from pfwd.report.point_facts import used_drops
 from pfwd.report.texts import Texts
@@ -42,7 +41,7 @@ def procedure_blocks(procedure: Procedure, texts: Texts) -> list[Block]:
         rows.append(
             (
                 texts.number_name(key),
-                with_decimals(procedure.shown_number(key), texts),
+                texts.decimals(procedure.shown_number(key)),
                 texts.source(procedure, key, number),
                 _state(procedure, number, texts),
             )
@@ -69,7 +68,7 @@ def device_blocks(report: Report, texts: Texts) -> list[Block]:
             (texts["instrument"], str(identity.get("model") or "")),
             (texts["serial"], str(identity.get("serial_number") or "")),
             (texts["firmware"], str(identity.get("firmware") or "")),
-            (texts["rate"], formatting.scaled(identity.get("sampling_rate"), 1.0, "Hz", 4)),
+            (texts["rate"], declared(identity.get("sampling_rate"), texts, "Hz")),
             (texts["plate"], _plate(identity, texts)),
         )
         blocks.append(Pairs(tuple(row for row in rows if row[1])))
@@ -83,8 +82,8 @@ def device_blocks(report: Report, texts: Texts) -> list[Block]:
 
 def _plate(identity: Mapping[str, Any], texts: Texts) -> str:
     radius, mass = identity.get("plate_radius"), identity.get("plate_mass")
-    parts = [f"r = {radius:g} m"] if radius is not None else []
-    parts += [f"m = {mass:g} kg"] if mass is not None else []
+    parts = [f"r = {declared(radius, texts, 'm')}"] if radius is not None else []
+    parts += [f"m = {declared(mass, texts, 'kg')}"] if mass is not None else []
     return ", ".join([*parts, texts.word(f"sensor_on_{identity.get('centre_sensor')}")])
 
 
@@ -92,12 +91,12 @@ def _channel(channel: Mapping[str, Any], texts: Texts) -> tuple[str, ...]:
     frequency, damping = channel.get("natural_frequency"), channel.get("damping")
     response = formatting.NO_VALUE
     if frequency is not None and damping is not None:
-        response = f"{frequency:g} Hz, {damping:g}"
+        response = f"{declared(frequency, texts, 'Hz')}, {declared(damping, texts)}"
     return (
         str(channel.get("name") or ""),
         texts.word(str(channel.get("role") or "")),
-        f"{channel.get('offset', 0):g} m",
-        f"{channel.get('sensitivity', math.nan):.4g}",
+        declared(channel.get("offset", 0), texts, "m"),
+        declared(channel.get("sensitivity"), texts),
         response,
         str(channel.get("calibrated") or formatting.NO_VALUE),
         str(channel.get("due") or formatting.NO_VALUE),
@@ -119,7 +118,9 @@ def _check(check: Mapping[str, Any], texts: Texts) -> str:
     if isinstance(details.get("zero_n"), int | float):
         parts.append(texts.say("check_zero", value=f"{details['zero_n']:.0f}"))
     if isinstance(details.get("span_ratio"), int | float):
-        parts.append(texts.say("check_span", value=f"{100 * details['span_ratio']:.1f}"))
+        parts.append(
+            texts.say("check_span", value=texts.decimals(f"{100 * details['span_ratio']:.1f}"))
+        )
     faults = [texts.message(fault) for fault in messages_in(details.get("faults"))]
     parts += faults or [texts["check_passed"]]
     return ", ".join(part for part in parts if part)
@@ -151,8 +152,8 @@ def _declarations_of(point: PointView) -> dict[str, Any]:
     declared = {key: v for key, v in declared_values(point.setup).items() if key != "point"}
     imported = declared.pop(IMPORTED, None)
     if isinstance(imported, Mapping):
-        shown_elsewhere = ("remarks", REMARK_CODES)
-        declared |= {f"{IMPORTED}.{k}": v for k, v in imported.items() if k not in shown_elsewhere}
+        reported_keys = ("remarks", REMARK_CODES)
+        declared |= {f"{IMPORTED}.{k}": v for k, v in imported.items() if k not in reported_keys}
     elif imported is not None:
         declared[IMPORTED] = imported
     return declared
@@ -222,20 +223,20 @@ def _values_in_force(report: Report, texts: Texts) -> list[Block]:
             }
         titles = list(results)
         for first in range(0, len(titles), _DROPS_OF_A_TABLE):
-            shown = titles[first : first + _DROPS_OF_A_TABLE]
-            keys = dict.fromkeys(key for title in shown for key in results[title])
+            group = titles[first : first + _DROPS_OF_A_TABLE]
+            keys = dict.fromkeys(key for title in group for key in results[title])
             rows = [
                 (
                     key,
                     *(
-                        with_decimals(results[title].get(key, formatting.NO_VALUE), texts)
-                        for title in shown
+                        texts.decimals(results[title].get(key, formatting.NO_VALUE))
+                        for title in group
                     ),
                 )
                 for key in keys
             ]
-            right = tuple(range(1, len(shown) + 1))
-            tables.append(Table((point.shown_name, *shown), tuple(rows), right))
+            right = tuple(range(1, len(group) + 1))
+            tables.append(Table((point.shown_name, *group), tuple(rows), right))
     return [Heading(texts["result_values"], 3), *tables] if tables else []
 
 

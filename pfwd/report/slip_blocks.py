@@ -3,36 +3,36 @@
 import hashlib
 from collections.abc import Sequence
 from functools import partial
-from statistics import fmean
 from typing import Any
 
-from pfwd.digits import significant
 from pfwd.judging import DropView, PointView, value_of_drop
 from pfwd.procedures import Quantity
 from pfwd.report import formatting
-from pfwd.report.blocks import Block, Heading, Mark, Pairs, Paragraph, Picture, Table
+from pfwd.report.blocks import Block, Heading, Pairs, Paragraph, Picture, Table
 from pfwd.report.certificate_blocks import (
     certificate_rows,
     curve_blocks,
-    depth_text,
     logo_blocks,
     unsupported_note,
 )
 from pfwd.report.content import Report
 from pfwd.report.fonts import Letters
+from pfwd.report.formatting import Column, mean, number
 from pfwd.report.gathering import ReportOptions
-from pfwd.report.localising import localised, names_of
 from pfwd.report.point_blocks import position_text
 from pfwd.report.point_facts import (
     diagnosis_counts,
+    drop_columns,
     equivalent_text,
     modulus_text,
     target_notes,
     time_of,
     used_drops,
-    verdict_of,
+    verdict_mark,
 )
 from pfwd.report.texts import Texts
+from pfwd.units import Fact
+from pfwd_plugins.quantities import Measurand
 
 _CODE_HEIGHT = 38.0
 """Height of the QR code and of the lines to sign on beside it, mm."""
@@ -61,9 +61,9 @@ def slip_blocks(
         (texts["verdict"], formatting.name_of(report.procedure.quantity, texts), texts["target"]),
         (
             (
-                Mark(verdict_of(point), texts[_word_of(point)]),
+                verdict_mark(point, texts),
                 formatting.value_of(point.progress.value, texts),
-                formatting.target_of(point.progress.target, report.procedure.quantity),
+                formatting.target_of(point.progress.target, report.procedure.quantity, texts),
             ),
         ),
     )
@@ -90,9 +90,8 @@ def slip_blocks(
     alternative = f"{texts['qr_code']}: {payload}"
     if options.signed is not None:
         alternative += f"; {texts['sign_operator']}: {options.signed}"
-    keep = {texts[name] for name in ("judged_by", "period", "checksum", "coordinates")}
     return [
-        *localised(blocks, texts, keep, names_of(report)),
+        *blocks,
         Picture(draw, _CODE_HEIGHT, texts["qr_code_note"], alternative),
         Pairs(
             (
@@ -103,16 +102,12 @@ def slip_blocks(
     ]
 
 
-def _word_of(point: PointView) -> str:
-    return "discarded" if point.discarded else verdict_of(point)
-
-
 def _measured(point: PointView, report: Report, texts: Texts) -> list[tuple[str, str]]:
     """Return mean settlement, s/v, the fitted modulus that is not judged, and the coordinates."""
-    depths = [s for drop in used_drops(point) if (s := drop.facts.peak_deflection) is not None]
+    depth = mean("settlement", (drop.facts.peak_deflection for drop in used_drops(point)), texts)
     rows = (
-        ("s\N{COMBINING MACRON}", f"{depth_text(fmean(depths))} mm" if depths else ""),
-        (texts["s_over_v"], formatting.scaled(point.progress.s_over_v, 1e3, "ms")),
+        ("s\N{COMBINING MACRON}", "" if depth == formatting.NO_VALUE else f"{depth} mm"),
+        (texts["s_over_v"], formatting.show(Fact("duration", point.progress.s_over_v), texts)),
         *_not_judged(point, report.procedure.quantity, texts),
         (texts["coordinates"], position_text(point.place, texts)),
     )
@@ -126,46 +121,40 @@ def _not_judged(point: PointView, judged: Quantity, texts: Texts) -> list[tuple[
     return [(texts["modulus"], modulus_text(point, texts))] if is_equivalent else []
 
 
-def _value_of_drop(point: PointView, drop: DropView) -> str:
+def _value_of_drop(point: PointView, drop: DropView, texts: Texts) -> str:
     """Return the value of a drop; one that the data do not support is missing."""
     value = value_of_drop(point.job, drop)
     if value is None or value.not_supported is not None or drop.facts.record_fault is not None:
         return formatting.NO_VALUE
-    return significant(value.value / value.quantity.display_unit.scale)
+    return number(value.quantity.dimension, value.value, texts)
 
 
 def _drops(report: Report, texts: Texts) -> Table:
-    rows: list[tuple[str, ...]] = []
-    for point in report.points:
-        kinds = dict(point.progress.kinds)
-        for drop, facts in zip(point.drops, point.facts, strict=True):
-            used = drop.number in point.progress.used
-            rows.append(
-                (
-                    str(drop.number),
-                    texts[str(kinds.get(drop.number, facts.kind))],
-                    texts["yes" if used else "no"],
-                    formatting.scaled(facts.peak_load, 1e-3, ""),
-                    depth_text(facts.peak_deflection),
-                    formatting.scaled(facts.peak_velocity, 1e3, ""),
-                    formatting.scaled(facts.pulse_duration, 1e3, ""),
-                    _value_of_drop(point, drop),
-                )
-            )
+    drops = [(p, drop) for p in report.points for drop in p.drops]
+    facts = [facts for point in report.points for facts in point.facts]
+    kinds = [
+        str(dict(p.progress.kinds).get(f.number, f.kind)) for p in report.points for f in p.facts
+    ]
     quantity = report.procedure.quantity
-    if quantity.is_fitted and any(map(diagnosis_counts, report.points)):
-        rows = [row[:-1] for row in rows]  # the diagnosis has one modulus for all drops
-    columns: tuple[str, ...] = (
-        texts["drop"],
-        texts["kind"],
-        texts["used"],
-        formatting.symbol_title("F", "kN"),
-        formatting.symbol_title("s", "mm"),
-        formatting.symbol_title("v", "mm/s"),
-        f"{texts['pulse']}, ms",
-        f"{formatting.name_of(quantity, texts)}, {quantity.display_unit.name}",
-    )
-    return Table(columns[: len(rows[0])], tuple(rows), (0, 3, 4, 5, 6, 7))
+    columns = [
+        Column(texts["drop"], [str(drop.number) for _, drop in drops]),
+        Column(texts["kind"], [texts[kind] for kind in kinds], right=False),
+        Column(
+            texts["used"],
+            [texts["yes" if drop.number in p.progress.used else "no"] for p, drop in drops],
+            right=False,
+        ),
+        *drop_columns(facts, texts),
+        Column(
+            formatting.symbol_title("v", "mm/s"),
+            [number(Measurand.VELOCITY, drop.peak_velocity, texts) for drop in facts],
+        ),
+    ]
+    # The diagnosis has one modulus for all drops.
+    if not (quantity.is_fitted and any(map(diagnosis_counts, report.points))):
+        title = f"{formatting.name_of(quantity, texts)}, {quantity.display_unit.name}"
+        columns.append(Column(title, [_value_of_drop(p, drop, texts) for p, drop in drops]))
+    return formatting.table(*columns)
 
 
 def checksum_of(report: Report) -> str:

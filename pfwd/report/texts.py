@@ -11,6 +11,7 @@ from typing import Any
 
 from inversion.notices import ENGLISH, RANGE_DASH, Language, term_text, text_of
 from pfwd.analysis.options import METHOD_WORDS, PLATE_WORDS
+from pfwd.analysis.results import EffectResult
 from pfwd.errors import OptionError, quote, refusal
 from pfwd.procedures import Procedure
 from pfwd.procedures.profile import SourcedNumber, term_of_number
@@ -39,6 +40,7 @@ class Texts:
         self._table = table
         catalogue = _messages().get(code, {})
         self._words: dict[str, str] = catalogue.get("words", METHOD_WORDS | PLATE_WORDS)
+        self._advice: dict[str, str] = catalogue.get("advice", {})
         self._procedures: dict[str, dict[str, str]] = catalogue.get("procedures", {})
         self._language = ENGLISH
         if catalogue:
@@ -54,6 +56,10 @@ class Texts:
     def figures(self) -> Language:
         """Language of numbers: an interval has a dash between its ends."""
         return replace(self._language, to=RANGE_DASH)
+
+    def decimals(self, number: str) -> str:
+        """Return a number, or several, with the decimal sign of this language."""
+        return number.replace(".", self.decimal)
 
     def __getitem__(self, key: str) -> str:
         return self._table[key]
@@ -86,6 +92,10 @@ class Texts:
     def word(self, name: str) -> str:
         """Return a name of the program, as of an effect, in this language, without underscores."""
         return self._words.get(name.replace(" ", "_")) or name.replace("_", " ")
+
+    def advice(self, effect: EffectResult) -> str:
+        """Return the advice for the field on an effect; empty: none."""
+        return self._advice.get(str(effect.name)) or effect.advice or ""
 
     def number_name(self, key: str) -> str:
         """Return the name of a number of a procedure by its key."""
@@ -198,8 +208,3 @@ def _filled_in(text: str) -> set[tuple[str, str | None, str | None]] | None:
     except ValueError:
         return None
     return {(name, form, conversion) for _, name, form, conversion in parts if name is not None}
-
-
-def placeholders(text: str) -> set[str]:
-    """Return the words in braces of a text."""
-    return {name for _, name, _, _ in string.Formatter().parse(text) if name is not None}

@@ -83,9 +83,10 @@ def cell(result: DropResult, column: str) -> str:
 
 
 def test_a_given_value_has_no_deviation() -> None:
-    given = replace(RESULT, bedrock_depth_sd_m=None, density_sd_kg_m3=None)
-    assert cell(given, "bedrock m") == "0.702 (given)"
-    assert cell(given, "ρ kg/m³") == "1993 (given)"
+    given = replace(RESULT, bedrock_depth_m=0.7, bedrock_depth_sd_m=None)
+    given = replace(given, density_kg_m3=1900.0, density_sd_kg_m3=None)
+    assert cell(given, "bedrock m") == "0.7 (given)"
+    assert cell(given, "ρ kg/m³") == "1900 (given)"
 
 
 def test_a_modulus_without_deviation_is_not_called_given() -> None:

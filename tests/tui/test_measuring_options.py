@@ -55,7 +55,7 @@ def test_layers_are_kept_for_the_report(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "is inverted" not in done.stderr, "what was kept is shown"
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
-    assert "0.300\N{NO-BREAK SPACE}(given)" in text
+    assert "0.3\N{NO-BREAK SPACE}(given)" in text
     assert "lowest of 2 media" in text
     done = pfwd("replay", survey, "-o", again, "--layers", 2, "--thickness", 0.2)
     assert done.returncode == 0, done.stderr

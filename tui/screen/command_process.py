@@ -4,7 +4,8 @@ import contextlib
 import io
 from collections.abc import Sequence
 
-from pfwd.jobs import Jobs, WorkerDied
+from pfwd.errors import SurveyError
+from pfwd.jobs import Jobs
 
 COMMAND_TIMEOUT_S = 600.0
 """Time after which a command is ended, s: a report of hundreds of points takes minutes."""
@@ -28,7 +29,7 @@ def run_command(words: Sequence[str]) -> str:
             return jobs.submit(_run, words).result(COMMAND_TIMEOUT_S)
         except TimeoutError:
             return f"it took longer than {COMMAND_TIMEOUT_S:.0f} s and was ended"
-        except WorkerDied as err:
+        except SurveyError as err:
             return str(err)
 
 

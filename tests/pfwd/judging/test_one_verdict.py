@@ -175,7 +175,7 @@ def check_report(folder: Path, known: Mapping[str, PointView]) -> None:
         # A column without any value is left out.
         value = formatting.value_of(progress.value, texts)
         assert value in cells or value == formatting.NO_VALUE
-        assert formatting.target_of(progress.target, report.procedure.quantity) in cells
+        assert formatting.target_of(progress.target, report.procedure.quantity, texts) in cells
         _same(point_values(point), progress, "a filled workbook")
 
 

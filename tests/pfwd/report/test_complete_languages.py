@@ -19,7 +19,7 @@ from inversion import PLATE_MODELS, notices
 from inversion.effects.catalogue import OWN
 from inversion.notices import Notice, codes, gaps_of, templates, terms, to_json
 from pfwd.analysis.result_store import basis_of
-from pfwd.analysis.results import DiagnosisResult, DropResult
+from pfwd.analysis.results import DiagnosisResult, DropResult, EffectResult
 from pfwd.export.rows import judged_values
 from pfwd.files.editing import Edit, edit_survey
 from pfwd.procedures import find_procedure, shipped_names
@@ -66,6 +66,7 @@ def vocabulary() -> frozenset[str]:
     tables = catalogue("messages/de.toml")
     english = [*catalogue("en.toml").values(), *templates().values(), *terms().values()]
     english += [word.replace("_", " ") for word in tables["words"]]
+    english += [effect.advice for effect in OWN]
     return frozenset(words_of(re.sub(r"\{.*?\}", " ", " ".join(english))))
 
 
@@ -93,6 +94,8 @@ def test_names_of_the_program_are_translated(code: str) -> None:
     names |= {*FIX_NAMES.values(), "unknown"}
     own = {name for name in names if texts.word(name) == name.replace("_", " ")}
     assert not own
+    advised = [EffectResult(**EFFECT, name=e.result_name or e.name, advice=e.advice) for e in OWN]
+    assert [e.name for e in advised if texts.advice(e) == e.advice] == []
 
 
 @pytest.mark.parametrize("code", CODES)
@@ -143,6 +146,7 @@ IDENTITY = {
     ],
 }
 MARK = Notice("triggered-by-operator")
+EFFECT = {"value": 1.0, "sd": 0.1, "unit": "-"}
 STATE = {"modulus_pa": 44e6, "modulus_interval_pa": [42e6, 47e6], "stress_pa": 2e5}
 DIAGNOSIS = {
     "verdict": "unexplained",
@@ -157,9 +161,12 @@ DIAGNOSIS = {
     "effects": [
         {
             "name": effect.result_name or effect.name,
-            "value": 1.0,
-            "sd": 0.1,
-            "unit": "-",
+            **EFFECT,
+            "parameters": [
+                {"name": parameter.name, "value": 1.0, "sd": 0.1, "unit": parameter.unit}
+                for parameter in effect.parameters
+            ],
+            "advice": effect.advice,
             "residual_rms_over_peak_without": 0.02 + 0.01 * number,
             "alternatives": ["sensor_lag", "layer"],
         }

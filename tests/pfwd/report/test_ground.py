@@ -112,7 +112,7 @@ def test_what_the_record_leaves_open_has_no_value(survey: Path, make_drop: Any) 
 def test_a_given_thickness_is_named_so(survey: Path, make_drop: Any) -> None:
     given = TOP | {"thickness_sd_m": None, "thickness_interval_m": None}
     keep(survey, make_drop, layers=[given, BELOW])
-    assert "0.250 (given)" in text_of(survey)
+    assert "0.25 (given)" in text_of(survey)
 
 
 @pytest.mark.parametrize("language", languages())
@@ -175,7 +175,7 @@ def test_the_bowl_is_shown_without_layers_too(layered: Path, make_drop: Any) -> 
     (bowl,) = figure.axes
     measured = lines_of(bowl)[1]
     assert measured[0] == [0.0, 0.3]
-    assert measured[1] == pytest.approx([500.0, 500.0 / 2.5], rel=1e-3)
+    assert measured[1] == pytest.approx([0.5, 0.5 / 2.5], rel=1e-3)
     titles = [
         getattr(block, "text", "")
         for block in ground_blocks(points["plain"].drops, "plain", load_texts("en"))

@@ -11,11 +11,10 @@ import pytest
 from inversion.notices import OTHER, Notice, Value, gaps_of, of_drops, templates, terms, text_notice
 from pfwd.procedures import find_procedure
 from pfwd.procedures.profile import CHECKS
-from pfwd.report.blocks import Pairs, Paragraph, Table, Together
+from pfwd.report.blocks import Paragraph, Together
 from pfwd.report.composing import compose
 from pfwd.report.fonts import Letters
 from pfwd.report.gathering import ReportOptions, gather
-from pfwd.report.localising import localised
 from pfwd.report.texts import load_texts
 
 DE, ZH, EN = load_texts("de"), load_texts("zh"), load_texts("en")
@@ -62,22 +61,6 @@ def test_checks_of_procedures_are_translated() -> None:
     for key in CHECKS:
         assert DE.number_name(key) != EN.number_name(key)
     assert DE.title(find_procedure("tp-bf-stb-b8.3")).endswith("Teil B 8.3")
-
-
-def test_versions_dates_and_names_keep_their_points() -> None:
-    blocks = [
-        Paragraph("E 45.5 MPa, pfwd 0.1.0, drop-1.h5, 2024-05-06 08:01:02.5"),
-        Pairs((("a", "0.5"), ("b", "0.5"))),
-        Table(("x",), (("-1.25",),)),
-    ]
-    one, two, three = localised(blocks, DE, {"b"})
-    assert isinstance(one, Paragraph)
-    assert one.text.startswith("E 45,5 MPa, pfwd 0.1.0, drop-1.h5, 2024-05-06")
-    assert two == Pairs((("a", "0,5"), ("b", "0.5")))
-    assert three == Table(("x",), (("-1,25",),))
-    assert localised(blocks, EN) == blocks
-    (named,) = localised([Paragraph("station 168.700 has 0.5 mm")], DE, names=["station 168.700"])
-    assert named == Paragraph("station 168.700 has 0,5 mm")
 
 
 def test_warnings_of_all_points_stand_once(survey: Path) -> None:

@@ -60,7 +60,7 @@ def test_no_column_is_empty_and_there_is_no_modulus_of_a_fit(peaks: Path) -> Non
     assert all(any(cell != "–" for cell in column) for column in columns)
     point, row = report.points[0], dict(zip(table.columns, table.rows[0], strict=True))
     depths = [drop.peaks.centre for drop in point.drops if drop.peaks and drop.peaks.centre]
-    assert float(str(row["s,\N{NO-BREAK SPACE}mm"])) == pytest.approx(1e3 * fmean(depths), rel=5e-3)
+    assert float(str(row["s,\N{NO-BREAK SPACE}µm"])) == pytest.approx(1e6 * fmean(depths), rel=5e-3)
     indices = [basin.sci_m for drop in point.drops if (basin := basin_of_drop(drop))]
     assert float(str(row["SCI, µm"])) == pytest.approx(
         1e6 * fmean(value for value in indices if value is not None), rel=5e-3
@@ -102,7 +102,7 @@ def test_the_peaks_of_all_sensors_are_in_tables_and_picture(peaks: Path) -> None
     tables = [block for block in blocks if isinstance(block, Table)]
     (own, _) = (table for table in tables if any("d(" in title for title in table.columns))
     assert len(own.columns) == 3 + len(offsets)
-    assert float(str(own.rows[0][3])) == pytest.approx(1e6 * recorded[0][offsets[0]], rel=1e-3)
+    assert float(str(own.rows[0][3])) == pytest.approx(1e6 * recorded[0][offsets[0]], rel=5e-3)
 
 
 def test_names_in_the_sketch_of_many_points_do_not_overlap(peaks: Path) -> None:

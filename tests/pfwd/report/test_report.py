@@ -179,10 +179,9 @@ def test_sensors_are_named_by_side_and_those_left_out_are_marked(
     figure = Figure()
     draw_point(figure, point, point.drops, load_texts(language))
     names = [text.get_text() for text in figure.axes[1].get_legend().get_texts()]
-    said = load_texts(language).say("left_out", offset="-0.6")
-    assert [name for name in names if "0.3" in name] == ["0.3 m", "-0.3 m"]
-    assert names[-1] == said
-    assert "-0.6 m" in said
+    near, far = ("0,3 m", "-0,6") if language == "de" else ("0.3 m", "-0.6")
+    assert [name for name in names if near in name] == [near, f"-{near}"]
+    assert names[-1] == load_texts(language).say("left_out", offset=far)
 
 
 LAYERS = [
@@ -507,14 +506,21 @@ def test_a_diagnosis_is_shown_with_its_point(survey: Path, monkeypatch: pytest.M
     from pfwd.analysis.diagnosis import diagnose as diagnosis
 
     state = FITTED_STATE | {"residual_rms_over_peak": 0.03, "discrepancy_over_peak": 0.01}
-    bent = {"name": "stress_dependence", "value": 0.43, "sd": 0.13, "unit": "-"}
-    late = {"name": "sensor_lag", "value": 0.0021, "sd": 0.0001, "unit": "s"}
-    effect = {"name": "geophone_response", "value": 11.0, "sd": 0.2, "unit": "Hz"}
+    numbers = [
+        {"name": "exponent", "value": 0.43, "sd": 0.13, "unit": "-"},
+        {"name": "rest_stress", "value": 2e4, "unit": "Pa"},
+    ]
+    advice = "drop from other heights"
+    bent = {"name": "stress_dependence", "probability": 0.9, "advice": advice}
+    lag = {"name": "delay", "value": 0.0021, "sd": 0.0001, "unit": "s", "drop": 2}
+    late = {"name": "sensor_lag", "parameters": [lag]}
+    natural = {"name": "natural_frequency", "value": 11.0, "sd": 0.2, "unit": "Hz"}
+    effect = {"name": "geophone_response", "parameters": [natural]}
     record = {
         "verdict": "explained",
         "before": state,
         "after": {**state, "modulus_pa": 45e6},
-        "effects": [{**effect, "alternatives": ["lag"]}, bent, late],
+        "effects": [{**effect, "alternatives": ["lag"]}, {**bent, "parameters": numbers}, late],
         "warnings": [],
     }
     found = [
@@ -541,8 +547,9 @@ def test_a_diagnosis_is_shown_with_its_point(survey: Path, monkeypatch: pytest.M
     texts = [part.replace("\N{NO-BREAK SPACE}", " ") for part in page.texts]
     assert "geophone response: 11.00 ± 0.20 Hz (or: lag)" in " ".join(texts)
     assert "clean: the base model explains the record" in text
-    assert "stress dependence: 0.43 ± 0.13" in texts
-    assert "sensor lag: 2.10 ± 0.10 ms" in texts
+    bent_text = f"exponent 0.43 ± 0.13; rest stress left open – {advice}"
+    assert f"stress dependence: {bent_text}" in texts
+    assert "sensor lag: (Drop 2) 2.10 ± 0.10 ms" in texts
     assert text.count("design value: the record is explained and the interval is narrow") == 1
 
 

@@ -13,8 +13,8 @@ from pfwd.errors import OptionError
 from pfwd.procedures import PointValue, Quantity
 from pfwd.report import formatting
 from pfwd.report.fonts import Letters
-from pfwd.report.texts import _catalogues, languages, load_texts, placeholders
-from pfwd.units import Fact
+from pfwd.report.texts import _catalogues, _filled_in, languages, load_texts
+from pfwd.units import DECLARED, Fact
 
 EN = load_texts("en")
 
@@ -36,7 +36,7 @@ def test_every_language_says_everything_and_fills_in_the_same(code: str) -> None
     assert set(table) == set(reference)
     for key, text in table.items():
         assert text, key
-        assert placeholders(text) == placeholders(reference[key]), key
+        assert _filled_in(text) == _filled_in(reference[key]), key
     if code != "en":
         same = [key for key, text in table.items() if text == reference[key]]
         assert len(same) < len(table) / 5, "it is translated"
@@ -112,21 +112,21 @@ def test_a_fact_breaks_only_before_its_interval(fact: Fact, expected: str) -> No
 
 
 def test_a_fact_has_the_words_and_the_sign_of_its_language() -> None:
-    fact = Fact("depth", 0.702, note="given")
-    assert plain(formatting.show(fact, load_texts("de"))) == "0,702 m (angegeben)"
+    fact = Fact("depth", 0.7, note=DECLARED)
+    assert plain(formatting.show(fact, load_texts("de"))) == "0,7 m (angegeben)"
 
 
 def test_one_drop_has_no_interval_and_says_so() -> None:
     value = PointValue(Quantity.E_VD, 45e6, None, 1, factor=1.5, plate_radius=0.15, pressure=1e5)
     assert plain(formatting.value_of(value, EN)) == "45.0 MPa (one drop: no interval)"
-    assert formatting.value_basis(value, EN) == "k = 1.5, r = 0.15 m, σ = 100 kPa, n = 1"
+    assert plain(formatting.value_basis(value, EN)) == "k = 1.5, r = 0.15 m, σ = 100 kPa, n = 1"
 
 
 def test_a_deflection_is_shown_in_millimetres() -> None:
     value = PointValue(Quantity.DEFLECTION, 5.1e-4, (4.9e-4, 5.3e-4), 3)
     assert plain(formatting.value_of(value, EN)) == "0.510 mm (0.490 – 0.530)"
-    assert formatting.target_of(6e-4, Quantity.DEFLECTION) == "≤ 0.6 mm"
-    assert formatting.target_of(45e6, Quantity.E_VD) == "≥ 45 MPa"
+    assert formatting.target_of(6e-4, Quantity.DEFLECTION, EN) == "≤ 0.6 mm"
+    assert formatting.target_of(45e6, Quantity.E_VD, EN) == "≥ 45 MPa"
 
 
 def test_control_characters_have_no_business_on_paper() -> None:
