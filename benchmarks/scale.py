@@ -8,7 +8,6 @@ resources of child processes.
 """
 
 import dataclasses
-import hashlib
 import json
 import os
 import shutil
@@ -23,9 +22,8 @@ from typing import Any
 
 from benchmarks.output import Reporter, parse_options
 from benchmarks.screen import PFWD, first_paint
+from pfwd_device.jobs import Jobs
 from pfwd_device.recording import DropRecord, ReboundRecord, Storage, SurveyWriter, read_survey
-from pfwd_device.recording.drop_file import drop_file_bytes
-from pfwd_device.recording.layout import Layout
 
 DROPS = (2_500, 10_000)
 SHORT = (250, 1_000)
@@ -253,30 +251,6 @@ class UnsyncedStorage(Storage):
         """Return at once, without waiting for the disk."""
 
 
-class QuickPublisher:
-    """Writer of the files of drops that does not read them back, which the real one does."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self.records: dict[int, DropRecord] = {}
-        """Records whose files are not written yet, by their number in the survey."""
-        self.survey = b""
-
-    def ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Write the file of a drop; return its path, size and SHA-256."""
-        number = int(request["number"])
-        layout = Layout(self._folder)
-        path = layout.drop_file(number)
-        data = drop_file_bytes(self.records.pop(number), number, self.survey)
-        path.write_bytes(data)
-        digest = hashlib.sha256(data).hexdigest()
-        facts = {"path": layout.relative(path), "size": len(data), "sha256": digest}
-        return {**facts, "number": number}
-
-    def close(self) -> None:
-        """Do nothing: there is nothing to close."""
-
-
 def point_number(number: int) -> int:
     """Return the number, from 1, of the point that a drop is at, by the number of the drop."""
     return int((number - 1) / DROPS_PER_POINT) + 1
@@ -284,15 +258,12 @@ def point_number(number: int) -> int:
 
 def build(survey: Path, before: int, drops: int, templates: list[Template]) -> None:
     """Extend a survey of `before` drops to `drops` drops."""
-    publisher = QuickPublisher(survey)
-    with SurveyWriter.open(survey, storage=UnsyncedStorage(), publisher=publisher) as writer:
-        publisher.survey = bytes.fromhex(writer.survey_id)
+    with SurveyWriter.open(survey, storage=UnsyncedStorage(), jobs=Jobs(0)) as writer:
         for number, template, record in _records(before, drops, templates):
             saved = writer.save_drop(record)
             assert saved == number
             for rebound in template.rebounds:
                 writer.save_rebound(saved, rebound)
-            publisher.records[saved] = dataclasses.replace(record, rebounds=template.rebounds)
             writer.publish(saved)
             for result in template.results:
                 writer.save_result(saved, {**result, "drop": record.drop.number})

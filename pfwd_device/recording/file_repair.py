@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording.files import file_facts, now, publish_request, set_aside
+from pfwd_device.jobs import Jobs
+from pfwd_device.recording.files import file_facts, now, set_aside
 from pfwd_device.recording.framing import RecordKind
-from pfwd_device.recording.index import FileEntry, Index
+from pfwd_device.recording.index import DropEntry, FileEntry, Index
 from pfwd_device.recording.journal import read_record
 from pfwd_device.recording.layout import names_in
 from pfwd_device.recording.payload import decode_json, payload_data
-from pfwd_device.recording.publishing import Publisher
+from pfwd_device.recording.publishing import publish, result_of
 from pfwd_device.recording.record_log import RecordLog
 
 MAX_PUBLISHING_FAILURES = 3
@@ -35,13 +36,13 @@ class FileRepair:
         Journal to which records of listed files are appended.
     index : Index
         Content of the journal, which is updated.
-    helper : Publisher
-        Writer of the HDF5 files of drops.
+    jobs : Jobs
+        Process that makes the HDF5 files of drops.
     thorough : bool
         True: compare the content of each file with its checksum, not only its size.
     """
 
-    def __init__(self, log: RecordLog, index: Index, helper: Publisher, *, thorough: bool) -> None:
+    def __init__(self, log: RecordLog, index: Index, jobs: Jobs, *, thorough: bool) -> None:
         self.sound: set[str] = set()
         """Paths of listed files that are unchanged or restored."""
         self.damaged: list[str] = []
@@ -53,7 +54,7 @@ class FileRepair:
         self._folder = str(log.layout.folder)
         self._storage = log.storage
         self._index = index
-        self._helper = helper
+        self._jobs = jobs
         self._thorough = thorough
 
     def remove_drafts(self) -> None:
@@ -102,12 +103,12 @@ class FileRepair:
             if listed is not None and path.exists():
                 set_aside(self._layout, self._storage, path)
             try:
-                answer = self._publish(publish_request(self._layout, drop), path)
+                facts = self._publish(drop, path)
             except RecordingError as err:
                 self.actions.append(f"drop {number} is only in the journal: {err}")
                 failures += 1
                 continue
-            self._list({key: answer[key] for key in ("path", "size", "sha256", "number")})
+            self._list(facts)
             made.append(number)
         for number in self._layout.drop_files() if publish else ():
             if number not in self._index.drops:
@@ -145,16 +146,17 @@ class FileRepair:
         except OSError:
             return False
 
-    def _publish(self, request: dict[str, Any], path: Path) -> dict[str, Any]:
+    def _publish(self, drop: DropEntry, path: Path) -> dict[str, Any]:
+        call = publish, self._layout, drop.places, self._storage
         try:
-            return self._helper.ask(request)
+            return result_of(self._jobs.submit(*call))
         except RecordingError:
             if not path.exists():
                 raise
-        # The publisher refuses to replace the existing file, which is not that of this drop.
+        # The process refuses to replace the existing file, which is not that of this drop.
         set_aside(self._layout, self._storage, path)
         self.actions.append(f"{path.name} is not the file of its drop and was moved to damaged")
-        return self._helper.ask(request)
+        return result_of(self._jobs.submit(*call))
 
     def _rewrite_result(self, listed: FileEntry, path: Path) -> bool:
         """Restore the file of a result from the journal; return True on success."""

@@ -6,7 +6,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from pfwd_device.recording.index import DropEntry
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.storage import Storage, draft_of
 
@@ -46,17 +45,6 @@ def sync_journal(layout: Layout, storage: Storage, segments: Iterable[int]) -> N
         finally:
             storage.close(descriptor)
     storage.sync_directory(layout.journal)
-
-
-def publish_request(layout: Layout, drop: DropEntry) -> dict[str, Any]:
-    """Return the request for the HDF5 file of a drop, for the process that makes these files."""
-    return {
-        "do": "publish",
-        "survey": str(layout.folder),
-        "number": drop.number,
-        "drop": [drop.entry.segment, drop.entry.offset],
-        "rebounds": [[entry.segment, entry.offset] for entry in drop.rebounds],
-    }
 
 
 def keep_copy(

@@ -73,6 +73,11 @@ class DropEntry:
     restored_from: int | None
     """Sequence number of the damaged record that it replaces; None for an original record."""
 
+    @property
+    def places(self) -> list[tuple[int, int]]:
+        """Segment and position, bytes, of the records of the drop and of its rebounds."""
+        return [(entry.segment, entry.offset) for entry in (self.entry, *self.rebounds)]
+
 
 @dataclass(slots=True)
 class FileEntry:

@@ -6,7 +6,6 @@ as far as possible. It also merges the records of the spare folder, a second fol
 records while the folder of the survey could not be written.
 """
 
-import base64
 import contextlib
 import os
 import uuid
@@ -16,8 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from pfwd_device.errors import RecordingError
+from pfwd_device.jobs import Jobs
+from pfwd_device.recording.drop_file import read_drop_file_parts, software_version
 from pfwd_device.recording.drop_payload import (
     drop_from_parts,
+    drop_parts,
     rebound_from_payload,
     rebound_payload,
 )
@@ -35,8 +37,8 @@ from pfwd_device.recording.layout import FORMAT_VERSION, Layout, no_survey, refu
 from pfwd_device.recording.ledger import Entry, ledger_bytes, read_about
 from pfwd_device.recording.lock import SurveyLock, file_locked
 from pfwd_device.recording.payload import decode_payload, payload_data
-from pfwd_device.recording.publishing import ChildPublisher, Publisher
-from pfwd_device.recording.record import ReboundRecord
+from pfwd_device.recording.publishing import publishing_process, result_of
+from pfwd_device.recording.record import DropRecord, ReboundRecord
 from pfwd_device.recording.record_log import RecordLog, refused
 from pfwd_device.recording.spare import SpareFolder, home_of
 from pfwd_device.recording.spare_merge import (
@@ -83,7 +85,7 @@ def recover(
     folder: str | os.PathLike[str],
     storage: Storage | None = None,
     *,
-    publisher: Publisher | None = None,
+    jobs: Jobs | None = None,
     spare: SpareFolder | None = None,
 ) -> RecoveryReport:
     """Recover a survey after a crash or damage; a repetition changes nothing.
@@ -94,8 +96,8 @@ def recover(
         Folder of the survey. It may be missing if the spare folder has records of the survey.
     storage : Storage, optional
         Access to the files; by default that of the system.
-    publisher : Publisher, optional
-        Object that makes the HDF5 files of drops; by default a child process.
+    jobs : Jobs, optional
+        Process that makes the HDF5 files of drops; it is closed at the end.
     spare : SpareFolder, optional
         Folder that received records while the folder of the survey could not be written. They are
         merged into the survey.
@@ -117,17 +119,17 @@ def recover(
         except OSError as err:
             raise refused(err, str(layout.folder)) from err
     lock = SurveyLock(layout, storage)
-    helper = publisher or ChildPublisher()
+    jobs = jobs or publishing_process()
     log: RecordLog | None = None
     try:
         for path in layout.folders:
             storage.make_folder(path)
         identity = _survey_of_spare(layout, spare)
         log, index, actions = begin(
-            layout, storage, helper, lock, spare, read=build_index, identity=identity
+            layout, storage, jobs, lock, spare, read=build_index, identity=identity
         )
         actions += describe_deleted_surveys(spare, layout.folder, log.survey)
-        report = repair(log, index, helper, thorough=True)
+        report = repair(log, index, jobs, thorough=True)
         if not index.closed:
             log.append(RecordKind.CLOSE, {"by": "recovery", "time_utc": now()})
         still_in_spare = describe_records_only_in_spare(spare, index)
@@ -141,7 +143,7 @@ def recover(
     finally:
         if log is not None:
             log.close()
-        helper.close()
+        jobs.close()
         lock.release()
 
 
@@ -171,7 +173,7 @@ def prepare(layout: Layout) -> bool:
 def begin(
     layout: Layout,
     storage: Storage,
-    helper: Publisher,
+    jobs: Jobs,
     lock: SurveyLock,
     spare: SpareFolder | None = None,
     *,
@@ -190,8 +192,8 @@ def begin(
         Paths of the survey.
     storage : Storage
         Access to the files.
-    helper : Publisher
-        Object that reads the HDF5 files of drops.
+    jobs : Jobs
+        Process that reads the HDF5 files of drops.
     lock : SurveyLock
         Lock of the survey, which the caller holds.
     spare : SpareFolder, optional
@@ -221,7 +223,7 @@ def begin(
         # Lock first: nothing may be cut while another program has the file open.
         continued = segments[-1], open_segment(layout, segments[-1], storage)
     try:
-        log, index = _begin(layout, storage, helper, lock, continued, read, identity)
+        log, index = _begin(layout, storage, jobs, lock, continued, read, identity)
     except BaseException:
         if continued is not None:
             with contextlib.suppress(OSError):
@@ -230,8 +232,6 @@ def begin(
     try:
         actions = merge_spare_records(log, index, spare)
         if not index.info:
-            from pfwd_device.recording.drop_file import software_version
-
             data: dict[str, Any] = {
                 "format_version": FORMAT_VERSION,
                 "survey_id": log.survey.hex(),
@@ -252,7 +252,7 @@ def begin(
 def _begin(
     layout: Layout,
     storage: Storage,
-    helper: Publisher,
+    jobs: Jobs,
     lock: SurveyLock,
     continued: tuple[int, int] | None,
     read: Callable[[Layout], Index],
@@ -260,7 +260,7 @@ def _begin(
 ) -> tuple[RecordLog, Index]:
     index = read(layout)
     if index.survey is None:
-        index.survey = _survey_of_files(layout, helper) or identity or uuid.uuid4().bytes
+        index.survey = _survey_of_files(layout, jobs) or identity or uuid.uuid4().bytes
     for stretch in index.damage:
         if stretch.damage.at_end:
             _cut(layout, storage, stretch.segment, stretch.damage.offset, stretch.damage.length)
@@ -288,7 +288,7 @@ def _begin(
 def repair(
     log: RecordLog,
     index: Index,
-    helper: Publisher,
+    jobs: Jobs,
     *,
     publish: bool = True,
     thorough: bool = False,
@@ -301,8 +301,8 @@ def repair(
         Writer of the records of the survey.
     index : Index
         Content of the survey, which is updated.
-    helper : Publisher
-        Object that makes and reads the HDF5 files of drops.
+    jobs : Jobs
+        Process that makes and reads the HDF5 files of drops.
     publish : bool
         True: make missing HDF5 files.
     thorough : bool
@@ -313,14 +313,14 @@ def repair(
     recovered = {d.number for d in index.drops.values() if d.entry.sequence in unlisted}
     actions = [f"drop {number} added to the ledger" for number in sorted(recovered)]
     _wait_for_publisher(layout, log.storage)
-    files = FileRepair(log, index, helper, thorough=thorough)
+    files = FileRepair(log, index, jobs, thorough=thorough)
     files.remove_drafts()
     for number in sorted(set(layout.drop_files()) - set(index.drops)):
-        if _restore(log, index, helper, number):
+        if _restore(log, index, jobs, number):
             recovered.add(number)
             actions.append(f"drop {number} restored from its file")
     _restore_points(log, index)
-    rebounds = _restore_rebounds(log, index, helper)
+    rebounds = _restore_rebounds(log, index, jobs)
     actions += [f"rebound of drop {number} restored from its file" for number in rebounds.values()]
     made = files.repair_drop_files(publish=publish)
     recovered |= set(made)
@@ -410,7 +410,7 @@ def _wait_for_publisher(layout: Layout, storage: Storage) -> None:
         ) from err
 
 
-def _restore(log: RecordLog, index: Index, helper: Publisher, number: int) -> bool:
+def _restore(log: RecordLog, index: Index, jobs: Jobs, number: int) -> bool:
     """Restore the record of a drop from its HDF5 file; return True on success."""
     lost = {
         about[0]: entry
@@ -418,13 +418,13 @@ def _restore(log: RecordLog, index: Index, helper: Publisher, number: int) -> bo
         if entry.kind == RecordKind.DROP and (about := read_about(entry.about)) is not None
     }
     try:
-        response = _file_record(log.layout, helper, number)
-        if response["number"] != number or response["survey_id"] != log.survey.hex():
-            return False
-        data, arrays = decode_payload(base64.b64decode(response["payload"]))
-        key = data["metadata"].get("key")
-    except (RecordingError, KeyError, ValueError, TypeError, AttributeError):
+        record, *identity = _read_file(log.layout, jobs, number)
+    except RecordingError:
         return False  # the file is damaged too, which `repair_drop_files` reports
+    if identity != [number, log.survey]:
+        return False
+    data, arrays = drop_parts(record)
+    key = record.metadata.get("key")
     entry = lost.get(number)
     data |= {
         "number": number,
@@ -435,7 +435,7 @@ def _restore(log: RecordLog, index: Index, helper: Publisher, number: int) -> bo
     return True
 
 
-def _restore_rebounds(log: RecordLog, index: Index, helper: Publisher) -> dict[int, int]:
+def _restore_rebounds(log: RecordLog, index: Index, jobs: Jobs) -> dict[int, int]:
     """Restore lost records of rebounds from the HDF5 files of their drops.
 
     Return the survey-wide number of the drop by the sequence number of each restored record. The
@@ -449,7 +449,7 @@ def _restore_rebounds(log: RecordLog, index: Index, helper: Publisher) -> dict[i
     ]
     restored: dict[int, int] = {}
     for number in sorted(index.drops) if lost else ():
-        for rebound in _rebounds_of_file_alone(log, index, helper, number):
+        for rebound in _rebounds_of_file_alone(log, index, jobs, number):
             if not lost:
                 break
             payload = rebound_payload(number, rebound)
@@ -459,38 +459,37 @@ def _restore_rebounds(log: RecordLog, index: Index, helper: Publisher) -> dict[i
 
 
 def _rebounds_of_file_alone(
-    log: RecordLog, index: Index, helper: Publisher, number: int
+    log: RecordLog, index: Index, jobs: Jobs, number: int
 ) -> list[ReboundRecord]:
     """Return the rebounds in the HDF5 file of a drop that the journal does not contain."""
     layout, drop = log.layout, index.drops[number]
     if not layout.drop_file(number).exists():
         return []
     try:
-        response = _file_record(layout, helper, number)
-        if response["number"] != number or response["survey_id"] != log.survey.hex():
+        in_file, *identity = _read_file(layout, jobs, number)
+        if identity != [number, log.survey]:
             return []
-        in_file = drop_from_parts(*decode_payload(base64.b64decode(response["payload"])))
         frame = read_record(layout, drop.entry.segment, drop.entry.offset)
         recorded = list(drop_from_parts(*decode_payload(frame.payload)).rebounds)
         for entry in drop.rebounds:
             frame = read_record(layout, entry.segment, entry.offset)
             recorded.append(rebound_from_payload(frame.payload))
-    except (RecordingError, KeyError, ValueError, TypeError):
+    except RecordingError:
         return []  # other steps report this damage
     recorded_keys = {(rebound.first_sample, rebound.delay) for rebound in recorded}
     return [r for r in in_file.rebounds if (r.first_sample, r.delay) not in recorded_keys]
 
 
-def _file_record(layout: Layout, helper: Publisher, number: int) -> dict[str, Any]:
-    return helper.ask({"do": "read", "survey": str(layout.folder), "number": number})
+def _read_file(layout: Layout, jobs: Jobs, number: int) -> tuple[DropRecord, int, bytes]:
+    return result_of(jobs.submit(read_drop_file_parts, layout.drop_file(number)))
 
 
-def _survey_of_files(layout: Layout, helper: Publisher) -> bytes | None:
+def _survey_of_files(layout: Layout, jobs: Jobs) -> bytes | None:
     """Return the identity of the survey from the HDF5 file of a drop; None without such a file."""
     for number in layout.drop_files():
         try:
-            return bytes.fromhex(str(_file_record(layout, helper, number)["survey_id"]))
-        except (RecordingError, KeyError, ValueError):
+            return _read_file(layout, jobs, number)[2]
+        except RecordingError:
             continue
     return None
 

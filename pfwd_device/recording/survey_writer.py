@@ -11,24 +11,27 @@ import logging
 import os
 import queue
 from collections.abc import Mapping
+from concurrent.futures import wait
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
 from pfwd_device.errors import RecordingError, StorageFull
+from pfwd_device.jobs import Jobs, Task
 from pfwd_device.recording.capture import CaptureWriter
 from pfwd_device.recording.drop_payload import (
     drop_parts,
     peaks_data,
     rebound_payload,
 )
-from pfwd_device.recording.files import file_facts, now, publish_request
+from pfwd_device.recording.files import file_facts, now
 from pfwd_device.recording.framing import RecordKind
 from pfwd_device.recording.index import EDITS, DropEntry, Index, about_of, complete_keys, read_index
 from pfwd_device.recording.layout import Layout, ResultKind
 from pfwd_device.recording.lock import SurveyLock
 from pfwd_device.recording.payload import decode_json, encode_json
-from pfwd_device.recording.publishing import ChildPublisher, Publisher, PublishingThread
+from pfwd_device.recording.publishing import publish, publishing_process, result_of
 from pfwd_device.recording.record import COPY_OF, DropRecord, ReboundRecord, point_name
 from pfwd_device.recording.record_log import RESERVE_BYTES, RecordLog, refused
 from pfwd_device.recording.recovery import RecoveryReport, begin, prepare, repair
@@ -70,6 +73,7 @@ class SurveyWriter:
         log: RecordLog,
         index: Index,
         report: RecoveryReport,
+        jobs: Jobs | None,
     ) -> None:
         self.folder = layout.folder
         self.recovery = report
@@ -80,8 +84,8 @@ class SurveyWriter:
         self._records = log
         self._index = index
         self._lock = log.lock
-        self._thread: PublishingThread | None = None
-        self._submitted: set[int] = set()
+        self._jobs = jobs
+        self._publishing: dict[int, Task[dict[str, Any]]] = {}
         self._unlisted: list[dict[str, Any]] = []
         self._captures: list[CaptureWriter] = []
         self._drop_bytes = DEFAULT_DROP_BYTES
@@ -96,7 +100,7 @@ class SurveyWriter:
         *,
         storage: Storage | None = None,
         publish: bool = True,
-        publisher: Publisher | None = None,
+        jobs: Jobs | None = None,
         reserve_bytes: int = RESERVE_BYTES,
         spare: SpareFolder | None = None,
         fall_back: bool = True,
@@ -114,9 +118,9 @@ class SurveyWriter:
         storage : Storage, optional
             Access to the files; by default that of the system.
         publish : bool
-            True: make the HDF5 file of each drop in a child process. False: a recovery makes them.
-        publisher : Publisher, optional
-            Object that makes the files in place of the child process.
+            True: make the HDF5 file of each drop in another process. False: a recovery makes them.
+        jobs : Jobs, optional
+            Process that makes the files; it is closed with the survey.
         reserve_bytes : int
             Disk space reserved for the present drop when the disk is full, bytes.
         spare : SpareFolder, optional
@@ -146,7 +150,7 @@ class SurveyWriter:
         except OSError as err:
             raise refused(err, str(layout.folder)) from err
         lock = SurveyLock(layout, storage)
-        helper = publisher or ChildPublisher()
+        jobs = jobs or publishing_process()
         log: RecordLog | None = None
 
         def read(layout: Layout) -> Index:
@@ -159,20 +163,21 @@ class SurveyWriter:
             for path in layout.folders:
                 storage.make_folder(path)
             log, index, actions = begin(
-                layout, storage, helper, lock, spare, fall_back=fall_back, read=read
+                layout, storage, jobs, lock, spare, fall_back=fall_back, read=read
             )
             if reserve_bytes:
                 log.make_reserve(reserve_bytes)
-            report = repair(log, index, helper, publish=publish)
+            report = repair(log, index, jobs, publish=publish)
             report = replace(report, actions=(*actions, *report.actions))
-            writer = cls(layout, storage, lock, log, index, report)
+            if not publish:
+                jobs.close()
+            writer = cls(layout, storage, lock, log, index, report, jobs if publish else None)
             if not edits_only:  # read the keys now, so that saving a drop is fast
                 complete_keys(layout, index)
-            writer._start(helper, publish)
         except BaseException as err:
             if log is not None:
                 log.close()
-            helper.close()
+            jobs.close()
             lock.release()
             if isinstance(err, OSError) and not isinstance(err, RecordingError):
                 raise refused(err, str(layout.folder)) from err
@@ -449,11 +454,16 @@ class SurveyWriter:
         """
         with self._lock:
             drop = self._drop(number)
-            is_submitted = number in self._submitted
-            if self._thread is None or is_submitted or self._records.part is not None:
+            is_requested = number in self._publishing
+            if self._jobs is None or is_requested or self._records.part is not None:
                 return
-            self._submitted.add(number)
-            self._thread.submit(publish_request(self._layout, drop))
+            self._publishing[number] = self._jobs.submit(
+                publish,
+                self._layout,
+                drop.places,
+                self._storage,
+                on_finish=partial(self._list_published, drop),
+            )
 
     def open_capture(self, name: str, header: Mapping[str, Any]) -> CaptureWriter:
         """Begin a raw capture, a file with every byte of a link, which is closed with the survey.
@@ -518,8 +528,8 @@ class SurveyWriter:
         with contextlib.ExitStack() as ends:
             ends.callback(self._survey_lock.release)
             ends.callback(self._records.close)
-            if self._thread is not None:
-                ends.callback(self._thread.close, 0.0)
+            if self._jobs is not None:
+                ends.callback(self._jobs.close)
             try:
                 self._finish(timeout)
             except (RecordingError, OSError) as err:
@@ -531,8 +541,9 @@ class SurveyWriter:
         for number in sorted(self._index.drops):
             if self._layout.drop_file_name(number) not in self._index.files:
                 self.publish(number)
-        if self._thread is not None:
-            self._thread.close(timeout)
+        if self._jobs is not None:
+            wait(self._publishing.values(), timeout)
+            self._jobs.close()  # when it returns, all results are listed
         for listed in self._unlisted:
             self._write(RecordKind.FILE, listed)
         for capture in self._captures:
@@ -541,26 +552,18 @@ class SurveyWriter:
             self._write(RecordKind.FILE, listed | {"number": None})
         self._write(RecordKind.CLOSE, {"by": "writer"})
 
-    def _start(self, helper: Publisher, publish: bool) -> None:
-        if publish:
-            self._thread = PublishingThread(helper, self._list_published, self._not_published)
-        else:
-            helper.close()
-
-    def _not_published(self, number: int, reason: str) -> None:
-        """Report that the file of a drop cannot be made; called in the publishing thread."""
-        with self._lock:
-            drop = self._drop(number)
-        self._reports.put(PublishingFailed(number, drop.point, drop.drop, reason))
-
-    def _list_published(self, request: Mapping[str, Any], answer: Mapping[str, Any]) -> None:
-        """Record that the file of a drop was made; called in the publishing thread."""
-        listed = {key: answer[key] for key in ("path", "size", "sha256", "number")}
+    def _list_published(self, drop: DropEntry, task: Task[dict[str, Any]]) -> None:
+        """Record that the file of a drop was made, or report why not; called in another thread."""
         try:
-            self._write(RecordKind.FILE, listed)
-        except RecordingError:
-            self._unlisted.append(listed)  # `close` tries again
-            raise
+            listed = result_of(task)
+            try:
+                self._write(RecordKind.FILE, listed)
+            except RecordingError:
+                self._unlisted.append(listed)  # `close` tries again
+                raise
+        except RecordingError as err:  # it is only reported: the drop is safe in the journal
+            _log.warning("the file of drop %d is not made yet: %s", drop.number, err)
+            self._reports.put(PublishingFailed(drop.number, drop.point, drop.drop, str(err)))
 
     def _exists(self, path: Path) -> bool:
         try:

@@ -20,16 +20,15 @@ import numpy as np
 from benchmarks.output import Reporter
 from pfwd_device import Channel, Drop
 from pfwd_device.errors import RecordingError
+from pfwd_device.jobs import Jobs
 from pfwd_device.recording import (
     DropRecord,
     ReboundRecord,
-    Storage,
     SurveyWriter,
     read_survey,
     recover,
 )
 from pfwd_device.recording.drop_file import drop_digest
-from pfwd_device.recording.publishing import InlinePublisher
 from tests.campaigns.noted_disk import Disk, Fault, NotingStorage, Operation, State, put
 
 SURVEY = "survey"
@@ -86,7 +85,7 @@ def record_run(
             folder / SURVEY,
             storage=storage,
             publish=publish,
-            publisher=InlinePublisher(storage),
+            jobs=Jobs(0),
             reserve_bytes=1024,
         )
     )
@@ -110,11 +109,10 @@ def record_run(
 def lost_drops(folder: Path, acknowledged: int, digests: dict[int, str]) -> list[int]:
     """Recover the survey below `folder`; numbers of acknowledged drops that are not as saved."""
     survey = folder / SURVEY
-    publisher = InlinePublisher(Storage())
     if not acknowledged:  # there may be no survey yet, and it must be possible to begin one
-        with SurveyWriter.open(survey, publisher=publisher):
+        with SurveyWriter.open(survey, jobs=Jobs(0)):
             return []
-    report = recover(survey, publisher=publisher)
+    report = recover(survey, jobs=Jobs(0))
     found = {drop.number: drop for drop in read_survey(survey).drops}
     lost = []
     for number in range(1, acknowledged + 1):

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import Storage, recover
-from pfwd_device.recording.publishing import InlinePublisher
+from pfwd_device.jobs import Jobs
+from pfwd_device.recording import recover
 from tests.campaigns.judge import REPLACED, Outcome, Said
 from tests.campaigns.log_process import (
     DROPS,
@@ -248,7 +248,7 @@ def _recover_meanwhile(scene: Scene) -> None:
     """The same, and recovery is run over the files that are being written."""
     scene.lock.unlink()
     with contextlib.suppress(RecordingError):
-        recover(scene.survey, publisher=InlinePublisher(Storage()))
+        recover(scene.survey, jobs=Jobs(0))
 
 
 def _relock(scene: Scene) -> None:
@@ -481,5 +481,5 @@ def _status(status: int | None) -> int:
 
 def _look_elsewhere(outcome: Outcome, place: Path) -> None:
     with contextlib.suppress(RecordingError):
-        recover(place, publisher=InlinePublisher(Storage()))
+        recover(place, jobs=Jobs(0))
     add_other_surveys(outcome.found, place)

@@ -9,14 +9,13 @@ from pfwd.errors import SurveyError
 from pfwd.files.traces import read_traces
 from pfwd.session.setup_file import parse_setup
 from pfwd_device.errors import DeviceError, RecordingError
+from pfwd_device.jobs import Jobs
 from pfwd_device.recording import CaptureReader, check, read_survey, recover
 from pfwd_device.recording.capture import decode_capture
 from pfwd_device.recording.drop_payload import drop_from_parts, rebound_from_payload
 from pfwd_device.recording.framing import RecordKind, encode_frame, scan_bytes
 from pfwd_device.recording.ledger import head_line, parse_ledger
 from pfwd_device.recording.payload import decode_payload, encode_payload, payload_data
-from pfwd_device.recording.publishing import InlinePublisher
-from pfwd_device.recording.storage import Storage
 from tests.fuzz.targets import cuts, target
 
 SURVEY_ID = bytes(range(16))
@@ -82,9 +81,8 @@ def survey_folder(data: bytes) -> None:
         with contextlib.suppress(RecordingError):
             check(folder)
         with contextlib.suppress(RecordingError):
-            storage = Storage()
-            recover(folder, publisher=InlinePublisher(storage))
-            again = recover(folder, publisher=InlinePublisher(storage))
+            recover(folder, jobs=Jobs(0))
+            again = recover(folder, jobs=Jobs(0))
             assert not again.actions
 
 

@@ -142,7 +142,7 @@ def surveys(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def workers_of(command: subprocess.Popen[str]) -> list[psutil.Process]:
     """The worker processes of a command."""
     children = psutil.Process(command.pid).children()
-    return [child for child in children if "pfwd.jobs" in child.cmdline()]
+    return [child for child in children if "pfwd_device.jobs" in child.cmdline()]
 
 
 @pytest.mark.posix

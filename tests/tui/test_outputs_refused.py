@@ -9,9 +9,8 @@ from pathlib import Path
 import pytest
 
 from pfwd_device import Drop
+from pfwd_device.jobs import Jobs
 from pfwd_device.recording import DropRecord, SurveyWriter
-from pfwd_device.recording.publishing import InlinePublisher
-from pfwd_device.recording.storage import Storage
 from tests.pfwd.files.trace_lines import HEADER, NAMES, rows
 from tests.tui.console import pfwd
 from tui.cli import main
@@ -22,7 +21,7 @@ JOURNAL, LEDGER, DROP = "journal/0001.pfwdj", "acknowledged.txt", "drops/drop-00
 @pytest.fixture
 def survey(tmp_path: Path, make_drop: Callable[..., Drop]) -> Path:
     folder = tmp_path / "survey"
-    with SurveyWriter.open(folder, publisher=InlinePublisher(Storage())) as writer:
+    with SurveyWriter.open(folder, jobs=Jobs(0)) as writer:
         declared = {"plate_radius_m": 0.15, "poisson_ratio": 0.35}
         writer.publish(writer.save_drop(DropRecord("A", make_drop(), None, declared)))
     return folder

@@ -4,8 +4,7 @@ import contextlib
 import io
 from collections.abc import Sequence
 
-from pfwd.errors import SurveyError
-from pfwd.jobs import Jobs
+from pfwd.jobs import Jobs, WorkerDied
 
 COMMAND_TIMEOUT_S = 600.0
 """Time after which a command is ended, s: a report of hundreds of points takes minutes."""
@@ -29,7 +28,7 @@ def run_command(words: Sequence[str]) -> str:
             return jobs.submit(_run, words).result(COMMAND_TIMEOUT_S)
         except TimeoutError:
             return f"it took longer than {COMMAND_TIMEOUT_S:.0f} s and was ended"
-        except SurveyError as err:
+        except WorkerDied as err:
             return str(err)
 
 

@@ -15,9 +15,8 @@ from pfwd.analysis.screening.drops import Screening
 from pfwd.files.header import PointSetup
 from pfwd.judging import drop_from_traces
 from pfwd_device import Channel, Drop
+from pfwd_device.jobs import Jobs
 from pfwd_device.recording import DropRecord, ReboundRecord, SurveyWriter
-from pfwd_device.recording.publishing import InlinePublisher
-from pfwd_device.recording.storage import Storage
 from tests.records import complete
 
 RESULT: dict[str, Any] = {
@@ -67,8 +66,7 @@ def survey(tmp_path: Path, make_drop: Callable[..., Drop]) -> Path:
     """Two points: one with position, results, notes and a discarded drop, one without any."""
     folder = tmp_path / "survey"
     counts = np.arange(600, dtype=np.int32).reshape(300, 2)
-    storage = Storage()
-    with SurveyWriter.open(folder, publisher=InlinePublisher(storage)) as writer:
+    with SurveyWriter.open(folder, jobs=Jobs(0)) as writer:
         declared = {"plate_radius_m": 0.15, "poisson_ratio": 0.35, "site": "km 1", "device": "d7"}
         for number in (1, 2, 3):
             drop = make_drop(number=number, peak=8000.0 + number, offsets=(0.0, 0.3), offset=50.0)

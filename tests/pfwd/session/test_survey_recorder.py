@@ -1,5 +1,6 @@
 """What a session says of its survey's files: what is not safe, and where it is kept."""
 
+import errno
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,9 +17,8 @@ from pfwd.session.events import (
     SurveyFilesChanged,
 )
 from pfwd.session.survey_recorder import SurveyRecorder
-from pfwd_device.errors import RecordingError
+from pfwd_device.jobs import Jobs
 from pfwd_device.recording import SpareFolder, Storage, SurveyWriter
-from pfwd_device.recording.publishing import InlinePublisher
 from tests.campaigns.power_loss import make_record
 from tests.pfwd_device.recording.records import Refusing
 
@@ -51,10 +51,9 @@ def survey(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def writer(survey: Path, tmp_path: Path) -> Iterator[SurveyWriter]:
-    storage = Storage()
     with SurveyWriter.open(
         survey,
-        publisher=InlinePublisher(storage),
+        jobs=Jobs(0),
         reserve_bytes=0,
         spare=SpareFolder(tmp_path / "spare"),
     ) as opened:
@@ -152,14 +151,13 @@ def test_a_drop_that_no_place_takes_is_held_and_named(survey: Path, told: Told) 
 
 
 def test_a_file_that_cannot_be_made_is_said(survey: Path, told: Told) -> None:
-    class Broken:
-        def ask(self, request: object) -> dict[str, object]:
-            raise RecordingError("the program that publishes failed: no such module")
+    class Broken(Storage):
+        def write_draft(self, draft: Path, data: bytes) -> None:
+            if draft.suffixes[0] == ".h5":
+                raise OSError(errno.EIO, "the card is worn out")
+            super().write_draft(draft, data)
 
-        def close(self) -> None:
-            """Nothing runs."""
-
-    with SurveyWriter.open(survey, publisher=Broken(), reserve_bytes=0) as writer:
+    with SurveyWriter.open(survey, storage=Broken(), jobs=Jobs(0), reserve_bytes=0) as writer:
         recorder = SurveyRecorder(writer, told.saved, told.tell)
         recorder.keep(make_record(1, np.random.default_rng(1)))
         writer.publish(1)
@@ -168,4 +166,4 @@ def test_a_file_that_cannot_be_made_is_said(survey: Path, told: Told) -> None:
         (said,) = [one for one in told.events if isinstance(one, DropNotPublished)]
         assert (said.point, said.number) == ("P 1", 1)
         assert "it is safe in the journal" in said.text
-        assert "no such module" in said.text
+        assert "the card is worn out" in said.text

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pfwd_device.recording import DropRecord, Storage, SurveyWriter
+from pfwd_device.jobs import Jobs
+from pfwd_device.recording import DropRecord, SurveyWriter
 from pfwd_device.recording.drop_file import drop_digest
-from pfwd_device.recording.publishing import InlinePublisher
 from tests.campaigns.power_loss import make_record
 
 
@@ -26,10 +26,9 @@ def new_survey(
 
     def make(folder: Path | None = None, drops: int = 3, *, extras: bool = True) -> dict[int, str]:
         digests = {}
-        storage = Storage()
         with SurveyWriter.open(
             folder or tmp_path / "survey",
-            publisher=InlinePublisher(storage),
+            jobs=Jobs(0),
             reserve_bytes=4096,
         ) as writer:
             writer.add_point("P 1", {"plate_radius_m": 0.15})

@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pfwd_device.errors import RecordingError
+from pfwd_device.jobs import Jobs
 from pfwd_device.recording import (
     DropRecord,
     RecoveryReport,
@@ -21,7 +22,6 @@ from pfwd_device.recording import (
 )
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.framing import RecordKind, scan_bytes
-from pfwd_device.recording.publishing import InlinePublisher
 from tests.campaigns.power_loss import make_record
 from tests.pfwd_device.recording.records import a_rebound
 
@@ -40,7 +40,7 @@ def content(folder: Path) -> dict[str, bytes]:
 
 
 def mend(folder: Path) -> RecoveryReport:
-    return recover(folder, publisher=InlinePublisher(Storage()))
+    return recover(folder, jobs=Jobs(0))
 
 
 def found(folder: Path) -> dict[int, str]:
@@ -58,9 +58,7 @@ def found(folder: Path) -> dict[int, str]:
 @pytest.fixture
 def tiny(tmp_path: Path) -> Path:
     """A survey of one drop in a few hundred bytes, published, closed."""
-    with SurveyWriter.open(
-        tmp_path / "tiny", publisher=InlinePublisher(Storage()), reserve_bytes=0
-    ) as writer:
+    with SurveyWriter.open(tmp_path / "tiny", jobs=Jobs(0), reserve_bytes=0) as writer:
         writer.save_drop(make_record(1, np.random.default_rng(1), 2))
         writer.save_result(1, {"a": 1})
         writer.open_capture("x", {}).write("from", b"abc")
@@ -154,7 +152,7 @@ def test_a_drop_lost_in_both_places_is_named_by_its_number(
     (survey / "drops" / "drop-000002.h5").unlink()
     before = check(survey)
     assert any("drop P 1/2" in text for text in before.damaged)
-    report = recover(survey, publisher=InlinePublisher(Storage()))
+    report = recover(survey, jobs=Jobs(0))
     assert report.damaged == ("drop P 1/2 is lost",)
     assert (report.drops_acknowledged, report.drops_published) == (3, 2)
     assert not report.ok
@@ -198,7 +196,7 @@ def test_a_survey_of_drop_files_alone_comes_back(tmp_path: Path, new_survey: New
     shutil.rmtree(survey / "journal")
     (survey / "acknowledged.txt").unlink()
     assert found(survey) == digests
-    assert recover(survey, publisher=InlinePublisher(Storage())).recovered == 3
+    assert recover(survey, jobs=Jobs(0)).recovered == 3
     assert found(survey) == digests
     assert read_survey(survey).survey_id == identity
     assert check(survey).ok
@@ -333,7 +331,7 @@ def test_rebounds_that_only_a_drop_file_holds_come_back(
 ) -> None:
     """A rebound comes after its drop, in a record of its own, and the file is made after both."""
     survey = tmp_path / "survey"
-    with SurveyWriter.open(survey, publisher=InlinePublisher(Storage()), reserve_bytes=0) as writer:
+    with SurveyWriter.open(survey, jobs=Jobs(0), reserve_bytes=0) as writer:
         for number in (1, 2):
             writer.save_drop(new_record(number))
         for number, sample in ((1, 7000), (1, 9000), (2, 7000)):

@@ -13,10 +13,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pfwd_device.errors import RecordingError, StorageFull
+from pfwd_device.jobs import Jobs
 from pfwd_device.recording import DropRecord, SurveyWriter, check, read_survey, recover
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.framing import RecordKind, scan_bytes
-from pfwd_device.recording.publishing import InlinePublisher
 from tests.campaigns import noted_disk, power_loss
 from tests.campaigns.noted_disk import Disk, NoDirectorySync, NoSync, NotingStorage, NoTruncate
 from tests.campaigns.power_loss import (
@@ -167,7 +167,7 @@ def test_what_a_killed_program_left_unsynced_is_synced_before_it_counts(tmp_path
     (tmp_path / "next").mkdir()
     noted_disk.put(disk.killed(), tmp_path / "next")
     after = NotingStorage(tmp_path / "next")
-    recover(tmp_path / "next" / "survey", after, publisher=InlinePublisher(after))
+    recover(tmp_path / "next" / "survey", after, jobs=Jobs(0))
     digests = {1: drop_digest(first, 0), 2: drop_digest(second, 0)}
     seen: Seen = set()
     for note in after.notes:
@@ -195,7 +195,7 @@ def test_recovery_cut_off_anywhere_is_done_again(
         path.unlink()
     before = noted_disk.take(tmp_path / "run")
     storage = NotingStorage(tmp_path / "run")
-    recover(survey, storage, publisher=InlinePublisher(storage))
+    recover(survey, storage, jobs=Jobs(0))
     for index, _, disk in power_loss.follow(storage.notes, before):
         if index % every == 0:
             rng = np.random.default_rng(index)

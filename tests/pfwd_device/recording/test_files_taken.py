@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from pfwd_device.errors import RecordingError, SurveyLocked
+from pfwd_device.jobs import Jobs
 from pfwd_device.recording import (
     ReboundRecord,
     SpareFolder,
@@ -26,7 +27,6 @@ from pfwd_device.recording import (
     recover,
 )
 from pfwd_device.recording.drop_file import drop_digest
-from pfwd_device.recording.publishing import InlinePublisher
 from pfwd_device.recording.storage import MAX_TRUSTED_WRITE_S
 from tests.campaigns import noted_disk, power_loss
 from tests.campaigns.noted_disk import NotingStorage
@@ -99,8 +99,7 @@ def append(path: Path, data: bytes) -> None:
 
 
 def open_writer(folder: Path, spare: SpareFolder | None = None) -> SurveyWriter:
-    publisher = InlinePublisher(Storage())
-    return SurveyWriter.open(folder, publisher=publisher, reserve_bytes=0, spare=spare)
+    return SurveyWriter.open(folder, jobs=Jobs(0), reserve_bytes=0, spare=spare)
 
 
 def everywhere(survey: Path, spare: SpareFolder) -> dict[int, str]:
@@ -242,8 +241,7 @@ class CoarseStorage(Storage):
 @pytest.mark.parametrize("storage", [TickingStorage(), CoarseStorage()])
 def test_times_of_files_alone_raise_no_alarm(tmp_path: Path, storage: Storage) -> None:
     survey = tmp_path / "survey"
-    helper = InlinePublisher(storage)
-    with SurveyWriter.open(survey, storage=storage, publisher=helper, reserve_bytes=0) as writer:
+    with SurveyWriter.open(survey, storage=storage, jobs=Jobs(0), reserve_bytes=0) as writer:
         for number in range(1, 6):
             save(writer, number)
             writer.publish(number)
@@ -540,7 +538,7 @@ def test_a_recovery_from_the_spare_folder_that_is_cut_off_is_done_again(
         expected[5] = save(writer, 5)
     before = noted_disk.take(run)
     storage = NotingStorage(run)
-    recover(survey, storage, publisher=InlinePublisher(storage), spare=spare)
+    recover(survey, storage, jobs=Jobs(0), spare=spare)
     for index, _, disk in power_loss.follow(storage.notes, before):
         if index % every == 0:
             rng = np.random.default_rng(index)
@@ -549,8 +547,7 @@ def test_a_recovery_from_the_spare_folder_that_is_cut_off_is_done_again(
                 folder.mkdir()
                 noted_disk.put(state, folder)
                 again = SpareFolder(folder / "spare")
-                publisher = InlinePublisher(Storage())
-                assert recover(folder / "survey", publisher=publisher, spare=again).ok
+                assert recover(folder / "survey", jobs=Jobs(0), spare=again).ok
                 assert digests(folder / "survey") == expected
                 assert check(folder / "survey", spare=again).ok
                 shutil.rmtree(folder)

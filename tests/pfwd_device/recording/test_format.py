@@ -7,15 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pfwd_device.jobs import Jobs
 from pfwd_device.recording import (
     CaptureReader,
-    Storage,
     check,
     read_drop_file,
     read_survey,
     recover,
 )
-from pfwd_device.recording.publishing import InlinePublisher
 
 TOP = Path(__file__).resolve().parents[3]
 RECORDING = TOP / "tests" / "data" / "recording"
@@ -65,6 +64,6 @@ def test_the_recording_is_whole_and_needs_no_recovery(tmp_path: Path) -> None:
     shutil.copytree(RECORDING, copy)
     report = check(copy)
     assert (report.ok, report.notes, report.closed) == (True, (), True)
-    recovered = recover(copy, publisher=InlinePublisher(Storage()))
+    recovered = recover(copy, jobs=Jobs(0))
     assert (recovered.ok, recovered.actions, recovered.drops_published) == (True, (), 2)
     assert check(copy).ok

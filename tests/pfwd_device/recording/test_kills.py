@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from pfwd_device.recording import Storage, SurveyWriter, check, read_survey, recover
+from pfwd_device.jobs import Jobs
+from pfwd_device.recording import SurveyWriter, check, read_survey, recover
 from pfwd_device.recording.drop_file import drop_digest
-from pfwd_device.recording.publishing import InlinePublisher
 from tests.campaigns.power_loss import lost_drops, make_record
 
 TOP = Path(__file__).resolve().parents[3]
@@ -98,8 +98,8 @@ def test_a_killed_recovery_is_done_again(tmp_path: Path, kills: int) -> None:
     chance = random.Random(kills)
     code = (
         "import sys; from pfwd_device.recording import recover, Storage; print('go', flush=True); "
-        "from pfwd_device.recording.publishing import InlinePublisher; "
-        "recover(sys.argv[1], publisher=InlinePublisher(Storage()))"
+        "from pfwd_device.jobs import Jobs; "
+        "recover(sys.argv[1], jobs=Jobs(0))"
     )
     for _ in range(kills):
         with start(code, str(survey)) as child:
@@ -180,9 +180,7 @@ def fill_and_free(disk: Path) -> None:
     ballast.write_bytes(bytes(700_000))
     refused = 0
     number = 1
-    with SurveyWriter.open(
-        disk / "survey", publisher=InlinePublisher(Storage()), reserve_bytes=300_000
-    ) as writer:
+    with SurveyWriter.open(disk / "survey", jobs=Jobs(0), reserve_bytes=300_000) as writer:
         while number <= 12:
             record = make_record(number, np.random.default_rng(number), 4096)
             try:
@@ -205,7 +203,7 @@ def fill_and_free(disk: Path) -> None:
 def test_the_lock_is_free_after_a_kill(tmp_path: Path) -> None:
     run_and_kill(tmp_path / "survey", 0.02, True)
     assert "pid" in (tmp_path / "survey" / "writer.txt").read_text()
-    report = recover(tmp_path / "survey", publisher=InlinePublisher(Storage()))
+    report = recover(tmp_path / "survey", jobs=Jobs(0))
     assert report.ok
 
 

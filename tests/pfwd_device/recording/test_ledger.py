@@ -9,7 +9,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from pfwd_device.errors import StorageFull
-from pfwd_device.recording import Storage, SurveyWriter, check, ledger, read_survey, recover
+from pfwd_device.jobs import Jobs
+from pfwd_device.recording import SurveyWriter, check, ledger, read_survey, recover
 from pfwd_device.recording.framing import RecordKind
 from pfwd_device.recording.ledger import (
     MAX_LEDGER_BYTES,
@@ -21,7 +22,6 @@ from pfwd_device.recording.ledger import (
     read_about,
     read_ledger,
 )
-from pfwd_device.recording.publishing import InlinePublisher
 from tests.campaigns.noted_disk import NotingStorage
 from tests.campaigns.power_loss import make_record
 
@@ -151,8 +151,7 @@ def test_a_ledger_that_is_no_ledger_of_ours_is_not_read(
     """Longer than any that a survey of ours has, whatever is in it: recovery makes it anew."""
     assert ledger.MAX_LEDGER_BYTES == 24 * 2**20  # ten times that of a survey of 10,000 drops
     survey = tmp_path / "survey"
-    helper = InlinePublisher(Storage())
-    with SurveyWriter.open(survey, publisher=helper, reserve_bytes=0) as writer:
+    with SurveyWriter.open(survey, jobs=Jobs(0), reserve_bytes=0) as writer:
         writer.save_drop(make_record(1, np.random.default_rng(1)))
     path = survey / "acknowledged.txt"
     whole = path.read_bytes()
@@ -168,7 +167,7 @@ def test_a_ledger_that_is_no_ledger_of_ours_is_not_read(
     monkeypatch.setattr(Path, "read_bytes", noted)
     assert len(read_survey(survey).drops) == 1
     assert not check(survey).ok
-    assert recover(survey, publisher=helper).ok
+    assert recover(survey, jobs=Jobs(0)).ok
     assert path not in [each for each in read if each.stat().st_size > 10_000]
     monkeypatch.undo()
     assert path.read_bytes().startswith(whole[:-30])
@@ -179,8 +178,7 @@ def test_a_full_ledger_takes_no_line_that_would_not_be_read_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     survey = tmp_path / "survey"
-    helper = InlinePublisher(Storage())
-    with SurveyWriter.open(survey, publisher=helper, publish=False, reserve_bytes=0) as writer:
+    with SurveyWriter.open(survey, jobs=Jobs(0), publish=False, reserve_bytes=0) as writer:
         writer.save_drop(make_record(1, np.random.default_rng(1)))
         size = (survey / "acknowledged.txt").stat().st_size
         monkeypatch.setattr(ledger, "MAX_LEDGER_BYTES", size + 10)

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from benchmarks.scale import UnsyncedStorage
 from pfwd_device.errors import RecordingError
+from pfwd_device.jobs import Jobs
 from pfwd_device.recording import (
     DropRecord,
     Survey,
@@ -27,7 +28,6 @@ from pfwd_device.recording.framing import RecordKind
 from pfwd_device.recording.index import Index, build_index, read_index
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import ledger_bytes
-from pfwd_device.recording.publishing import InlinePublisher
 from pfwd_device.recording.recovery import lost_texts, recover
 from tests.campaigns.power_loss import make_record
 from tests.pfwd_device.recording.operations import growth, operations
@@ -43,7 +43,7 @@ def record(folder: Path, drops: int, *, publish: bool = False, per_point: int = 
         folder,
         storage=storage,
         publish=publish,
-        publisher=InlinePublisher(storage),
+        jobs=Jobs(0),
         reserve_bytes=0,
     ) as writer:
         for number in range(1, drops + 1):

@@ -5,11 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from pfwd_device.jobs import Jobs
 from pfwd_device.recording import SurveyWriter, check, read_survey
 from pfwd_device.recording import index as index_module
 from pfwd_device.recording.layout import Layout
-from pfwd_device.recording.publishing import InlinePublisher
-from pfwd_device.recording.storage import Storage
 from pfwd_device.recording.survey_reader import Survey
 from tests.pfwd_device.recording.test_reading_many import record
 
@@ -38,8 +37,7 @@ def readings(monkeypatch: pytest.MonkeyPatch) -> list[Layout]:
 
 
 def opened(folder: Path, known: Survey) -> SurveyWriter:
-    helper = InlinePublisher(Storage())
-    return SurveyWriter.open(folder, publish=False, publisher=helper, already_read=known)
+    return SurveyWriter.open(folder, publish=False, jobs=Jobs(0), already_read=known)
 
 
 def test_a_survey_that_was_read_just_now_is_not_read_again(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from pfwd_device.errors import RecordingError, StorageFull
+from pfwd_device.jobs import Jobs
 from pfwd_device.recording import (
     SpareFolder,
     Storage,
@@ -18,7 +19,6 @@ from pfwd_device.recording import (
     read_survey,
     recover,
 )
-from pfwd_device.recording.publishing import InlinePublisher
 from tests.campaigns.power_loss import make_record
 from tests.pfwd_device.recording.records import Refusing, a_rebound, digests, save
 
@@ -39,9 +39,7 @@ def disk(survey: Path) -> Refusing:
 
 
 def open_writer(survey: Path, disk: Storage, spare: SpareFolder | None) -> SurveyWriter:
-    return SurveyWriter.open(
-        survey, storage=disk, publisher=InlinePublisher(disk), reserve_bytes=0, spare=spare
-    )
+    return SurveyWriter.open(survey, storage=disk, jobs=Jobs(0), reserve_bytes=0, spare=spare)
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO, errno.EROFS])

@@ -9,6 +9,7 @@ import pytest
 
 from pfwd_device import Channel, Drop
 from pfwd_device.errors import RecordingError, StorageFull
+from pfwd_device.jobs import Jobs
 from pfwd_device.recording import (
     DropRecord,
     Storage,
@@ -19,7 +20,6 @@ from pfwd_device.recording import (
     recover,
 )
 from pfwd_device.recording.drop_file import drop_digest
-from pfwd_device.recording.publishing import InlinePublisher
 from tests.pfwd_device.recording.records import a_rebound
 
 NewRecord = Callable[[int], DropRecord]
@@ -27,7 +27,7 @@ NewSurvey = Callable[..., dict[int, str]]
 
 
 def opened(folder: Path, **options: object) -> SurveyWriter:
-    options = {"publisher": InlinePublisher(Storage()), "reserve_bytes": 4096} | options
+    options = {"jobs": Jobs(0), "reserve_bytes": 4096} | options
     return SurveyWriter.open(folder, **options)  # type: ignore[arg-type]
 
 
@@ -121,7 +121,7 @@ def test_a_rebound_after_publication_is_read_with_the_drop(
     assert drop.file is not None
     assert [r.first_sample for r in read_drop_file(drop.file).rebounds] == [7000]
     assert [r.first_sample for r in drop.read().rebounds] == [7000, 9000]
-    assert recover(tmp_path, publisher=InlinePublisher(Storage())).actions == ()
+    assert recover(tmp_path, jobs=Jobs(0)).actions == ()
     assert check(tmp_path).ok
 
 

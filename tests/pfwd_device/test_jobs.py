@@ -15,15 +15,15 @@ from typing import Any
 
 import pytest
 
-from pfwd import jobs as module
-from pfwd.jobs import Jobs, Task, TaskProgress, WorkerDied, report
+from pfwd_device import jobs as module
+from pfwd_device.jobs import Jobs, Task, TaskProgress, WorkerDied, report
 
 TOP = Path(__file__).resolve().parents[2]
 PATIENCE = 60.0
 
 SCRIPT = """
 import os, signal, time
-from pfwd.jobs import Jobs
+from pfwd_device.jobs import Jobs
 jobs = Jobs(2)  # no guard: a script may begin at its first line
 print(jobs.submit(os.getpid).result(), flush=True)
 jobs.submit(time.sleep, 600)
