@@ -35,7 +35,7 @@ from pfwd.analysis.analyse import record_of
 from pfwd.files.traces import read_traces
 from pfwd.jobs import Jobs
 from pfwd_plugins.quantities import MotionName
-from simulators.drop import DropSimulator, Hammer, SimulatedDrop
+from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Plate, SoilProfile
 from simulators.traces import Recording, write_traces
 
@@ -186,10 +186,8 @@ def draw_case(number: int, seed: int = 0) -> CoverageCase:
 
 def simulate(case: CoverageCase) -> SimulatedDrop:
     """Simulate the drop of a case by finite elements, without noise."""
-    pulse = case.hammer.pulse_duration
-    duration = max(0.03, round(2.5 * pulse, 3))
-    simulator = DropSimulator(case.ground, case.plate, case.offsets, duration, TIME_STEP, pulse)
-    return simulator.run(case.hammer)
+    duration = max(0.03, round(2.5 * case.hammer.pulse_duration, 3))
+    return simulate_drop(case.ground, case.plate, case.hammer, case.offsets, duration, TIME_STEP)
 
 
 def recorded(case: CoverageCase, drop: SimulatedDrop) -> Record:

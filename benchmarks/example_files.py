@@ -17,7 +17,7 @@ from pfwd.analysis.options import AnalysisOptions
 from pfwd.export.export import export_survey
 from pfwd.files.importing import import_files
 from pfwd_device.recording import SurveyWriter, read_survey
-from simulators.drop import DropSimulator, Hammer, SimulatedDrop
+from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Plate, SoilProfile
 from simulators.traces import Recording, write_traces
 from tests.campaigns.effects.channels import delayed
@@ -158,10 +158,7 @@ def simulate(
     truth: Truth, offsets: tuple[float, ...], time_step: float = TIME_STEP
 ) -> SimulatedDrop:
     """Return one drop of the hammer on the ground of a point, by finite elements."""
-    simulator = DropSimulator(
-        truth.ground, PLATE, offsets, DURATION, time_step, HAMMER.pulse_duration
-    )
-    return simulator.run(HAMMER)
+    return simulate_drop(truth.ground, PLATE, HAMMER, offsets, DURATION, time_step)
 
 
 def _write(

@@ -124,7 +124,7 @@ def fuzz(seconds: int) -> tuple[bool, int, str]:
     return ran.returncode == 0, count, "; ".join(errors[:3])
 
 
-def seeds(count: int = 200) -> list[bytes]:
+def seeds() -> list[bytes]:
     """Return sequences of valid messages in random order.
 
     A fuzzer would not guess the first message.
@@ -148,7 +148,7 @@ def seeds(count: int = 200) -> list[bytes]:
         b"\x09" + name + struct.pack("<I", 500),
     ]
     sequences = []
-    for _ in range(count):
+    for _ in range(200):
         parts = [hello, generator.choice([armed, b"\x03"])]
         parts += generator.choices(messages, k=generator.randrange(12))
         text = b""

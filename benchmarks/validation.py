@@ -31,7 +31,7 @@ from pfwd.analysis.analyse import record_of, settings_of
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.files.traces import read_traces
 from pfwd.jobs import Jobs
-from simulators.drop import DropSimulator, Hammer, SimulatedDrop
+from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Plate, SoilProfile
 from simulators.traces import Recording, write_traces
 
@@ -126,8 +126,7 @@ def simulate(case: StudyCase) -> SimulatedDrop:
     ground = SoilProfile.uniform(
         case.modulus, case.viscosity, poisson_ratio=POISSON_RATIO, bedrock_depth=case.depth
     )
-    simulator = DropSimulator(ground, PLATE, (0.0,), _DURATION, _TIME_STEP, HAMMER.pulse_duration)
-    return simulator.run(HAMMER)
+    return simulate_drop(ground, PLATE, HAMMER, (0.0,), _DURATION, _TIME_STEP)
 
 
 def study(case: StudyCase) -> CaseReport:

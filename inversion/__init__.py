@@ -15,42 +15,22 @@ from typing import TYPE_CHECKING
 from pfwd_plugins.lazy_names import lazy_getattr
 
 if TYPE_CHECKING:
-    from inversion.drop_inversion import Settings, invert, invert_joint
-    from inversion.errors import InversionError, ModelError, RecordError
-    from inversion.forward.contact import PLATE_MODELS, PlateProblem
-    from inversion.forward.library import SurrogateLibrary
-    from inversion.forward.model import ForwardModel, Grounds, Instrument
-    from inversion.measured.half_sine import HalfSineFit, fit_half_sine, fit_half_sine_equal_area
-    from inversion.measured.peak_method import PLATE_FACTORS, PeakModulus, peak_modulus
-    from inversion.measured.record import Record, Sensor
-    from inversion.result import HalfSinePulse, InversionResult, LayerResult, TimeHistories
-
-__all__ = [
-    "PLATE_FACTORS",
-    "PLATE_MODELS",
-    "ForwardModel",
-    "Grounds",
-    "HalfSineFit",
-    "HalfSinePulse",
-    "Instrument",
-    "InversionError",
-    "InversionResult",
-    "LayerResult",
-    "ModelError",
-    "PeakModulus",
-    "PlateProblem",
-    "Record",
-    "RecordError",
-    "Sensor",
-    "Settings",
-    "SurrogateLibrary",
-    "TimeHistories",
-    "fit_half_sine",
-    "fit_half_sine_equal_area",
-    "invert",
-    "invert_joint",
-    "peak_modulus",
-]
+    from inversion.drop_inversion import Settings as Settings
+    from inversion.drop_inversion import invert as invert
+    from inversion.drop_inversion import invert_joint as invert_joint
+    from inversion.errors import InversionError as InversionError
+    from inversion.errors import ModelError as ModelError
+    from inversion.errors import RecordError as RecordError
+    from inversion.forward.contact import PLATE_MODELS as PLATE_MODELS
+    from inversion.forward.contact import PlateProblem as PlateProblem
+    from inversion.forward.library import SurrogateLibrary as SurrogateLibrary
+    from inversion.forward.model import ForwardModel as ForwardModel
+    from inversion.forward.model import Grounds as Grounds
+    from inversion.forward.model import Instrument as Instrument
+    from inversion.measured.half_sine import fit_half_sine_equal_area as fit_half_sine_equal_area
+    from inversion.measured.record import Record as Record
+    from inversion.measured.record import Sensor as Sensor
+    from inversion.result import InversionResult as InversionResult
 
 _NAMES_BY_MODULE = {
     "inversion.drop_inversion": ("Settings", "invert", "invert_joint"),
@@ -58,14 +38,13 @@ _NAMES_BY_MODULE = {
     "inversion.forward.contact": ("PLATE_MODELS", "PlateProblem"),
     "inversion.forward.library": ("SurrogateLibrary",),
     "inversion.forward.model": ("ForwardModel", "Grounds", "Instrument"),
-    "inversion.measured.half_sine": ("HalfSineFit", "fit_half_sine", "fit_half_sine_equal_area"),
-    "inversion.measured.peak_method": ("PLATE_FACTORS", "PeakModulus", "peak_modulus"),
+    "inversion.measured.half_sine": ("fit_half_sine_equal_area",),
     "inversion.measured.record": ("Record", "Sensor"),
-    "inversion.result": ("HalfSinePulse", "InversionResult", "LayerResult", "TimeHistories"),
+    "inversion.result": ("InversionResult",),
 }
 
 __getattr__ = lazy_getattr(globals(), _NAMES_BY_MODULE)
 
 
 def __dir__() -> list[str]:
-    return __all__
+    return sorted(name for names in _NAMES_BY_MODULE.values() for name in names)

@@ -31,7 +31,7 @@ from inversion.measured.half_sine import (
     fit_half_sine_equal_area,
     model_load,
 )
-from inversion.measured.peak_method import PeakModulus, peak_modulus
+from inversion.measured.peak_method import RIGID_PLATE_FACTOR, peak_modulus
 from inversion.measured.record import PreparedDrop, Record, prepare
 from inversion.measured.weighted_drop import WeightedDrop, count_distances
 from inversion.notices import Notice, Value
@@ -256,7 +256,7 @@ def _pulse(fit: HalfSineFit, item: WeightedDrop) -> HalfSinePulse:
     )
 
 
-def _peak(drop: PreparedDrop, record: Record) -> PeakModulus:
+def _peak(drop: PreparedDrop, record: Record) -> float:
     contact = drop.displacement[0, drop.time <= drop.contact_end]
     if not contact.mean() > 0.0:
         raise RecordError(
@@ -268,7 +268,7 @@ def _peak(drop: PreparedDrop, record: Record) -> PeakModulus:
     return peak_modulus(drop.peak_load, deflection, radius, record.poisson_ratio)
 
 
-def _report(base: BaseFit, place: int, peak: PeakModulus, settings: Settings) -> InversionResult:
+def _report(base: BaseFit, place: int, peak: float, settings: Settings) -> InversionResult:
     """Return the result of drop ``place`` of a fit."""
     is_published = settings.method == "published"
     fit, state = base.best, base.state
@@ -370,7 +370,7 @@ def _remarks(
 
 
 def _described(
-    item: WeightedDrop, history: TimeHistories, peak: PeakModulus, settings: Settings
+    item: WeightedDrop, history: TimeHistories, peak: float, settings: Settings
 ) -> InversionResult:
     """Return the part of a result that follows from the record, the request and the curves."""
     drop = item.drop
@@ -381,8 +381,8 @@ def _described(
         load="measured" if settings.load == "measured" else "half-sine",
         half_sine=_pulse(fit_half_sine(drop.time, drop.load), item),
         half_sine_equal_area=_pulse(fit_half_sine_equal_area(drop.time, drop.load), item),
-        peak_modulus_pa=peak.modulus,
-        peak_factor=peak.factor,
+        peak_modulus_pa=peak,
+        peak_factor=RIGID_PLATE_FACTOR,
         r_squared=_r_squared(drop, history),
         noise_rms_m=float(max(drop.noise[0], drop.quantisation[0], item.model_floor[0])),
         residual_rms_over_peak=_residual_until(drop, history, math.inf),

@@ -68,13 +68,6 @@ def boussinesq_surface_displacement(
     return (1 - poisson_ratio**2) * force / (math.pi * modulus * offset)
 
 
-def uniform_pressure_centre_displacement(
-    pressure: float, radius: float, modulus: float, poisson_ratio: float
-) -> float:
-    """Boussinesq 1885, Love 1927: w(0) = 2 (1 - nu^2) p a / E."""
-    return 2 * (1 - poisson_ratio**2) * pressure * radius / modulus
-
-
 def smooth_disc_stiffness(modulus: float, poisson_ratio: float, radius: float) -> float:
     """Boussinesq 1885, Sneddon 1965: F/w = 4 G a / (1 - nu)."""
     return 4 * shear_modulus(modulus, poisson_ratio) * radius / (1 - poisson_ratio)

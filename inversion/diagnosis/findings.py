@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 Verdict = Literal["clean", "explained", "unexplained"]
 LeaveOut = Literal["next", "drop", "sensor", "point"]
-# Largest residual over the peak of an unexplained point whose modulus may still be corrected.
+# Residual over the peak up to which the modulus of an unexplained point may still be corrected, and
+# above which noise does not explain a residual.
 NEARLY_EXPLAINED = 0.02
 # Ratio of the residual after to that before, above which the effects are not its main cause.
 MAX_UNEXPLAINED_SHARE = 0.5

@@ -64,7 +64,7 @@ class Point:
                 max(model.peak_in_contact, 1e-9),
                 first.instrument.plate_radius,
                 first.poisson_ratio,
-            ).modulus
+            )
             for model in self.drops
         ]
         self.peak_modulus = float(np.median(peaks))

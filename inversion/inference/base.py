@@ -38,6 +38,7 @@ from inversion.inference.modulus import (
 )
 from inversion.inference.point_model import GROUND_EFFECT, STIFFNESS, Key, PointModel
 from inversion.inference.posterior import PointFit, Posterior
+from inversion.inference.selection import HOPELESS_EVIDENCE_LOSS
 from inversion.inference.state import (
     discrepancy_error,
     doubtful_weights,
@@ -62,9 +63,8 @@ _MASS: Key = ("plate_inertia", "mass", None)
 _NO_PRIORS = 30.0
 # Two fits are one optimum if their unknowns differ by less than this number of standard deviations.
 _SAME_OPTIMUM = 1.0
-# A starting point is dropped if its misfit exceeds this multiple of the smallest, or if its log
-# evidence after a short fit is this much below the largest.
-_MAX_COST_RATIO, _HOPELESS_EVIDENCE_LOSS = 10.0, 40.0
+# A starting point is dropped if its misfit exceeds this multiple of the smallest.
+_MAX_COST_RATIO = 10.0
 # Smallest probability of a fit that a 95 % interval covers; deviation of an exact value.
 _IN_INTERVAL, _EXACT = 0.025, 1e-6
 MAX_LAYERS = 4
@@ -455,7 +455,7 @@ def _promising_starts(
 def _refined(fits: list[tuple[Posterior, PointFit]], solves: int) -> BaseFit:
     """Run short fits to their optima; ``solves`` were made before them."""
     short_fits = sorted(fits, key=lambda pair: -pair[0].log_evidence)
-    limit = short_fits[0][0].log_evidence - _HOPELESS_EVIDENCE_LOSS
+    limit = short_fits[0][0].log_evidence - HOPELESS_EVIDENCE_LOSS
     promising: list[tuple[Posterior, PointFit]] = []
     for posterior, fit in short_fits:
         is_new = not any(_is_same_optimum(posterior, better) for better, _ in promising)

@@ -22,6 +22,7 @@ from inversion.inference.point_model import PointModel
 from inversion.inference.population import InstrumentKnowledge as InstrumentKnowledge
 from inversion.inference.population import population_priors, summarise
 from inversion.inference.posterior import PointFit
+from inversion.inference.selection import LOG_ODDS
 from inversion.inference.structures import (
     Ranking,
     Structure,
@@ -36,9 +37,8 @@ from inversion.threads import single_threaded_blas
 MAX_RANKED_POINTS = 5
 # Number of neighbours on either side of a point whose summaries are used.
 _MAX_NEIGHBOURS = 50
-# Largest log evidence that one point contributes for or against an effect, and smallest sum over
-# all points for a shared effect.
-_MAX_POINT_EVIDENCE, _MIN_TOTAL_EVIDENCE = 10.0, 3.0
+# Largest log evidence that one point contributes for or against an effect.
+_MAX_POINT_EVIDENCE = 10.0
 
 _R = TypeVar("_R")
 
@@ -147,12 +147,12 @@ def shared_effects(gains: Sequence[Mapping[str, float]]) -> tuple[Structure, Str
                 totals[name] = totals.get(name, 0.0) + min(
                     max(gain, -_MAX_POINT_EVIDENCE), _MAX_POINT_EVIDENCE
                 )
-                if gain > _MIN_TOTAL_EVIDENCE:
+                if gain + LOG_ODDS > 0.0:
                     candidates.add(name)
     shared: set[str] = set()
     for name in sorted(candidates, key=lambda name: -totals[name]):
         rivals = any(BY_NAME[name].conflicts_with(BY_NAME[shared_name]) for shared_name in shared)
-        if totals[name] > _MIN_TOTAL_EVIDENCE and not rivals:
+        if totals[name] + LOG_ODDS > 0.0 and not rivals:
             shared.add(name)
     return frozenset(shared), frozenset(candidates - shared)
 

@@ -54,9 +54,9 @@ _N_STRUCTURES_WITH_SLOW_GROUNDS = 2
 # Largest number of starting points that are refined, and of structures of one drop that are fitted
 # to all drops.
 _MAX_STARTS = 4
-# Loss of log evidence from which an effect is not tried again in other structures, and a structure
-# not from the values of the best one.
-_HOPELESS_EVIDENCE_LOSS = 40.0
+HOPELESS_EVIDENCE_LOSS = 40.0
+"""Loss of log evidence, a probability of 4e-18, from which a fit is not continued, an effect not
+tried again in other structures, and a structure not from the values of the best one."""
 # Largest number of effects at a point without other points of the instrument. For simulated points
 # with more effects the true modulus was outside of the interval.
 _MAX_EFFECTS = 3
@@ -92,11 +92,7 @@ class Selection:
         """
         if structure not in self.fits or structure & self._postponed:
             return -math.inf
-        return self.fits[structure].log_evidence + self.log_odds(structure)
-
-    def log_odds(self, structure: Structure) -> float:
-        """Return the logarithm of the prior odds of a structure, relative to the base model."""
-        return LOG_ODDS * len(structure)
+        return self.fits[structure].log_evidence + LOG_ODDS * len(structure)
 
     @property
     def best(self) -> Structure:
@@ -189,7 +185,7 @@ class Selection:
         if not self.fits:
             return
         best = self.best
-        limit = self.score(best) - _HOPELESS_EVIDENCE_LOSS
+        limit = self.score(best) - HOPELESS_EVIDENCE_LOSS
         for structure in [*self.fits]:
             if structure != best and self.score(structure) > limit:
                 self._refit(structure, self.fits[best])
@@ -306,7 +302,7 @@ class Selection:
         ):
             self.refuse(structure)
             fit = None
-        if fit is None or self.score(structure) < self.score(neighbour) - _HOPELESS_EVIDENCE_LOSS:
+        if fit is None or self.score(structure) < self.score(neighbour) - HOPELESS_EVIDENCE_LOSS:
             self._unpromising.add(name)
 
     def addable(self, structure: Structure) -> list[str]:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from inversion.arrays import FloatArray
-from inversion.diagnosis.findings import FittedState
+from inversion.diagnosis.findings import NEARLY_EXPLAINED, FittedState
 from inversion.inference.modulus import (
     NORMAL_95,
     Component,
@@ -38,8 +38,9 @@ _REFERENCE_PA = 100e3
 # explain. It exceeds 1 because its parameters imitate part of the model error and of the response
 # of the instrument, and that part does not show as discrepancy.
 _ERROR_PER_DISCREPANCY = 5.0
-# Residual over the noise, and over the peak, above both of which slow noise does not explain it.
-_MAX_RESIDUAL_OVER_NOISE, _MAX_NOISE_OVER_PEAK = 2.0, 0.02
+# Residual over the noise above which slow noise is no explanation of more than a nearly explained
+# residual.
+_MAX_RESIDUAL_OVER_NOISE = 2.0
 # If the best fit does not explain the record, others of similar discrepancy have at least this
 # weight, relative to the best one.
 _SIMILAR_WEIGHT = 0.1
@@ -186,11 +187,7 @@ def unexplained_reasons(posterior: Posterior) -> list[Notice]:
     residual = posterior.recorded[-1] - last.observed
     over_noise = _root_mean_square([residual / last.noise[:, None]])
     last_residual = posterior.residuals_over_peak()[-1]
-    if (
-        not reasons
-        and over_noise > _MAX_RESIDUAL_OVER_NOISE
-        and last_residual > _MAX_NOISE_OVER_PEAK
-    ):
+    if not reasons and over_noise > _MAX_RESIDUAL_OVER_NOISE and last_residual > NEARLY_EXPLAINED:
         reasons.append(Notice("noise-exceeded", {"residual_over_noise": over_noise}))
     return reasons
 

@@ -27,7 +27,7 @@ from inversion import (
     invert_joint,
 )
 from inversion.measured.record import CALIBRATED_ERROR
-from simulators.drop import DropSimulator, Hammer, SimulatedDrop
+from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Plate, SoilProfile
 from tests.records import known
 
@@ -47,8 +47,7 @@ GENETIC = replace(LEAST_SQUARES, method="mpga")
 @pytest.fixture(scope="module")
 def drop() -> SimulatedDrop:
     ground = SoilProfile.uniform(MODULUS, VISCOSITY, DENSITY, POISSON_RATIO, DEPTH)
-    simulator = DropSimulator(ground, PLATE, (0.0, 0.3), 0.04, STEP, HAMMER.pulse_duration)
-    return simulator.run(HAMMER)
+    return simulate_drop(ground, PLATE, HAMMER, (0.0, 0.3), 0.04, STEP)
 
 
 @dataclass(frozen=True)
@@ -173,8 +172,7 @@ def test_all_sensors(bench: Bench) -> None:
 @pytest.mark.slow
 def test_rock_shallower_than_the_tables(library: SurrogateLibrary) -> None:
     ground = SoilProfile.uniform(MODULUS, VISCOSITY, DENSITY, POISSON_RATIO, 0.2)
-    simulator = DropSimulator(ground, PLATE, (), 0.04, STEP, HAMMER.pulse_duration)
-    bench = Bench(simulator.run(HAMMER), library)
+    bench = Bench(simulate_drop(ground, PLATE, HAMMER, (), 0.04, STEP), library)
     result = bench.invert(bench.record(bedrock_depth=0.2))
     assert result.modulus_pa == pytest.approx(MODULUS, rel=5e-3)
 
@@ -264,6 +262,7 @@ def test_genetic_search_and_least_squares_agree(bedrock_depth: float | None, ben
     record = bench.record(1, bedrock_depth=bedrock_depth)
     squares, genetic = (bench.invert(record, settings) for settings in (LEAST_SQUARES, GENETIC))
     assert (squares.method, genetic.method) == ("posterior", "mpga")
+    assert replace(LEAST_SQUARES, method="least-squares") == LEAST_SQUARES
     assert genetic.modulus_pa == pytest.approx(squares.modulus_pa, rel=1e-3)
     assert genetic.forward_solves > squares.forward_solves
 
@@ -355,19 +354,7 @@ def test_sensor_that_never_moves_down(bench: Bench) -> None:
             bench.invert(replace(record, sensors=(Sensor(0.0, "velocity", values),)))
 
 
-def test_sensor_of_the_wrong_polarity(bench: Bench) -> None:
-    record = bench.record()
-    reversed_sensor = Sensor(0.0, "velocity", -record.sensors[0].values)
-    with pytest.raises(RecordError, match="centre sensor: expected a downward"):
-        bench.invert(replace(record, sensors=(reversed_sensor,)))
-
-
 @pytest.mark.parametrize("depth", [0.0, -1.0])
 def test_depth_must_be_positive(depth: float, bench: Bench) -> None:
     with pytest.raises(ModelError, match="bedrock depth: expected a value > 0 m or inf"):
         bench.invert(bench.record(bedrock_depth=depth))
-
-
-def test_incompressible_ground_is_refused(bench: Bench) -> None:
-    with pytest.raises(ModelError, match=r"Poisson's ratio: expected 0 <= value < 0\.5"):
-        bench.invert(replace(bench.record(), poisson_ratio=0.5))

@@ -192,15 +192,6 @@ def test_genetic_search_and_starts_agree(library: SurrogateLibrary) -> None:
     assert results[0].forward_solves > results[1].forward_solves
 
 
-def test_the_same_seed_gives_the_same_result(
-    found: InversionResult, library: SurrogateLibrary
-) -> None:
-    again = invert(calibrated_drop(), TWO_LAYERS, library)
-    assert again.layers == found.layers
-    assert again.effective_modulus_pa == found.effective_modulus_pa
-    assert again.forward_solves == found.forward_solves
-
-
 def test_joint_drops_have_one_ground_and_their_own_histories(library: SurrogateLibrary) -> None:
     records = [recorded(noise=0.002, seed=s, scale=1 + 0.3 * s) for s in range(2)]
     first, second = invert_joint(records, TWO_LAYERS, library)

@@ -82,16 +82,6 @@ def test_the_ground_is_found(method: str, depth: float | None, library: Surrogat
     assert abs(result.sensor_lag_s) < 2e-5
 
 
-def test_the_genetic_search_and_local_fits_end_in_one_optimum(library: SurrogateLibrary) -> None:
-    drop = record(library, QUIET)
-    genetic, local = (
-        invert(drop, Settings(method=method), library) for method in ("mpga", "least-squares")
-    )
-    assert local.method == "posterior"
-    assert genetic.modulus_pa == pytest.approx(local.modulus_pa, rel=1e-3)
-    assert genetic.forward_solves > 2 * local.forward_solves > 0
-
-
 def test_a_fit_that_starts_at_the_preceding_result_is_quick(library: SurrogateLibrary) -> None:
     drops = [record(library, replace(QUIET, seed=seed)) for seed in (1, 2)]
     local = Settings(SMOOTH, method="posterior")

@@ -19,7 +19,7 @@ MODULES = (
 # are compared at, the length of a name, the most neighbours of a point, and factors of units: none
 # of them decides anything. Priors and bounds are those of the effects.
 NO_DECISION = {
-    "inversion/inference/selection.py": (8, 1e-2),
+    "inversion/inference/selection.py": (8, 1e-2, 40.0),
     "inversion/inference/structures.py": (8,),
     "inversion/inference/diagnose.py": (12,),
     "pfwd/analysis/diagnosis/shared_device.py": (1.4826,),
@@ -39,11 +39,11 @@ NO_DECISION = {
         0.5,
         0.5,
     ),
-    "inversion/inference/base.py": (4, 10.0, 30.0, 40.0, 1e-6, 0.025, 0.025, 0.975),
+    "inversion/inference/base.py": (4, 10.0, 30.0, 1e-6, 0.025, 0.025, 0.975),
     "inversion/inference/state.py": (100e3,),
     "pfwd/analysis/results.py": (1e6,),
 }
-MOST = 34
+MOST = 31
 
 
 def numbers_of(module: str) -> list[float]:
