@@ -210,4 +210,4 @@ def _safe(app: PfwdApp) -> int:
 
 def _final(app: PfwdApp) -> bool:
     last = app.state.last
-    return last is not None and last.final and last.curves is not None
+    return last is not None and not last.view.awaits_result and last.memory.curves is not None

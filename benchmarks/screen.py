@@ -179,12 +179,16 @@ def measure_in_this_process(url: str, folder: str, figures_file: str, seconds: f
             while time.monotonic() < until and not self._moduli():
                 await asyncio.sleep(0.2)
             before = self._lost()
-            earlier = {id(drop) for drop in self.state.drops_in_order()}
+            earlier = {(drop.point, drop.number) for drop in self.state.drops_in_order()}
             wall, cpu, drawn = time.monotonic(), time.process_time(), self.drawn
             samples = self.runner.trace.samples
             await asyncio.sleep(seconds)
             wall, cpu = time.monotonic() - wall, time.process_time() - cpu
-            drops = [drop for drop in self.state.drops_in_order() if id(drop) not in earlier]
+            drops = [
+                drop.memory
+                for drop in self.state.drops_in_order()
+                if (drop.point, drop.number) not in earlier
+            ]
             delays = [drop.delay for drop in drops if drop.delay is not None]
             figures = {
                 "updates_per_s": (self.drawn - drawn) / wall,

@@ -113,7 +113,6 @@ _CHANGING = {
     "Counters",
     "Device",
     "DropEntry",
-    "DropState",
     "FileEntry",
     "Index",
     "LinkCounters",

@@ -9,7 +9,7 @@ from typing import Any
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.results import DropAnalysis, DropResult
 from pfwd.export.json_text import json_text
-from pfwd.judging import Job, PointView
+from pfwd.judging import Job, PointView, SurveyView
 from pfwd.judging.advice import advice_on_drop
 from pfwd.judging.job import target_text
 from pfwd.session.events import (
@@ -30,6 +30,7 @@ from pfwd.session.events import (
     SensorCheck,
     SessionEvent,
     SessionNotice,
+    SurveyChanged,
     SurveyFilesChanged,
     TableBuilding,
 )
@@ -71,16 +72,17 @@ class SessionLines:
         self._reported_tables: set[str] = set()
         self._repeats = Repeats()
         self._reported_job: tuple[str, float | None] | None = None
-        self._complete = CompletePoints(self._point, analysed=analysed)
+        self._complete = CompletePoints(self._point)
         self.moduli: dict[int, float] = {}
         """Last modulus of each drop, Pa, by the number of the drop."""
 
     def print_event(self, event: SessionEvent) -> None:
         """Print an event, and the point that is complete with it."""
         self._event(event)
-        self._complete.take(event)
-        if isinstance(event, DropSaved):
-            self._advise(event.saved)
+        if isinstance(event, SurveyChanged):
+            self._complete.take(event)
+            if isinstance(event.cause, DropSaved):
+                self._advise(event.view, event.cause.saved)
 
     def finish(self) -> None:
         """Print the points that wait for a result; to be called at the end of the session."""
@@ -204,9 +206,8 @@ class SessionLines:
             self._line(saved, drop_result(saved.file, analysis))
             self._forget(saved)
 
-    def _advise(self, saved: SavedDrop) -> None:
+    def _advise(self, view: SurveyView, saved: SavedDrop) -> None:
         """Print the advice on a drop that needs no fit: wrong drop height, saturated channel."""
-        view = self._complete.view
         others = [drop for drop in view.points[saved.point].drops if drop.number != saved.number]
         for advice in advice_on_drop(view.job, saved.view, others):
             self._say(f"at drop {saved.point}/{saved.number}: {advice.text}", logging.WARNING)

@@ -70,6 +70,12 @@ class DropView:
     read."""
     stiffness: Stiffness | None = None
     """Stiffness of the test rig, for a report; None: the drop was on ground, or was not read."""
+    awaits_result: bool = False
+    """True: a result, or a better one, is being computed in the session that measures it."""
+    rebounds: tuple[float, ...] = ()
+    """Peak loads of the bounces after it, N; empty for a stored drop."""
+    identical: bool | None = None
+    """In a replay: True if its traces equal the recorded ones; None: not a replay."""
     source: SurveyDrop | None = None
     """Stored drop, from which the traces can be read; None: the drop is being measured, or this
     object came from another process."""

@@ -227,7 +227,9 @@ class DropPipeline:
                 self._last_record = number
             else:  # its rebounds are complete and were saved with it
                 self.recorder.publish(number)
-        view = replace(unsaved.view, record=number, screening=self._compare(unsaved.view, key[0]))
+        screening = self._compare(unsaved.view, key[0])
+        is_analysed = self.analyses is not None and screening.status != "rejected"
+        view = replace(unsaved.view, record=number, screening=screening, awaits_result=is_analysed)
         saved = SavedDrop(
             record.point,
             view,

@@ -11,7 +11,7 @@ from inversion.result import TimeHistories
 from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.analysis.screening.drops import Screening
 from pfwd.files.header import PointSetup
-from pfwd.judging import DropView, Job, PointView
+from pfwd.judging import DropView, Job, PointView, SurveyView
 from pfwd_device.acquisition.items import Disconnected, Samples
 from pfwd_device.drop import Drop
 from pfwd_device.identity import Identity
@@ -262,6 +262,13 @@ class PointReported:
     """True: its drops follow one by one in a replay."""
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class SurveyRead:
+    """All points of the survey that the session records into, as read from the disk."""
+
+    points: tuple[PointView, ...]
+
+
 @dataclass(frozen=True, slots=True)
 class Edited:
     """An edit of a point or drop is saved; recorded data stay as they are."""
@@ -314,6 +321,20 @@ class StorageLow(SessionNotice):
     """Approximate number of drops for which there is room; None: there is enough again."""
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class SurveyChanged:
+    """An event has changed the survey; it follows that event.
+
+    The view is immutable and shares all unchanged points and drops with the views before it.
+    """
+
+    view: SurveyView = field(repr=False)
+    """Survey with this event and all earlier ones."""
+    point: str | None
+    """Name of the point that changed; None: the job, or several points."""
+    cause: "SessionEvent" = field(repr=False)
+
+
 SessionEvent = (
     InstrumentReady
     | CalibrationChanged
@@ -334,7 +355,9 @@ SessionEvent = (
     | PointBegan
     | JobReported
     | PointReported
+    | SurveyRead
     | Edited
+    | SurveyChanged
     | TableBuilding
     | SessionNotice
 )

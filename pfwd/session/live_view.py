@@ -1,7 +1,8 @@
 """Content of a survey while it is measured, updated by the events of the session.
 
-Screen and command line apply the same events. Points that the survey had before arrive as
-`PointReported`. In a replay their drops do not count until they are replayed.
+The session applies its events and publishes each new view as `SurveyChanged`; screen and command
+line draw that view. Points that the survey had before arrive as `PointReported`. In a replay their
+drops do not count until they are replayed.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -20,31 +21,43 @@ from pfwd.session.events import (
     DropSaved,
     Edited,
     JobReported,
+    PointBegan,
     PointDiagnosed,
     PointReported,
-    SavedDrop,
+    Rebounded,
     SessionEvent,
+    SurveyChanged,
+    SurveyRead,
 )
 
 
-def apply_event(view: SurveyView, event: SessionEvent) -> tuple[SurveyView, str | None]:
-    """Return the survey after an event, and the name of the point that the event concerns.
-
-    Returns
-    -------
-    view : SurveyView
-    name : str or None
-        None: the event concerns no point.
-    """
+def apply_event(view: SurveyView, event: SessionEvent) -> SurveyChanged | None:
+    """Return the survey as an event changes it; None: the event does not change it."""
+    name: str | None
     match event:
         case JobReported(job):
-            return view.with_job(job), None
-        case PointReported(stored):
-            return with_stored(view, [stored], is_replayed=event.is_replayed), stored.name
+            return SurveyChanged(view.with_job(job), None, event)
+        case SurveyRead(stored):
+            merged = with_stored(view, stored).points
+            points = {**{point.name: merged[point.name] for point in stored}, **merged}
+            return SurveyChanged(replace(view, points=points), None, event)
+        case PointReported(point):
+            changed = with_stored(view, [point], is_replayed=event.is_replayed)
+            return SurveyChanged(changed, point.name, event)
+        case PointBegan(name):
+            if name in view.points:
+                return None
+            point = PointView(name)
         case DropSaved(saved):
-            point = _with_drop(_point_of(view, saved.point), saved)
-        case DropAnalysed():
-            point = _with_analysis(_point_of(view, event.saved.point), event)
+            point = _with_drop(_point_of(view, saved.point), event)
+        case DropAnalysed(saved):
+            point = _with_analysis(_point_of(view, saved.point), event)
+        case Rebounded(name, number):
+            point = _with_changed_drop(
+                _point_of(view, name),
+                number,
+                lambda drop: replace(drop, rebounds=(*drop.rebounds, event.peak_load)),
+            )
         case PointDiagnosed(name, diagnosis):
             point = replace(_point_of(view, name), diagnosis=diagnosis)
         case DiagnosisAwaited(name, awaited):
@@ -54,11 +67,11 @@ def apply_event(view: SurveyView, event: SessionEvent) -> tuple[SurveyView, str 
         case Edited(number=int(record)):
             owner = _owner_of(view, record)
             if owner is None:
-                return view, None
+                return None
             point = _with_edited_drop(owner, event)
         case _:
-            return view, None
-    return view.with_points([point]), point.name
+            return None
+    return SurveyChanged(view.with_points([point]), point.name, event)
 
 
 def with_stored(
@@ -105,8 +118,10 @@ def _sorted(drops: Mapping[int, DropView]) -> tuple[DropView, ...]:
     return tuple(drops[number] for number in sorted(drops))
 
 
-def _with_drop(point: PointView, saved: SavedDrop) -> PointView:
+def _with_drop(point: PointView, event: DropSaved) -> PointView:
+    saved = event.saved
     drop = _stored_drop(point, saved.number) or saved.view
+    drop = replace(drop, awaits_result=saved.view.awaits_result, identical=event.identical)
     drops = {drop.number: drop for drop in point.drops} | {saved.number: drop}
     received = saved.view.metadata.get("position")
     place = received if point.place is None and place_in(received) is not None else point.place
@@ -119,13 +134,26 @@ def _stored_drop(point: PointView, number: int) -> DropView | None:
 
 def _with_analysis(point: PointView, event: DropAnalysed) -> PointView:
     number, result = event.saved.number, event.result
-    stored, drop = _stored_drop(point, number), point.drop(number)
-    if drop is None or (stored is not None and stored.facts.modulus is not None):
-        return point  # a replayed drop keeps the result that is stored in the survey
-    if result.is_trial or not result.has_ground or not rests_on(result, drop.setup):
-        return point
-    drops = {drop.number: drop for drop in point.drops} | {number: drop.with_result(result)}
-    return replace(point, drops=_sorted(drops))
+    stored = _stored_drop(point, number)
+    # A replayed drop keeps the result that is stored in the survey.
+    has_stored_result = stored is not None and stored.facts.modulus is not None
+
+    def analysed(drop: DropView) -> DropView:
+        drop = replace(drop, awaits_result=drop.awaits_result and not event.final)
+        if has_stored_result or result.is_trial:
+            return drop
+        if result.has_ground and rests_on(result, drop.setup):
+            return drop.with_result(result)
+        return drop if drop.last_result is not None else replace(drop, last_result=result)
+
+    return _with_changed_drop(point, number, analysed)
+
+
+def _with_changed_drop(
+    point: PointView, number: int, change: Callable[[DropView], DropView]
+) -> PointView:
+    drops = tuple(change(drop) if drop.number == number else drop for drop in point.drops)
+    return replace(point, drops=drops)
 
 
 def _with_edit(point: PointView, event: Edited) -> PointView:
@@ -184,53 +212,43 @@ def _changes(drop: DropView, event: Edited) -> dict[str, Any]:
 class CompletePoints:
     """Reports points when they are complete and when their verdicts change.
 
-    A point is complete when it has the drops that the procedure requires. A point whose verdict is
-    on a fitted modulus is reported after its diagnosis. A point that is no longer complete is
-    reported again. If only its value changes, it is reported at the end of the session.
+    A point is complete when it has the drops that the procedure requires, and no result of them is
+    awaited. A point whose verdict is on a fitted modulus is reported after its diagnosis. A point
+    that is no longer complete is reported again. If only its value changes, it is reported at the
+    end of the session.
 
     Parameters
     ----------
     report : callable
         Receives the point.
-    analysed : bool
-        True: drops are inverted, and a point waits for the results of its drops.
     """
 
-    def __init__(self, report: Callable[[PointView], None], *, analysed: bool) -> None:
+    def __init__(self, report: Callable[[PointView], None]) -> None:
         self._report = report
-        self._analysed = analysed
-        self.view = SurveyView()
-        """Content of the survey after the events so far."""
+        self._view = SurveyView()
         self._reported: dict[str, PointProgress] = {}
-        self._waiting: dict[str, set[int]] = {}
 
-    def take(self, event: SessionEvent) -> None:
-        """Apply an event of the session."""
-        self.view, name = apply_event(self.view, event)
-        if isinstance(event, DropAnalysed) and event.final:
-            self._waiting.get(event.saved.point, set()).discard(event.saved.number)
-        if isinstance(event, DropSaved) and self._analysed:
-            waiting = self._waiting.setdefault(event.saved.point, set())
-            if event.saved.screening.status != "rejected":
-                waiting.add(event.saved.number)
-        if isinstance(event, JobReported):
-            for reported in self._reported:
-                self._report_if_changed(reported)
-        elif name is not None and not isinstance(event, PointReported):
-            self._report_if_changed(name)
+    def take(self, change: SurveyChanged) -> None:
+        """Take a change of the survey."""
+        self._view = change.view
+        if isinstance(change.cause, JobReported):
+            for name in tuple(self._reported):
+                self._report_if_changed(name)
+        elif change.point is not None and not isinstance(change.cause, PointReported):
+            self._report_if_changed(change.point)
 
     def rest(self) -> None:
         """Report the remaining points at the end of the session, without waiting for results."""
-        self._waiting.clear()
-        for name in self.view.points:
+        for name in self._view.points:
             self._report_if_changed(name, last=True)
 
     def _report_if_changed(self, name: str, *, last: bool = False) -> None:
-        point = self.view.points[name]
+        point = self._view.points[name]
         progress, before = point.progress, self._reported.get(name)
-        if self._waiting.get(name) or not (progress.complete or before):
+        if not (progress.complete or before):
             return
-        if point.is_verdict_pending and not last:
+        awaits_result = any(drop.awaits_result for drop in point.drops)
+        if (awaits_result or point.is_verdict_pending) and not last:
             return
         changed = before is None or _verdict(before) != _verdict(progress)
         if changed or (last and before is not None and before.value != progress.value):

@@ -26,15 +26,14 @@ from pfwd.files.opening import survey_content
 from pfwd.files.output_path import refuse_inside_survey
 from pfwd.judging import Job, job_of
 from pfwd.procedures import NO_PROCEDURE
-from pfwd.session.events import DropSaved, SessionEvent, SessionNotice
+from pfwd.session.events import SessionNotice
 from pfwd.session.live import LiveFeed, random_stream
 from pfwd.session.plan import session_job
 from pfwd.session.replay import Pace, capture_feed, survey_feed
 from pfwd.session.session import Ending, Listener, Session, SessionPlan
 from pfwd.session.setup_file import MeasuringSetup
-from pfwd.session.stored_drops import point_event
 from pfwd.session.survey_recorder import report_file_changes
-from pfwd_device.recording import CaptureWriter, Survey, SurveyWriter, read_survey
+from pfwd_device.recording import CaptureWriter, Survey, SurveyPoint, SurveyWriter, read_survey
 
 Control = Callable[[Session], AbstractContextManager[object]]
 
@@ -188,7 +187,7 @@ def replay(
     DeviceError, SurveyError
         If recording, setup or output cannot be used.
     """
-    path, targets = Path(recording), dict[str, Any]()
+    path, points = Path(recording), tuple[SurveyPoint, ...]()
     plan = SessionPlan(options=options, drops=drops)
     if is_survey(path) or is_survey_file(path):
         if setup is not None:
@@ -199,8 +198,7 @@ def replay(
         feed, reader = survey_feed(survey, speed), None
         if output is None or not is_survey(output):  # an existing survey has its own
             plan = replace(plan, job=_job_of(survey, listener).as_request())
-        targets = {point.name: point.target for point in survey.points}
-        listener = _with_stored_points(survey, listener)
+        points = tuple(survey.points)
     elif path.is_file():
         feed, used, reader = capture_feed(path, speed, setup)
         plan = replace(plan, setup=used)
@@ -208,10 +206,11 @@ def replay(
         hint = "name a folder that pfwd log or pfwd import has made"
         raise SurveyError(refusal(str(path), "a survey or a capture", "none", hint))
     with nullcontext() if output is None else _open_survey(output, spare, listener) as writer:
-        session = Session(feed, listener, plan, writer)
+        session = Session(feed, listener, plan, writer, points)
         with control(session):
             ending = session.run()
         if writer is not None:
+            targets = {point.name: point.target for point in points}
             for point in writer.contents().points:
                 if point.target is None and (target := targets.get(point.name)) is not None:
                     writer.edit("target", target, point=point.name)
@@ -227,20 +226,6 @@ def _job_of(survey: Survey, listener: Listener) -> Job:
     except SurveyError as err:
         listener(SessionNotice(str(err), serious=True))
         return replace(job_of(survey, NO_PROCEDURE), procedure=None)
-
-
-def _with_stored_points(survey: Survey, listener: Listener) -> Listener:
-    """Return a listener that receives each stored point before the first of its drops."""
-    waiting = {point.name: point for point in survey.points}
-
-    def with_points(event: SessionEvent) -> None:
-        if isinstance(event, DropSaved):
-            point = waiting.pop(event.saved.point, None)
-            if point is not None:
-                listener(point_event(point, is_replayed=True))
-        listener(event)
-
-    return with_points
 
 
 @contextmanager

@@ -10,7 +10,7 @@ import datetime
 import math
 import queue
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -21,7 +21,7 @@ from pfwd.analysis.results import DropResult
 from pfwd.errors import OptionError
 from pfwd.files.editing import Edit
 from pfwd.files.record_marks import MARKS
-from pfwd.judging import Job, JobRequest, SurveyView
+from pfwd.judging import Job, JobRequest, PointView, SurveyView
 from pfwd.judging.drops import RATE_DEVIATION
 from pfwd.judging.stations import similar_name
 from pfwd.session.buffered_drops import (
@@ -62,7 +62,7 @@ from pfwd.session.live_view import apply_event
 from pfwd.session.plan import Ending, SessionPlan, instrument_request, session_job
 from pfwd.session.sensor_check import SensorChecker
 from pfwd.session.setup_file import response_warnings, setup_of
-from pfwd.session.stored_drops import read_point_event
+from pfwd.session.stored_drops import point_event, read_point_event
 from pfwd_device.acquisition.detection import (
     DetectionSettings,
     PulseReport,
@@ -87,6 +87,7 @@ from pfwd_device.drop import Drop
 from pfwd_device.errors import RecordingError, SetupError
 from pfwd_device.identity import Identity
 from pfwd_device.recording.record import DropRecord, ReboundRecord, point_name
+from pfwd_device.recording.survey_reader import SurveyPoint
 from pfwd_device.recording.survey_writer import SurveyWriter
 from pfwd_device.wire.messages import Armed, Event, EventKind, Refusal, Status, Trigger
 
@@ -138,6 +139,8 @@ class Session:
         None: the defaults.
     writer : SurveyWriter, optional
         Survey to record into; None: nothing is recorded.
+    replayed : sequence of SurveyPoint
+        Points of the survey that is replayed, each reported before the first of its drops.
     """
 
     def __init__(
@@ -146,8 +149,10 @@ class Session:
         listener: Listener,
         plan: SessionPlan | None = None,
         writer: SurveyWriter | None = None,
+        replayed: Sequence[SurveyPoint] = (),
     ) -> None:
         self._feed = feed
+        self._replayed = {point.name: point for point in replayed}
         self._listener = listener
         self._repeats = Repeats()
         self._stored_events = Repeats()
@@ -162,8 +167,10 @@ class Session:
         first = stations[0].name if stations else FIRST_POINT
         self._point = self._plan.named_point or (stored_points[-1] if stored_points else first)
         self._view = SurveyView(self.job)
+        if writer is not None:
+            self._view = self._view.with_points([PointView(self._point)])
         self._pipeline = DropPipeline(
-            self._report, self._plan.options, writer, lambda: self._view, live=feed.live
+            self.report, self._plan.options, writer, lambda: self._view, live=feed.live
         )
         self._recorder, self._analyses = self._pipeline.recorder, self._pipeline.analyses
         self._stop = False
@@ -186,9 +193,9 @@ class Session:
         self._records: list[int] = []
         """Drops since the instrument was connected, by their numbers within the survey."""
         self._status: Status | None = None
-        self._unrecorded = UnrecordedDrops(self._report, self._recorder)
+        self._unrecorded = UnrecordedDrops(self.report, self._recorder)
         self._calibrations = CalibrationCheck(
-            self._report, self._recorder if feed.live else None, self._plan.changed_calibration
+            self.report, self._recorder if feed.live else None, self._plan.changed_calibration
         )
         self._unanswered: Connected | None = None
         """Connection whose changed calibration the operator has not accepted yet."""
@@ -230,7 +237,7 @@ class Session:
         for kind, details in news.events():
             writer.note_event(kind, details)
         self._job = self._job.with_request(news)
-        self._report(JobReported(self.job))
+        self.report(JobReported(self.job))
 
     def counters(self) -> dict[str, float | None]:
         """Return the numbers of discarded messages by kind; may be called from any thread."""
@@ -248,7 +255,7 @@ class Session:
         self._report_stored_point(self._point)
         if self._recorder is not None and self._declared:
             self._recorder.keep_point(self._point, self._declared)
-        self._report(PointBegan(self._point))
+        self.report(PointBegan(self._point))
 
     def edit(self, edit: Edit, *, point: str | None = None, number: int | None = None) -> None:
         """Edit a point by its name, or a drop by its number within the survey.
@@ -259,7 +266,7 @@ class Session:
             If nothing is recorded, there is no such point or drop, or the survey cannot be written.
         """
         for event in apply_edit(self._writer("edit"), edit, point, number):
-            self._report(event)
+            self.report(event)
         if edit.what == "discard" and number is not None and self._pipeline.diagnoses is not None:
             self._pipeline.diagnoses.discard(number)
 
@@ -275,12 +282,12 @@ class Session:
         """
         writer = self._writer("move")
         to, event = apply_move(writer, number, to)
-        self._report(event)
+        self.report(event)
         # The moved drop is a new record of the survey, from which the point is read again.
         stored = read_point_event(writer, to)
         if stored is not None:
             self._reported_points.add(to)
-            self._report(stored)
+            self.report(stored)
 
     def _writer(self, where: str) -> SurveyWriter:
         """Return the writer of the survey; raise RecordingError if nothing is recorded."""
@@ -385,7 +392,7 @@ class Session:
         stored = read_point_event(self._recorder.writer, name)
         if stored is not None:
             self._pipeline.add_stored_point(stored.point)
-            self._report(stored)
+            self.report(stored)
 
     def _report_similar_point(self) -> None:
         """Warn if the point of the plan is new and its name resembles that of another point.
@@ -400,10 +407,10 @@ class Session:
         similar = similar_name(name, names | {station.name for station in self.job.stations})
         if similar is not None:
             text = f"point {name} is new, but {similar} exists. Was {similar} meant? "
-            self._report(SessionNotice(text + "pfwd edit --move moves drops", serious=True))
+            self.report(SessionNotice(text + "pfwd edit --move moves drops", serious=True))
 
     def _run(self) -> Ending:
-        self._report(JobReported(self.job, self._differences))
+        self.report(JobReported(self.job, self._differences))
         if self._recorder is not None and not self._feed.live:
             self._keep_job(self._job_request)
         self._report_similar_point()
@@ -434,7 +441,7 @@ class Session:
             try:
                 self._requests.get()(self)
             except (RecordingError, OptionError) as err:
-                self._report(SessionNotice(str(err), serious=True))
+                self.report(SessionNotice(str(err), serious=True))
 
     def _may_go_on(self) -> bool:
         """Return whether the next item may be taken: a replay waits for pending analyses."""
@@ -468,7 +475,7 @@ class Session:
     def _trigger(self) -> None:
         if self._detector is None or self._stream is None:
             text = "no drop was triggered, because no samples arrive. Check the connection"
-            self._report(SessionNotice(text, kind="no samples"))
+            self.report(SessionNotice(text, kind="no samples"))
         else:
             self._detector.trigger_by_operator()
 
@@ -478,7 +485,7 @@ class Session:
             return
         if self._sampled < self._next_trigger:
             text = "the instrument triggered again within a second; the trigger is ignored"
-            self._report(SessionNotice(text, kind="triggers"))
+            self.report(SessionNotice(text, kind="triggers"))
             return
         if self._identity is not None and self._stream is not None:
             pause = round(TRIGGER_PAUSE * self._identity.sampling_rate)
@@ -515,17 +522,17 @@ class Session:
                     f"{item.first} of run {item.stream} on, were received before. A drop in them "
                     "is not recorded. Disconnect the instrument and connect it again"
                 )
-                self._report(SessionNotice(text, serious=True, kind="repeated samples"))
+                self.report(SessionNotice(text, serious=True, kind="repeated samples"))
             case Status():
                 self._status = item
-                self._report(InstrumentStatus(item, self._feed.counters()))
+                self.report(InstrumentStatus(item, self._feed.counters()))
                 if self._feed.lost_since is None:  # otherwise it may be another instrument
                     self._unrecorded.compare(item, self._identity)
             case Event():
                 self._on_event(item)
             case Refusal():
                 text = f"the instrument refuses (code {item.code}): {item.text}"
-                self._report(SessionNotice(text, serious=True, kind="refusals"))
+                self.report(SessionNotice(text, serious=True, kind="refusals"))
             case RecordedDrop():
                 self._on_recorded(item)
             case ImportedDrop():
@@ -557,7 +564,7 @@ class Session:
         n_unreported = self._stored_events.due("connected")
         if n_unreported is not None:
             self._keep_connection(n_unreported)
-        self._report(
+        self.report(
             InstrumentReady(
                 item.url,
                 identity,
@@ -604,7 +611,7 @@ class Session:
         for kind, details in request.events():
             self._recorder.keep_event(kind, details)
         self._job, self._job_request = self._job.with_request(request), JobRequest()
-        self._report(JobReported(self._job))
+        self.report(JobReported(self._job))
 
     def _on_disconnected(self, item: Disconnected) -> None:
         self._finish_drop("the link was lost")
@@ -613,7 +620,7 @@ class Session:
         n_unsaved = self._stored_events.due("lost")
         if self._recorder is not None and n_unsaved is not None:
             self._recorder.keep_event("lost", {"reason": item.reason} | _count(n_unsaved))
-        self._report(InstrumentLost.of(item))
+        self.report(InstrumentLost.of(item))
 
     def _on_event(self, item: Event) -> None:
         if item.kind == EventKind.TRIGGER:
@@ -624,10 +631,10 @@ class Session:
             self._ended = True
         elif item.kind == EventKind.LOW_BATTERY:
             text = f"battery of the instrument is low {item.text}".rstrip()
-            self._report(BatteryLow(text, serious=True, kind="battery"))
+            self.report(BatteryLow(text, serious=True, kind="battery"))
         elif item.kind == EventKind.BOOT:
             text = f"the instrument restarted {item.text}".rstrip()
-            self._report(SessionNotice(text, kind="restarts"))
+            self.report(SessionNotice(text, kind="restarts"))
             if self._feed.lost_since is None:
                 self._unrecorded.restart(self._identity)
 
@@ -645,7 +652,7 @@ class Session:
             f"wrong by {140 * abs(deviation):.1f} %, so drops of this instrument get no verdict. "
             "Correct the rate in the instrument or its setup file, and measure again"
         )
-        self._report(SessionNotice(text, serious=True, kind="the sampling rate"))
+        self.report(SessionNotice(text, serious=True, kind="the sampling rate"))
 
         def mark_earlier_drops(session: Session) -> None:
             for number in tuple(session._records):
@@ -653,10 +660,16 @@ class Session:
 
         self.ask(mark_earlier_drops)
 
-    def _report(self, event: SessionEvent) -> None:
-        """Apply an event to the view and report it to the listener.
+    def continue_survey(self, view: SurveyView) -> None:
+        """Add the points of an earlier session of the same survey; to be called before `run`."""
+        points = [point for name, point in self._view.points.items() if name not in view.points]
+        self._view = view.with_job(self.job).with_points(points)
 
-        Messages of a kind that a connected instrument repeats are limited.
+    def report(self, event: SessionEvent) -> None:
+        """Report an event to the listener, then the survey if the event changes it.
+
+        Messages of a kind that a connected instrument repeats are limited. Must be called in the
+        session's thread, see `ask`.
         """
         if isinstance(event, SessionNotice) and event.kind and self._feed.live:
             n_unreported = self._repeats.due(event.kind)
@@ -665,10 +678,16 @@ class Session:
             if n_unreported:
                 text = f"{event.text} ({n_unreported} more since the last message of this kind)"
                 event = replace(event, text=text)
-        if isinstance(event, DropSaved) and event.saved.record is not None:
-            self._records.append(event.saved.record)
-        self._view, _ = apply_event(self._view, event)
+        if isinstance(event, DropSaved):
+            if event.saved.record is not None:
+                self._records.append(event.saved.record)
+            if (stored := self._replayed.pop(event.saved.point, None)) is not None:
+                self.report(point_event(stored, is_replayed=True))
         self._listener(event)
+        change = apply_event(self._view, event)
+        if change is not None:
+            self._view = change.view
+            self._listener(change)
 
     def _report_rest(self) -> None:
         """Report the numbers of messages that were not shown."""
@@ -688,18 +707,18 @@ class Session:
         self._record_streamed(self._sampled)
         self._watch_shunt(item)
         self._on_detected(self._detector.feed(item))
-        self._report(LiveSamples(item, self._identity, self._detector.drop_load))
+        self.report(LiveSamples(item, self._identity, self._detector.drop_load))
         self._check_sensors(item)
         checking = item.shunt or (self._checker is not None and self._checker.due)
         if self._feed.live and self._detector.ready and not checking and not self._was_ready:
             self._was_ready = True
-            self._report(Ready())
+            self.report(Ready())
 
     def _watch_shunt(self, item: Samples) -> None:
         """Report that the shunt prevents drops, except during the check before the first drop."""
         own_check = self._checker is not None and self._checker.shunt_requested
         if item.shunt and not self._shunted and (self._was_ready or not own_check):
-            self._report(NotReady("the shunt is on, so that no drop can be recorded"))
+            self.report(NotReady("the shunt is on, so that no drop can be recorded"))
         self._shunted = item.shunt
         self._was_ready = self._was_ready and not item.shunt
 
@@ -714,7 +733,7 @@ class Session:
         self._last_check = details | {"faults": codes(faults)}
         if self._recorder is not None:
             self._recorder.keep_check(self._last_check)
-        self._report(SensorCheck(details, faults))
+        self.report(SensorCheck(details, faults))
 
     def _on_armed(self, item: Armed) -> None:
         self._armed = item.trigger if item.trigger.on else None
@@ -728,10 +747,10 @@ class Session:
                 text = (
                     f"the instrument does not detect drops as requested ({differences}); {effect}"
                 )
-                self._report(SessionNotice(text, serious=True, kind="trigger settings"))
+                self.report(SessionNotice(text, serious=True, kind="trigger settings"))
         if self._armed is not None and not streams and not self._was_ready:
             self._was_ready = True
-            self._report(Ready())
+            self.report(Ready())
 
     def _on_buffered_drop(self, item: BufferedDrop) -> None:
         """Save a drop that the instrument detected; it may erase the drop afterwards."""
@@ -773,7 +792,7 @@ class Session:
             f"buffered drop (run and sample {item.offer.stream}/{item.offer.first_sample}) is not "
             f"recorded and stays in the instrument: {item.reason}"
         )
-        self._report(SessionNotice(text, serious=True, kind="unusable drops"))
+        self.report(SessionNotice(text, serious=True, kind="unusable drops"))
 
     def _on_recorded(self, item: RecordedDrop) -> None:
         self._finish_drop("the next recorded drop follows")
@@ -794,7 +813,7 @@ class Session:
             record = self._recorded.record
             drop = f"drop {record.point}/{record.drop.number}"
             text = f"replay: {drop} is not detected again in its recorded samples"
-            self._report(SessionNotice(text, serious=True))
+            self.report(SessionNotice(text, serious=True))
         self._recorded, self._redetected = None, True
 
     def _on_imported(self, item: ImportedDrop) -> None:
@@ -868,7 +887,7 @@ class Session:
         n_unsaved = self._stored_events.due("pulse")
         if self._recorder is not None and n_unsaved is not None:
             self._recorder.keep_event("pulse", details | _count(n_unsaved))
-        self._report(SessionNotice(text, serious=True, kind="pulses"))
+        self.report(SessionNotice(text, serious=True, kind="pulses"))
 
     def _on_drop(self, raw: RawDrop, due: float | None = None) -> None:
         """Record a drop; with `due` it waits until then for the instrument's own record."""
@@ -887,7 +906,7 @@ class Session:
             if self._redetected:
                 drop = f"drop {source.record.point}/{source.record.drop.number}"
                 text = f"replay: a second drop is detected in the samples of {drop}; it is ignored"
-                self._report(SessionNotice(text, serious=True))
+                self.report(SessionNotice(text, serious=True))
                 return
             self._redetected = True
             number = self._pipeline.number_for(self._point, source.record.drop.number)
@@ -951,7 +970,7 @@ class Session:
                     f"the impact after the connection was restored is a bounce of drop "
                     f"{point}/{number} and is recorded with it"
                 )
-                self._report(SessionNotice(text))
+                self.report(SessionNotice(text))
                 return True
         self._fell = now, peak, (self._point, drop.number)
         return False

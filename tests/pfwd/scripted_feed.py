@@ -1,14 +1,16 @@
 """A feed that says what is written out in the test, and drops whose shape is known here."""
 
 import datetime
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pfwd.judging import SurveyView
 from pfwd.session.events import SessionEvent, SessionNotice
 from pfwd.session.feeds import Ended, FeedItem
+from pfwd.session.live_view import apply_event
 from pfwd.session.plan import Ending, SessionPlan
 from pfwd.session.session import Session
 from pfwd_device.acquisition.items import Connected, Disconnected, Gap, Samples, StreamBegan
@@ -158,6 +160,22 @@ class Log(list[SessionEvent]):
     @property
     def texts(self) -> str:
         return "\n".join(event.text for event in self.of(SessionNotice))
+
+
+class Publisher:
+    """Gives listeners events, each followed by the survey that it makes, as a session does."""
+
+    def __init__(self, *listeners: Callable[[Any], object]) -> None:
+        self.view = SurveyView()
+        self._listeners = listeners
+
+    def __call__(self, event: SessionEvent) -> None:
+        change = apply_event(self.view, event)
+        self.view = self.view if change is None else change.view
+        for listener in self._listeners:
+            listener(event)
+            if change is not None:
+                listener(change)
 
 
 class SpyWriter:

@@ -5,10 +5,9 @@ from pathlib import Path
 import pytest
 
 from pfwd.files.editing import Edit
-from pfwd.judging import JobRequest, Station, SurveyView, point_views
+from pfwd.judging import JobRequest, Station, point_views
 from pfwd.procedures import Kind
-from pfwd.session.events import DropSaved, PointReported
-from pfwd.session.live_view import apply_event
+from pfwd.session.events import DropSaved, PointReported, SurveyChanged
 from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
 from pfwd_device.recording import SurveyWriter, read_survey
@@ -118,9 +117,7 @@ def test_a_move_taken_back_while_it_is_measured_counts_the_drop_once(survey: str
         session.ask(lambda it: it.edit(Edit("restore"), number=99))
         session.run()
     assert counting(survey) == {"1": [1, 3, 4], "2": []}
-    view = SurveyView()
-    for event in log:
-        view, _ = apply_event(view, event)
+    view = log.of(SurveyChanged)[-1].view
     kinds = dict(view.points["1"].progress.kinds)
     assert (kinds[2], kinds[3]) == (Kind.DISCARDED, Kind.MEASURED)
     assert dict(view.points["2"].progress.kinds)[1] is Kind.REJECTED

@@ -31,6 +31,7 @@ from pfwd.session.events import (
     TableBuilding,
 )
 from pfwd_device import Drop
+from tests.pfwd.scripted_feed import Publisher
 from tests.records import read
 from tui.format import drop_line
 from tui.log_file import MAX_BYTES, MAX_OLD_FILES, survey_log
@@ -69,7 +70,9 @@ def one(make_drop: Callable[..., Drop]) -> Callable[..., SavedDrop]:
         reason = "no pulse" if status == "rejected" else None
         found = Screening(status, reason)
         traces = make_drop(number=number)
-        view = drop_from_traces(traces, PointSetup(0.15), record=record)
+        view = drop_from_traces(
+            traces, PointSetup(0.15), record=record, awaits_result=status != "rejected"
+        )
         return SavedDrop("A", replace(view, screening=found), traces, "x.h5")
 
     return make
@@ -115,10 +118,11 @@ def test_a_line_that_says_complete_is_of_a_complete_point(
 ) -> None:
     for as_json in (True, False):
         lines = SessionLines(as_json=as_json, analysed=True)
-        lines.print_event(JobReported(Job(procedure=plain_procedure(0, 1), target=30e6), ()))
-        lines.print_event(DropSaved(one()))
-        lines.print_event(analysed(one(), 40e6, full=True))
-        lines.print_event(Edited("discard", None, None, 5))
+        report = Publisher(lines.print_event)
+        report(JobReported(Job(procedure=plain_procedure(0, 1), target=30e6), ()))
+        report(DropSaved(one()))
+        report(analysed(one(), 40e6, full=True))
+        report(Edited("discard", None, None, 5))
         text = capsys.readouterr().out.splitlines()[-2:]
         if as_json:
             before, after = map(json.loads, text)
@@ -139,16 +143,17 @@ def test_a_complete_point_has_its_line_after_its_diagnosis(
 
     for ended_by in (True, False):
         lines = SessionLines(as_json=False, analysed=True)
-        lines.print_event(JobReported(Job(procedure=plain_procedure(0, 1), target=30e6), ()))
-        lines.print_event(DropSaved(one()))
-        lines.print_event(DiagnosisAwaited("A", True))
-        lines.print_event(analysed(one(), 40e6, full=True))
+        report = Publisher(lines.print_event)
+        report(JobReported(Job(procedure=plain_procedure(0, 1), target=30e6), ()))
+        report(DropSaved(one()))
+        report(DiagnosisAwaited("A", True))
+        report(analysed(one(), 40e6, full=True))
         assert points() == []
         if ended_by:
             lines.finish()
             assert "UNDECIDED" not in points()[0]
         else:
-            lines.print_event(DiagnosisAwaited("A", False))
+            report(DiagnosisAwaited("A", False))
             assert "PASS" in points()[0]
 
 
@@ -312,11 +317,10 @@ def test_a_wrong_drop_height_and_a_saturated_channel_are_said_at_the_drop(
     one: Callable[..., SavedDrop], capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines = SessionLines(as_json=False, analysed=True)
-    lines.print_event(JobReported(Job(procedure=find_procedure("tp-bf-stb-b8.3")), ()))
+    report = Publisher(lines.print_event)
+    report(JobReported(Job(procedure=find_procedure("tp-bf-stb-b8.3")), ()))
     marks = [Notice("saturated", {"samples": 16, "channel": "g0"}).to_json()]
-    lines.print_event(
-        DropSaved(replace(one(), view=replace(one().view, metadata={"marks": marks})))
-    )
+    report(DropSaved(replace(one(), view=replace(one().view, metadata={"marks": marks}))))
     error = capsys.readouterr().err
     assert "at drop A/1: wrong drop height: " in error
     assert "kN, the procedure needs 7.07 kN: set the drop height as calibrated" in error

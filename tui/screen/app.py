@@ -17,7 +17,6 @@ from textual.binding import Binding, BindingType
 from textual.screen import Screen
 
 from pfwd.errors import DeviceError, SurveyError
-from pfwd.files.moving import moved_to
 from pfwd.judging import JobRequest, PointView
 from pfwd.judging.view import read_points
 from pfwd.procedures import Verdict
@@ -32,7 +31,9 @@ from pfwd.session.events import (
     JobReported,
     PointDiagnosed,
     SessionNotice,
+    SurveyChanged,
     SurveyFilesChanged,
+    SurveyRead,
 )
 from pfwd.session.plan import SessionPlan
 from pfwd.session.position import FIX_NAMES, PositionReceiver
@@ -46,16 +47,15 @@ from tui.screen.pages.measure import MeasurePage
 from tui.screen.pages.page import Page
 from tui.screen.session.diagnosis import RequestedDiagnoses, diagnosis_text
 from tui.screen.session.drop_fits import DropFits
-from tui.screen.session.drop_state import DropState
 from tui.screen.session.event_log import log_event
 from tui.screen.session.runner import SessionRunner
+from tui.screen.session.screen_drop import ScreenDrop
 from tui.screen.session.screen_events import (
     DiagnosisFinished,
     DropRead,
     Refit,
     ScreenEvent,
     SessionEnded,
-    SurveyRead,
 )
 from tui.screen.session.slips import SlipWriter, signature_error
 from tui.screen.session.sources import (
@@ -143,9 +143,8 @@ class PfwdApp(App[int]):
             source.plan.setup.procedure or source.plan.default_procedure,
             source.plan.job.target if target is None else target,
         )
-        self.state.waits_for_first_modulus = source.plan.options is not None
         self.state.recorded = source.pace is not None
-        self.runner = SessionRunner(source)
+        self.runner = SessionRunner(source, self.state.view)
         self.runner.add_listener(log_event)
         self.edits = SurveyEdits(source, self.runner, self.show_message, self._in_thread)
         self.fits = DropFits(source, self.runner, self.state, self.show_message, self._in_thread)
@@ -255,11 +254,20 @@ class PfwdApp(App[int]):
         self.run_worker(self._leave(), exclusive=True, group="leave")
 
     def read_contents(self) -> None:
-        """Read the stored points and drops in a thread; they come as `SurveyRead`."""
+        """Read the stored points and drops in a thread; they come as `SurveyRead`.
+
+        In a replay they come one by one.
+        """
         folder = self.source.survey
-        if folder is None or not folder.is_dir():
+        if folder is None or not folder.is_dir() or not self.source.writes:
             return
-        self._in_thread(lambda: self._read(folder), "contents")
+
+        def read() -> None:
+            # The session reports a survey that cannot be read.
+            with contextlib.suppress(SurveyError, DeviceError, OSError):
+                self.runner.report(SurveyRead(read_points(folder)))
+
+        self._in_thread(read, "contents")
 
     def _in_thread(self, work: Callable[[], ScreenEvent | None], group: str) -> None:
         """Run slow work in a thread, and take the event that it returns, or its error."""
@@ -274,20 +282,13 @@ class PfwdApp(App[int]):
 
         self.run_worker(run, thread=True, group=group, exit_on_error=False)
 
-    def _read(self, folder: Path) -> SurveyRead | None:
-        try:
-            return SurveyRead(read_points(folder), drops=self.source.writes)
-        except (SurveyError, DeviceError, OSError):
-            if self.state.session is None and not self.source.writes:
-                raise
-            return None  # the session reports it
-
     def _tick(self) -> None:
         new_events = self.runner.take()
         for event in new_events:
             self._take(event)
         judging = (DiagnosisAwaited, DropAnalysed, DropSaved, Edited, PointDiagnosed)
-        if any(isinstance(event, judging) for event in new_events):
+        changes = (event for event in new_events if isinstance(event, SurveyChanged))
+        if any(isinstance(change.cause, judging) for change in changes):
             self._sound_verdict()
         # While the application ends, the clock may tick once more without a screen.
         page = self.screen if self.screen_stack else None
@@ -323,9 +324,7 @@ class PfwdApp(App[int]):
                 self._on_calibration(event)
             case PointDiagnosed(name, result):
                 self.diagnoses.on_point(name, result, self.units)
-            case Edited(value=value):
-                if moved_to(value) is not None:  # two points have changed
-                    self.read_contents()
+            case Edited():
                 self.diagnoses.verdicts.pop(self.state.point, None)
             case DropRead(saved):
                 self.fits.on_read(saved)
@@ -377,7 +376,7 @@ class PfwdApp(App[int]):
         if self.source.pace is not None or not progress.complete or progress.next_kind is not None:
             self._sounded.pop(state.point, None)
             return
-        if any(drop.awaits_modulus or not drop.final for drop in state.current_drops.values()):
+        if any(drop.awaits_result for drop in state.current.drops):
             return
         if self._sounded.get(state.point) != progress.verdict.value:
             self._sounded[state.point] = progress.verdict.value
@@ -394,7 +393,7 @@ class PfwdApp(App[int]):
         if name != "measure":
             self.push_screen(make_page(name))
 
-    def open_drop(self, drop: DropState | None, *, refit: bool = False) -> None:
+    def open_drop(self, drop: ScreenDrop | None, *, refit: bool = False) -> None:
         """Open the drop page; with `refit` also its dialog for a fit with other settings."""
         if drop is None:
             self.show_message("there is no drop yet")
@@ -569,6 +568,6 @@ class PfwdApp(App[int]):
         if url:
             self.source.url = url
         request = JobRequest(procedure=plan.setup.procedure).over(plan.job)
-        self.state.take(JobReported(self.state.job.with_request(request.news(self.state.job))))
+        self.runner.report(JobReported(self.state.job.with_request(request.news(self.state.job))))
         self.runner.start()
         self.redraw()

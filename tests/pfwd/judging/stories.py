@@ -17,7 +17,6 @@ from pfwd.judging import (
     JobRequest,
     PointView,
     Station,
-    SurveyView,
     drop_from_traces,
     job_of,
     point_view,
@@ -122,10 +121,10 @@ class Told:
         self._begin()
 
     def _begin(self) -> None:
-        self.view, self.state = SurveyView(), SessionState()
+        self.state = SessionState()
         self.state.take(SessionStarted(None, "1"))
         self._said: list[PointView] = []
-        self._complete = CompletePoints(self._said.append, analysed=True)
+        self._complete = CompletePoints(self._said.append)
         self._largest = dict.fromkeys(POINTS, 0.0)
 
     def play(self, story: Iterable[Any]) -> None:
@@ -151,9 +150,10 @@ class Told:
 
     def tell(self, event: Any) -> None:
         """Tell it to everybody who listens."""
-        self.view, _ = apply_event(self.view, event)
         self.state.take(event)
-        self._complete.take(event)
+        if (change := apply_event(self.state.view, event)) is not None:
+            self.state.take(change)
+            self._complete.take(change)
 
     @property
     def last_lines(self) -> dict[str, dict[str, Any]]:

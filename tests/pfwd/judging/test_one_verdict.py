@@ -25,6 +25,7 @@ from pfwd.report.certificate_blocks import points_table
 from pfwd.report.point_facts import verdict_of
 from pfwd.report.template import point_values
 from pfwd.report.texts import load_texts
+from pfwd.session.events import SurveyChanged
 from pfwd.session.live_view import CompletePoints
 from pfwd.session.measure import replay
 from pfwd_device.recording import read_survey
@@ -76,8 +77,9 @@ def check_session(told: Told) -> None:
     """What was told while it was measured is what is read afterwards."""
     known = read(told.folder)
     for name, point in known.items():
-        assert stories.shown(told.view.points[name]) == stories.shown(point), "live"
-        assert told.state.view.points[name].progress == point.progress, "on the screen"
+        live = told.state.view.points[name]
+        assert stories.shown(live) == stories.shown(point), "live"
+        assert live.progress == point.progress, "on the screen"
         if point.progress.complete:
             assert name in told.last_lines
     for name, line in told.last_lines.items():
@@ -96,10 +98,11 @@ def _same_line(line: Mapping[str, Any], point: PointView, where: str) -> None:
 def check_replay(folder: Path, known: Mapping[str, PointView]) -> None:
     """Of a replay: the points, the lines and the screen of ``replay --live``."""
     said: list[PointView] = []
-    complete, state = CompletePoints(said.append, analysed=False), SessionState()
+    complete, state = CompletePoints(said.append), SessionState()
 
     def listen(event: Any) -> None:
-        complete.take(event)
+        if isinstance(event, SurveyChanged):
+            complete.take(event)
         state.take(event)
 
     replay(folder, listen)

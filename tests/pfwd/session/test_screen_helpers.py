@@ -10,11 +10,9 @@ import pytest
 from pfwd.analysis.results import DropResult
 from pfwd.errors import SurveyError
 from pfwd.files.editing import Edit
-from pfwd.judging import SurveyView
 from pfwd.judging.places import Place, place_in
 from pfwd.judging.view import read_points
-from pfwd.session.events import DropSaved, Edited, PointBegan, SessionNotice
-from pfwd.session.live_view import apply_event
+from pfwd.session.events import DropSaved, Edited, PointBegan, SessionNotice, SurveyChanged
 from pfwd.session.measure import replay
 from pfwd.session.plan import SessionPlan
 from pfwd.session.replay import Pace
@@ -218,9 +216,7 @@ def test_a_point_is_where_the_receiver_was_unless_somebody_said_otherwise(tmp_pa
         Session(feed, log, SessionPlan(options=None, position=Receiver()), writer).run()
     recorded = [event.saved.view.metadata["position"] for event in log.of(DropSaved)]
     assert list(map(place_in, recorded)) == [None, Place(48.2, 11.6)]
-    view = SurveyView()
-    for event in log.of(DropSaved):
-        view, _ = apply_event(view, event)
+    view = log.of(SurveyChanged)[-1].view
     assert view.points["1"].position == (48.2, 11.6)
     assert read_points(folder)[0].position == (48.2, 11.6)
     with SurveyWriter.open(folder) as writer:

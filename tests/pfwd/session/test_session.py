@@ -14,7 +14,7 @@ from pfwd.analysis.results import DropResult
 from pfwd.analysis.screening.drops import screen
 from pfwd.files.editing import Edit
 from pfwd.files.header import PointSetup
-from pfwd.judging import JobRequest, SurveyView, drops, point_views
+from pfwd.judging import JobRequest, drops, point_views
 from pfwd.procedures import Kind, PointDrop, plain_procedure
 from pfwd.session.events import (
     DropSaved,
@@ -24,8 +24,8 @@ from pfwd.session.events import (
     Rebounded,
     SensorCheck,
     SessionNotice,
+    SurveyChanged,
 )
-from pfwd.session.live_view import apply_event
 from pfwd.session.plan import Ending, SessionPlan
 from pfwd.session.session import Session
 from pfwd.session.setup_file import parse_setup
@@ -340,9 +340,7 @@ def test_drops_at_a_wrong_sampling_rate_get_no_verdict_now_and_later(log: Log, w
         {"deviation": 0.05, "clock": "computer"}
     ]
     assert survey.drops[1].read().metadata["rate_deviation"] == 0.05
-    view = SurveyView()
-    for event in log:
-        view, _ = apply_event(view, event)
+    view = log.of(SurveyChanged)[-1].view
     for point in (*point_views(survey), view.points["1"]):
         results = (read(DropResult, result_of(number, 60e6)) for number in (1, 2))
         fitted = [

@@ -17,7 +17,7 @@ from pfwd.analysis.drop_facts import unbroken_peaks
 from pfwd.analysis.results import DropResult
 from pfwd.analysis.screening.drops import Screening
 from pfwd.files.header import PointSetup
-from pfwd.judging import DropView, drop_from_traces
+from pfwd.judging import DropView, PointView, SurveyView, drop_from_traces
 from pfwd.procedures import Kind, PointDrop
 from pfwd.session.events import (
     CalibrationChanged,
@@ -28,6 +28,7 @@ from pfwd.session.events import (
     LiveSamples,
     SavedDrop,
 )
+from pfwd.session.live_view import apply_event
 from pfwd.session.plan import Ending, SessionPlan
 from pfwd_device.acquisition.items import Samples
 from pfwd_device.drop import Channel, Drop
@@ -38,6 +39,8 @@ from tests.records import read
 from tui.screen.app import PfwdApp
 from tui.screen.drawing.glyphs import BRAILLE, Glyphs
 from tui.screen.opened.app import OpenApp
+from tui.screen.session.screen_drop import DropInMemory, ScreenDrop
+from tui.screen.session.state import SessionState
 from tui.screen.settings import ScreenSettings
 
 NOON = datetime.datetime(2026, 5, 4, 12, 0, 7)
@@ -111,6 +114,7 @@ def saved_drop(
         record=number if record is None else record,
         peaks=unbroken_peaks(traces),
         metadata={"marks": codes(map(text_notice, marks))},
+        awaits_result=status != "rejected",
     )
     screening = Screening(status, reason)  # type: ignore[arg-type]
     file = f"survey/drops/drop-{number:06d}.h5"
@@ -201,6 +205,23 @@ def analysed(
     return DropAnalysed(drop_record, 0.2, result_of_drop, drawn, full, full)
 
 
+def screen_drop(
+    *results: DropResult, saved: SavedDrop | None = None, curves: TimeHistories | None = None
+) -> ScreenDrop:
+    """The only drop of its point, with its last result in force."""
+    saved = saved or saved_drop()
+    view = saved.view.with_result(results[-1]) if results else saved.view
+    return ScreenDrop(PointView("7", (view,)), view, DropInMemory(saved, curves, results))
+
+
+def report(state: SessionState, *events: Any) -> None:
+    """Have a state take events, each followed by the survey that a session would publish."""
+    for event in events:
+        state.take(event)
+        if (change := apply_event(state.view, event)) is not None:
+            state.take(change)
+
+
 class Session:
     """Stands for a session: notes what it is asked."""
 
@@ -208,6 +229,7 @@ class Session:
         self.point = point
         self.requests: list[tuple[Any, ...]] = []
         self.stopped = threading.Event()
+        self.listener: Callable[[Any], None] = lambda _: None
 
     def ask(self, request: Callable[["Session"], None]) -> None:
         request(self)
@@ -223,6 +245,15 @@ class Session:
 
     def change_job(self, request: Any) -> None:
         self.requests.append(("job", request.declared()))
+
+    def continue_survey(self, view: SurveyView) -> None:
+        self.view = view
+
+    def report(self, event: Any) -> None:
+        self.listener(event)
+        if (change := apply_event(self.view, event)) is not None:
+            self.view = change.view
+            self.listener(change)
 
     def keep_result(self, number: int, result: Any) -> None:
         self.requests.append(("result", number, result))
@@ -253,6 +284,7 @@ class QuietSource:
     def run(self, listener: Any, control: Any) -> Ending:
         self.starts += 1
         self.session.stopped.clear()
+        self.session.listener = listener
         with control(self.session):
             self.session.stopped.wait(60)
         return Ending.DONE
@@ -329,7 +361,7 @@ async def until(pilot: Any, holds: Callable[[], bool], seconds: float = 20.0) ->
 async def deliver(app: App, pilot: Any, *events: Any) -> None:
     """Have events taken and drawn."""
     for event in events:
-        app.runner.put(event)
+        app.runner.report(event)
     app._tick()  # as its clock does, twelve times a second
     assert not app.runner.waiting
     app.redraw()

@@ -8,14 +8,14 @@ import pytest
 
 from inversion.diagnosis.findings import DropCurves
 from pfwd.analysis.diagnosed_drop import DiagnosedDrop
+from pfwd.analysis.result_store import basis_of
 from pfwd.analysis.results import DiagnosisResult, FittedState
 from pfwd.procedures import Quantity
 from pfwd.units import SI
 from pfwd_device import Drop
 from pfwd_device.drop import Peaks
-from tests.tui.screen.scripted import curves, result, saved_drop
+from tests.tui.screen.scripted import SETUP, curves, result, saved_drop, screen_drop
 from tui.screen.drawing.drop_figures import drop_figures
-from tui.screen.session.drop_state import DropState
 
 
 @pytest.mark.parametrize(
@@ -27,14 +27,12 @@ def test_a_sensor_stays_when_the_fit_comes(
 ) -> None:
     """Order from the plate outward, with the side, for any order of the file."""
     stored = replace(saved_drop(), drop=make_drop(offsets=(-0.3, 0.6, 0.0, 0.3)))
-    raw = drop_figures(DropState("7", 1, saved=stored), SI, sensor=sensor)
+    raw = drop_figures(screen_drop(saved=stored), SI, sensor=sensor)
     assert raw[1].title == title
     figure = curves()
     rows = np.repeat(figure.observed, 4, axis=0)
     of_all = replace(figure, observed=rows, predicted=rows, offsets=np.array([0.0, 0.3, -0.3, 0.6]))
-    fitted = drop_figures(
-        DropState("7", 1, saved=stored, curves=of_all, results=[result()]), SI, sensor=sensor
-    )
+    fitted = drop_figures(screen_drop(result(), saved=stored, curves=of_all), SI, sensor=sensor)
     assert fitted[1].title == title
 
 
@@ -54,14 +52,20 @@ def test_a_drop_shows_the_fit_of_a_diagnosis_that_counts() -> None:
         0.05,
         0.04,
     )
-    ends = (3e7, 5e7)
+    ends = (3.8e7, 4.2e7)
     after = FittedState(
         model="half-space", modulus_pa=4e7, modulus_interval_pa=ends, residual_rms_over_peak=0.01
     )
-    diagnosis = DiagnosisResult(fits=(DiagnosedDrop.of(fit),), after=after)
-    drop = DropState("7", 1, curves=figure, results=[result()])
+    diagnosis = DiagnosisResult(
+        verdict="explained",
+        drops=(1,),
+        basis=basis_of(SETUP),
+        after=after,
+        fits=(DiagnosedDrop.of(fit),),
+    )
+    drop = screen_drop(result(), curves=figure)
     assert [curve.name for curve in drop_figures(drop, SI)[1].curves] == ["measured", "fitted"]
-    drop.diagnosed = diagnosis
+    drop = replace(drop, owner=replace(drop.owner, diagnosis=diagnosis))
     _, deflection, residual = drop_figures(drop, SI)
     assert [curve.name for curve in deflection.curves] == ["without effects", "measured", "fitted"]
     before, measured, fitted = (curve.values[coarse] for curve in deflection.curves)
@@ -70,11 +74,11 @@ def test_a_drop_shows_the_fit_of_a_diagnosis_that_counts() -> None:
     assert residual.note == "5.0 % of the peak"
     assert drop.fitted(Quantity.MODULUS) == (4e7, ends)
     # A drop that the diagnosis did not fit has no curve.
-    drop.number = 2
-    assert drop_figures(drop, SI) == []
+    other = replace(drop.view, own=replace(drop.view.own, number=2))
+    assert replace(drop, view=other).drawn_curves is None
 
 
 def test_a_drop_of_peaks_has_no_trace_to_draw() -> None:
     only = Drop.of_peaks(1, Peaks(50e3, ((0.0, 5e-4), (0.3, 2e-4))))
     stored = replace(saved_drop(), drop=only)
-    assert drop_figures(DropState("7", 1, saved=stored), SI) == []
+    assert drop_figures(screen_drop(saved=stored), SI) == []

@@ -11,7 +11,7 @@ import pytest
 
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.judging import PointView
-from pfwd.session.events import Edited, InstrumentLost, SessionNotice
+from pfwd.session.events import Edited, InstrumentLost, SessionNotice, SurveyRead
 from pfwd_device.identity import ChannelIdentity, Identity
 from pfwd_plugins.quantities import Measurand
 from tests.records import read
@@ -29,7 +29,7 @@ from tests.tui.screen.scripted import (
 )
 from tui.log_file import survey_log
 from tui.screen.session.event_log import log_event
-from tui.screen.session.screen_events import DiagnosisFinished, Refit, SessionEnded, SurveyRead
+from tui.screen.session.screen_events import DiagnosisFinished, Refit, SessionEnded
 
 HOSTILE = [
     "[/",
@@ -88,7 +88,7 @@ def events(text: str) -> list[Any]:
         saved(1, marks=(text,)),
         analysed(1, warnings=[text], at_bound=[text], model=text, method=text),
         saved(2, status="rejected", reason=text),
-        SurveyRead((point,), drops=True),
+        SurveyRead((point,)),
         Refit("7", 1, text, result(refit=text), None),
         DiagnosisFinished("survey", (read(DiagnosisResult, record),)),
         SessionNotice(text, serious=True),

@@ -18,9 +18,11 @@ from tests.tui.screen.scripted import (
     analysed,
     curves,
     ready,
+    report,
     result,
     saved,
     saved_drop,
+    screen_drop,
 )
 from tests.tui.screen.test_measure_view import text, view
 from tui.screen.drawing.drop_figures import bowl_figure
@@ -30,7 +32,7 @@ from tui.screen.pages.drop import DropPage
 from tui.screen.pages.drop_view import DropPageState, drop_lines, text_lines
 from tui.screen.pages.layer_texts import layer_lines, sensor_lines
 from tui.screen.session.drop_fits import DropFits
-from tui.screen.session.drop_state import DropState
+from tui.screen.session.screen_drop import ScreenDrop
 from tui.screen.session.screen_events import SessionStarted
 from tui.screen.session.state import SessionState
 
@@ -66,7 +68,7 @@ def rows(drop_result: DropResult, width: int = 60, units: Any = SI) -> list[str]
     return [text_of(text_row) for text_row in layer_lines(drop_result, units, width)]
 
 
-def drop_of(make_drop: Callable[..., Drop], drop_result: DropResult, *places: float) -> DropState:
+def drop_of(make_drop: Callable[..., Drop], drop_result: DropResult, *places: float) -> ScreenDrop:
     """Return a drop whose curves are half off at all sensors but the centre."""
     stored = replace(saved_drop(), drop=make_drop(offsets=OFFSETS))
     histories = curves()
@@ -79,12 +81,12 @@ def drop_of(make_drop: Callable[..., Drop], drop_result: DropResult, *places: fl
         offsets=np.array(places),
         peaks=observed.max(axis=1),
     )
-    return DropState("7", 1, saved=stored, curves=drawn, results=[drop_result])
+    return screen_drop(drop_result, saved=stored, curves=drawn)
 
 
-def page(drop: DropState, width: int, height: int, **more: Any) -> list[str]:
+def page(drop: ScreenDrop, width: int, height: int, **more: Any) -> list[str]:
     state = SessionState(clock=lambda: 1.0)
-    state.take(SessionStarted(Session(), "7"))
+    report(state, SessionStarted(Session(), "7"))
     text_on_page = DropPageState(drop, state, SI, BRAILLE, "", DropPage.KEYS, **more)
     lines = drop_lines(text_on_page, width, height)
     assert len(lines) == height
@@ -131,13 +133,13 @@ def test_residuals_by_sensor_name_excluded_sensors(
     make_drop: Callable[..., Drop],
 ) -> None:
     drop = drop_of(make_drop, result(**LAYERS), 0.0, 0.3, -0.3)
-    texts = [text_of(text_row) for text_row in sensor_lines(drop.curves, OFFSETS, SI)]
+    texts = [text_of(text_row) for text_row in sensor_lines(drop.memory.curves, OFFSETS, SI)]
     assert texts[0] == "residual by sensor, of its own peak"
     assert texts[1].split() == ["centre", "0", "%,", "0", "%", "in", "contact"]
     assert texts[2].split()[:2] == ["300", "mm"]
     assert texts[3].split()[:2] == ["-300", "mm"]
     assert texts[4].strip() == "600 mm  excluded from the fit"
-    assert sensor_lines(drop.curves, (0.0,), SI) == []
+    assert sensor_lines(drop.memory.curves, (0.0,), SI) == []
     assert sensor_lines(None, OFFSETS, SI) == []
 
 
@@ -149,11 +151,11 @@ def test_curves_are_fetched_with_the_layers_of_the_result(make_drop: Callable[..
     fits = DropFits(source, no_session, no_session, no_session, no_session)
     jobs: Any = SimpleNamespace(submit=lambda *args, **_: requested.append(args[4]))
     fits._jobs = jobs
-    fits.fetch(DropState("7", 1, saved=saved_drop(), results=[result(**LAYERS)]))
+    fits.fetch(screen_drop(result(**LAYERS)))
     fixed = TOP | {"thickness_sd_m": None, "thickness_interval_m": None}
     fields = result(**LAYERS | {"layers": [fixed, BELOW]})
-    fits.fetch(DropState("7", 1, saved=saved_drop(), results=[fields]))
-    fits.fetch(DropState("7", 1, saved=saved_drop(), results=[result()]))
+    fits.fetch(screen_drop(fields))
+    fits.fetch(screen_drop(result()))
     quick = AnalysisOptions(seed=4, method="posterior")
     assert requested == [
         replace(quick, layers=2),
@@ -191,7 +193,7 @@ def test_the_bowl_has_a_dash_for_each_sensor_and_a_line_for_the_fit(
         factor = 1.0 if place == 0 else 1.5
         assert modelled.values[at] == pytest.approx(factor * peak, rel=1e-2)
     assert np.isnan(measured.values[int(np.argmin(np.abs(measured.time - 150.0)))])
-    single = DropState("7", 1, saved=saved_drop(), curves=curves(), results=[result()])
+    single = screen_drop(result(), curves=curves())
     assert bowl_figure(single, SI) is None
 
 

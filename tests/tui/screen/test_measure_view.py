@@ -14,7 +14,15 @@ from pfwd.session.live_trace import Envelope
 from pfwd.units import SI, US, Units
 from pfwd_plugins.quantities import Measurand
 from tests.snapshots import check_snapshot
-from tests.tui.screen.scripted import Session, analysed, complete_point, ready, saved, status
+from tests.tui.screen.scripted import (
+    Session,
+    analysed,
+    complete_point,
+    ready,
+    report,
+    saved,
+    status,
+)
 from tui.screen.drawing.glyphs import ASCII, BRAILLE, Glyphs
 from tui.screen.drawing.lines import text_of, width_of
 from tui.screen.pages.measure import MeasurePage
@@ -29,9 +37,9 @@ SIZES = [(80, 24), (120, 40), (200, 60)]
 
 def view(*events: Any, units: Units = SI, glyphs: Glyphs = BRAILLE, **more: Any) -> MeasureView:
     state = SessionState(target=45e6, clock=lambda: 1.0)
-    state.take(SessionStarted(Session(), "7"))
+    report(state, SessionStarted(Session(), "7"))
     for event in events:
-        state.take(event)
+        report(state, event)
     rest = np.zeros((500, 2))
     envelope = Envelope(0.01, rest, rest, 50_000, Measurand.VELOCITY)
     word = status_of(state, 100.0)
@@ -106,7 +114,7 @@ def test_bounds_and_unexplained_residuals_have_words(size: tuple[int, int]) -> N
 def test_a_rejected_drop_says_why_in_words(size: tuple[int, int]) -> None:
     on_page = text(view(*CASES["rejected"]), size)
     assert "REPEAT" in on_page
-    assert "false trigger: 1.10 kN" in on_page
+    assert "false trigger: peak load 1.1 kN" in on_page
 
 
 def test_us_customary_units_are_everywhere() -> None:

@@ -23,8 +23,10 @@ from pfwd.session.events import (
     PointBegan,
     Ready,
     SessionNotice,
+    SurveyRead,
 )
 from pfwd.session.replay import Pace
+from tests.records import read
 from tests.tui.screen.scripted import (
     App,
     QuietSource,
@@ -43,7 +45,7 @@ from tests.tui.screen.scripted import (
 )
 from tui.screen.pages.points import PointsPage
 from tui.screen.session import status as status_module
-from tui.screen.session.screen_events import DiagnosisFinished, Refit, SurveyRead
+from tui.screen.session.screen_events import DiagnosisFinished, Refit
 from tui.screen.session.status import WORDS
 from tui.screen.settings import ScreenSettings
 
@@ -277,7 +279,7 @@ def contents() -> SurveyRead:
         ),
         PointView("7"),
     )
-    return SurveyRead(points, drops=True)
+    return SurveyRead(points)
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -396,7 +398,7 @@ async def test_a_trial_fit_does_not_replace_the_result_in_force(app: App, pilot:
     await pilot.press("3")
     trial = result(39e6, refit="half-space")
     await deliver(app, pilot, Refit("7", 6, "half-space", trial, curves()))
-    drop = app.state.drops["7"][6]
+    drop = app.state.current_drops[6]
     assert drop.modulus == 47.6e6
     assert ("result", 6, trial) in app.source.session.requests  # type: ignore[attr-defined]
     await pilot.press("m")
@@ -512,7 +514,7 @@ def test_the_diagnosis_page_shows_the_table_and_the_device(
         await pilot.pause()
         assert "Enter diagnoses" in app.text
         second = {**RECORD, "point": "8", "verdict": "clean"}  # the screen has no drops of it
-        results = tuple(map(DiagnosisResult.from_json, (RECORD, second)))
+        results = tuple(read(DiagnosisResult, record) for record in (RECORD, second))
         await deliver(app, pilot, DiagnosisFinished(str(tmp_path), results))
         for part in ("EXPLAINED", "55.2", "47.3", "geophone response"):
             assert part in app.text

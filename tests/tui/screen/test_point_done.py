@@ -19,6 +19,7 @@ from tests.tui.screen.scripted import (
     deliver,
     play,
     ready,
+    report,
     result,
     saved,
     status,
@@ -64,7 +65,7 @@ async def test_the_verdict_of_a_complete_point_fills_the_screen(
 ) -> None:
     job = JobReported(Job(procedure=app.state.procedure, target=target))
     await deliver(app, pilot, job, *complete_point())
-    app.state.last.saved_at = time.monotonic() - 60  # type: ignore[union-attr]
+    app.state.saved_at = time.monotonic() - 60
     app.redraw()
     await pilot.pause()
     assert word in app.text
@@ -110,7 +111,7 @@ async def test_not_safe_ends_once_the_drop_is_stored(app: App, pilot: Any) -> No
 
 async def test_discard_applies_to_the_drop_on_the_terminal(app: App, pilot: Any) -> None:
     await deliver(app, pilot, ready(), saved(1), analysed(1))
-    app.state.last.saved_at = time.monotonic() - 60  # type: ignore[union-attr]
+    app.state.saved_at = time.monotonic() - 60
     await deliver(app, pilot, saved(2), analysed(2))  # while the finger was on its way
     await pilot.press("d")
     assert app.message == "drop 2 has just come: d again discards it"
@@ -156,13 +157,13 @@ def test_the_next_station_by_the_list_and_by_the_receiver() -> None:
 def test_a_complete_point_gives_the_next_station() -> None:
     state = SessionState(clock=lambda: 1.0)
     for event in (JobReported(LOT), *complete_point(point="12+300")):
-        state.take(event)
+        report(state, event)
     assert status_of(state, 100.0).action == "next: 12+320, 20 m ahead; there press n"
     surroundings = status_of(state, 100.0, coordinates=(48.1, 11.50058))
     assert surroundings.action == "next: 12+340, 1 m ahead; there press n"
-    state.take(JobReported(Job(procedure=E_LWD, step_m=20.0)))
+    report(state, JobReported(Job(procedure=E_LWD, step_m=20.0)))
     assert status_of(state, 100.0).action == "next: 12+320, 20 m ahead; there press n"
-    state.take(JobReported(Job(procedure=E_LWD)))
+    report(state, JobReported(Job(procedure=E_LWD)))
     assert status_of(state, 100.0).action == "walk to the next point and press n"
 
 

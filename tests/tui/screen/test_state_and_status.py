@@ -1,7 +1,6 @@
 """State of a session after its events, and its status word."""
 
 import dataclasses
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -28,6 +27,7 @@ from pfwd.session.events import (
     SessionNotice,
     StorageLow,
     SurveyFilesChanged,
+    SurveyRead,
     TableBuilding,
 )
 from pfwd.session.plan import Ending
@@ -38,6 +38,7 @@ from tests.tui.screen.scripted import (
     analysed,
     complete_point,
     ready,
+    report,
     result,
     samples,
     saved,
@@ -46,7 +47,7 @@ from tests.tui.screen.scripted import (
 )
 from tui.diagnosis_lines import diagnosis_sentence
 from tui.screen.pages.drop_texts import modulus_of_drop, remark, verdict_of, verdict_word
-from tui.screen.session.screen_events import SessionEnded, SessionStarted, SurveyRead
+from tui.screen.session.screen_events import SessionEnded, SessionStarted
 from tui.screen.session.state import SessionState
 from tui.screen.session.status import SAFE_WORD_S, status_of
 
@@ -63,9 +64,9 @@ SATURATED = Notice("saturated", {"samples": 16, "channel": "g0"})
 
 def state_after(*events: Any, target: float | None = None) -> SessionState:
     state = SessionState(target=target, clock=Clock())
-    state.take(SessionStarted(Session(), "7"))
+    report(state, SessionStarted(Session(), "7"))
     for event in events:
-        state.take(event)
+        report(state, event)
     return state
 
 
@@ -82,31 +83,32 @@ def test_the_device_state_follows_its_identity() -> None:
 
 def test_a_drop_appears_when_saved_and_gets_its_modulus_when_analysed() -> None:
     state = state_after(ready(), saved(1))
-    drop = state.drops["7"][1]
+    drop = state.current_drops[1]
     assert drop.awaits_modulus
     assert drop.peak_load == pytest.approx(9900, rel=1e-3)
     assert drop.peak_deflection == pytest.approx(6.4e-4, rel=0.06)  # from where the load begins
-    state.take(analysed(1, full=False))
-    assert drop.modulus == 47.3e6
-    assert not drop.final
-    state.take(analysed(1, modulus=47.4e6))
-    assert (drop.modulus, drop.final) == (47.4e6, True)
-    assert len(drop.results) == 2
+    report(state, analysed(1, full=False))
+    drop = state.current_drops[1]
+    assert (drop.modulus, drop.is_refined) == (47.3e6, True)
+    report(state, analysed(1, modulus=47.4e6))
+    drop = state.current_drops[1]
+    assert (drop.modulus, drop.is_refined) == (47.4e6, False)
+    assert len(drop.memory.results) == 2
 
 
 def test_a_search_that_fails_takes_the_first_answer_not_back() -> None:
     state = state_after(ready(), saved(1), analysed(1, full=False))
-    state.take(analysed(1, modulus=None, reason="the analysis process died twice"))
-    drop = state.drops["7"][1]
+    report(state, analysed(1, modulus=None, reason="the analysis process died twice"))
+    drop = state.current_drops[1]
     assert drop.modulus == 47.3e6
-    assert drop.final
+    assert not drop.is_refined
     assert drop.status == "seating", "the first of three, whatever became of its search"
 
 
 def test_a_drop_without_a_modulus_is_repeated_where_moduli_are_judged() -> None:
     events = (ready(), saved(1), analysed(1, modulus=None, reason="no table"))
     state = state_after(*events)
-    drop = state.drops["7"][1]
+    drop = state.current_drops[1]
     assert (drop.status, drop.fault) == ("seating", "no table")
     assert word(state) == "REPEAT"
     state = state_after(*events, JobReported(Job(procedure=find_procedure("mndot"))))
@@ -118,7 +120,7 @@ def test_the_modulus_of_a_point_is_of_the_measured_drops_that_count() -> None:
     modulus = state.progress.modulus
     assert modulus is not None
     assert modulus.value == pytest.approx(47.5e6, rel=1e-4)
-    state.take(Edited("discard", None, None, 6))
+    report(state, Edited("discard", None, None, 6))
     modulus = state.progress.modulus
     assert modulus is not None
     assert modulus.value == pytest.approx(47.45e6, rel=1e-4)
@@ -137,9 +139,9 @@ def test_the_target_of_the_point_wins() -> None:
 
 def test_a_chosen_procedure_judges() -> None:
     state = SessionState(find_procedure("tp-bf-stb-b8.3"), clock=Clock())
-    state.take(SessionStarted(Session(), "7"))
+    report(state, SessionStarted(Session(), "7"))
     for event in complete_point():
-        state.take(event)
+        report(state, event)
     value = state.progress.value
     assert value is not None
     assert value.quantity.value == "E_vd"
@@ -155,10 +157,10 @@ def test_rebounds_notes_marks_and_names_are_stored() -> None:
         Edited("position", {"latitude": 48.1, "longitude": 11.5}, "7", None),
         Edited("discard", None, "7", None),
     )
-    drop = state.drops["7"][1]
-    assert drop.rebounds == [3300.0]
-    assert drop.marks == ("3 samples missing",)
-    assert drop.notes == ("wet",)
+    drop = state.current_drops[1]
+    assert drop.view.rebounds == (3300.0,)
+    assert drop.view.marks == ("3 samples missing",)
+    assert drop.view.notes == ("wet",)
     point = state.current
     assert (point.shown_name, point.position, point.discarded) == ("km 3", (48.1, 11.5), True)
 
@@ -167,7 +169,7 @@ def test_a_new_point_is_empty_and_the_first_point_stays() -> None:
     state = state_after(*complete_point(), PointBegan("8"))
     assert state.point == "8"
     assert state.last is None
-    assert len(state.drops["7"]) == 6
+    assert len(state.drops_of(state.points["7"])) == 6
 
 
 def test_the_stored_survey_is_merged_and_newer_results_win() -> None:
@@ -177,29 +179,23 @@ def test_the_stored_survey_is_merged_and_newer_results_win() -> None:
     contents = PointView(
         "7", (first, second), 45e6, title="km 3", place={"latitude": 1.0, "longitude": 2.0}
     )
-    state = state_after(saved(2), SurveyRead((contents,), drops=True))
-    drops = state.drops["7"]
+    state = state_after(saved(2), SurveyRead((contents,)))
+    drops = state.drops_of(state.points["7"])
     assert drops[1].modulus == 30e6
     assert drops[2].saved is not None
     assert drops[2].discarded
     assert state.progress.target == 45e6
 
 
-def test_a_replay_adds_drops_in_turn() -> None:
-    contents = PointView("7", (stored_drop(1, DropResult(modulus_pa=30e6), record=11),))
-    state = state_after(SurveyRead((contents,), drops=False))
-    assert state.current_drops == {}
-
-
 def test_old_traces_leave_memory_but_no_drop_does() -> None:
     state = state_after(ready())
     for number in range(1, 60):
-        state.take(saved(number))
-        state.take(analysed(number))
-    drops = state.drops["7"]
+        report(state, saved(number))
+        report(state, analysed(number))
+    drops = state.drops_of(state.points["7"])
     assert len(drops) == 59
     assert drops[1].saved is None
-    assert drops[1].curves is None
+    assert drops[1].memory.curves is None
     assert drops[1].modulus is not None
     assert drops[59].saved is not None
 
@@ -208,24 +204,24 @@ def test_every_state_has_its_word() -> None:
     assert word(SessionState(clock=Clock())) == "STARTING"
     state = state_after()
     assert word(state) == "WAITING"
-    state.take(ready())
+    report(state, ready())
     assert word(state) == "SETTLING"
-    state.take(NotReady("the shunt is on"))
+    report(state, NotReady("the shunt is on"))
     assert word(state) == "NOT READY"
-    state.take(Ready())
+    report(state, Ready())
     assert word(state) == "READY"
     assert word(state, pulse_age=0.1) == "DROP"
-    state.take(saved(1, status="seating"))
+    report(state, saved(1, status="seating"))
     assert word(state, later=0.1) == "COMPUTING"
-    state.take(analysed(1, full=False, kind="seating"))
+    report(state, analysed(1, full=False, kind="seating"))
     assert word(state, later=0.3) == "SAFE"
     assert word(state, later=SAFE_WORD_S + 0.1) == "READY"
-    state.take(saved(2, status="rejected", reason="false trigger"))
+    report(state, saved(2, status="rejected", reason="false trigger"))
     assert word(state) == "REPEAT"
-    state.take(InstrumentLost("unplugged", NOON))
+    report(state, InstrumentLost("unplugged", NOON))
     assert word(state) == "CABLE OUT"
-    state.take(ready(restarted=True))
-    state.take(DropNotSaved("7", 3, "no room"))
+    report(state, ready(restarted=True))
+    report(state, DropNotSaved("7", 3, "no room"))
     assert word(state) == "NOT SAFE"
 
 
@@ -242,25 +238,25 @@ def test_the_action_says_which_drop_is_next() -> None:
     assert "seating drop 1 of 3" in status_of(state, 110.0).action
     for number in range(1, 5):
         kind = "seating" if number <= 3 else "measured"
-        state.take(saved(number, status=kind))
-        state.take(analysed(number))
+        report(state, saved(number, status=kind))
+        report(state, analysed(number))
     assert "measured drop 2 of 3" in status_of(state, 110.0).action
 
 
 def test_a_discarded_drop_reopens_a_complete_point() -> None:
     state = state_after(*complete_point(), Ready())
     assert word(state) == "POINT DONE"
-    state.take(Edited("discard", None, None, 6))
+    report(state, Edited("discard", None, None, 6))
     assert word(state) == "READY"
 
 
 def test_a_disk_is_reported_before_it_is_full() -> None:
     state = state_after(ready(), Ready(), StorageLow("filling", serious=True, drops_remaining=500))
     assert word(state) == "READY"
-    state.take(StorageLow("filling", serious=True, drops_remaining=40))
+    report(state, StorageLow("filling", serious=True, drops_remaining=40))
     assert word(state) == "DISK LOW"
     assert "room for about 40 more drops" in status_of(state, 110.0).action
-    state.take(StorageLow("room again", drops_remaining=None))
+    report(state, StorageLow("room again", drops_remaining=None))
     assert word(state) == "READY"
 
 
@@ -285,7 +281,7 @@ def test_a_faulty_load_cell_is_reported() -> None:
 def test_the_table_is_awaited() -> None:
     state = state_after(ready(), Ready(), TableBuilding("plate 0.15 m", 0.4))
     assert status_of(state, 110.0).action.endswith("40 %")
-    state.take(TableBuilding("plate 0.15 m", 1.0))
+    report(state, TableBuilding("plate 0.15 m", 1.0))
     assert word(state) == "READY"
 
 
@@ -307,12 +303,8 @@ def test_every_end_has_its_word(ended: SessionEnded, expected: str) -> None:
 def test_samples_do_not_change_the_state() -> None:
     state = state_after(ready())
     before = dataclasses.asdict(state.device)
-    state.take(samples(9000.0))
+    report(state, samples(9000.0))
     assert dataclasses.asdict(state.device) == before
-
-
-def test_a_missing_folder_has_no_state(tmp_path: Path) -> None:
-    assert state_after().drop_of_record(5) is None
 
 
 def test_the_diagnosis_of_a_measured_point_gives_advice() -> None:
@@ -320,9 +312,9 @@ def test_the_diagnosis_of_a_measured_point_gives_advice() -> None:
     effect = EffectResult(name="rough_contact", scope="point", advice="clear stones")
     point_diagnosis = DiagnosisResult(drops=(1,), verdict="explained", effects=(effect,))
     for event in (ready(), saved(), PointDiagnosed("7", point_diagnosis)):
-        state.take(event)
+        report(state, event)
     assert [text for text in state.advice(state.last) if "clear stones" in text]
-    state.take(PointDiagnosed("7", dataclasses.replace(point_diagnosis, effects=())))
+    report(state, PointDiagnosed("7", dataclasses.replace(point_diagnosis, effects=())))
     assert state.advice(state.last) == [], "with further drops it is not found any more"
 
 
@@ -330,18 +322,18 @@ def test_a_verdict_on_a_fitted_modulus_waits_for_the_diagnosis() -> None:
     state = state_after(*complete_point(), target=45e6)
     given, expected = state.progress.verdict, verdict_word(state.current)
     assert given is not Verdict.NONE
-    state.take(DiagnosisAwaited("7", True))
+    report(state, DiagnosisAwaited("7", True))
     assert state.progress.verdict is Verdict.NONE
     assert verdict_word(state.current) == ("PENDING", "strong")
-    state.take(SurveyRead((PointView("7", job=state.job),), drops=True))
+    report(state, SurveyRead((PointView("7", job=state.job),)))
     assert verdict_word(state.current) == ("PENDING", "strong")
-    state.take(DiagnosisAwaited("7", False))
+    report(state, DiagnosisAwaited("7", False))
     assert (state.progress.verdict, verdict_word(state.current)) == (given, expected)
 
     # Peaks need no diagnosis.
-    state.take(JobReported(Job(procedure=find_procedure("tp-bf-stb-b8.3"), target=45e6), ()))
+    report(state, JobReported(Job(procedure=find_procedure("tp-bf-stb-b8.3"), target=45e6), ()))
     given = state.progress.verdict
-    state.take(DiagnosisAwaited("7", True))
+    report(state, DiagnosisAwaited("7", True))
     assert state.progress.verdict is given is not Verdict.NONE
 
 
@@ -388,10 +380,10 @@ def test_the_fit_of_a_drop_is_not_shown_where_its_point_has_no_modulus() -> None
         basis=basis,
         after=FittedState(model="half-space", residual_rms_over_peak=0.01),
     )
-    state.take(PointDiagnosed("7", diagnosis))
+    report(state, PointDiagnosed("7", diagnosis))
     assert SI.value_and_ends(modulus_of_drop(state.last)) == ("-", "")
     assert f"no modulus: {diagnosis.use_reason}" in remark(state.last, SI)
-    state.take(PointDiagnosed("7", dataclasses.replace(diagnosis, drops=())))
+    report(state, PointDiagnosed("7", dataclasses.replace(diagnosis, drops=())))
     assert SI.value_and_ends(modulus_of_drop(state.last)) == shown, (
         "the diagnosis is not in force any more"
     )

@@ -18,7 +18,7 @@ from pfwd.session.live_trace import Envelope
 from pfwd.units import Units, percent
 from tui.screen.drawing.lines import TextRole
 from tui.screen.drawing.plot import Curve, Figure
-from tui.screen.session.drop_state import DropState
+from tui.screen.session.screen_drop import ScreenDrop
 from tui.screen.session.screen_events import Refit
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ def half_sine(time: Array, peak: float, duration: float, start: float = 0.0) -> 
 
 
 def drop_figures(
-    drop: DropState,
+    drop: ScreenDrop,
     units: Units,
     span: tuple[float, float] | None = None,
     sensor: int = 0,
@@ -46,7 +46,7 @@ def drop_figures(
 
     Parameters
     ----------
-    drop : DropState
+    drop : ScreenDrop
     units : Units
     span : (start, end), optional
         Time axis, s; by default the window of the fit.
@@ -64,11 +64,11 @@ def drop_figures(
 
 
 def curves_of(
-    drop: DropState, refit: Refit | None
+    drop: ScreenDrop, refit: Refit | None
 ) -> tuple[TimeHistories | None, DropResult | None]:
     """Return the curves of a drop, or of one of its refits, and the result they belong to."""
     if refit is None:
-        return drop.shown_curves, drop.shown_result
+        return drop.drawn_curves, drop.curves_result
     return refit.curves, refit.result
 
 
@@ -80,7 +80,7 @@ def default_span(curves: TimeHistories) -> tuple[float, float]:
 
 
 def _fitted(
-    drop: DropState,
+    drop: ScreenDrop,
     curves: TimeHistories,
     result: DropResult,
     units: Units,
@@ -206,7 +206,7 @@ def _raw(
 
 
 def spectrum_figure(
-    drop: DropState, units: Units, sensor: int = 0, refit: Refit | None = None
+    drop: ScreenDrop, units: Units, sensor: int = 0, refit: Refit | None = None
 ) -> Figure | None:
     """Return the amplitude spectra of deflection and residual; None without a fit."""
     curves, _ = curves_of(drop, refit)
@@ -245,7 +245,7 @@ def spectrum_figure(
     )
 
 
-def bowl_figure(drop: DropState, units: Units, refit: Refit | None = None) -> Figure | None:
+def bowl_figure(drop: ScreenDrop, units: Units, refit: Refit | None = None) -> Figure | None:
     """Return measured and modelled peaks by offset; None for a single sensor."""
     curves, _ = curves_of(drop, refit)
     if curves is None or len(curves.offsets) < 2:

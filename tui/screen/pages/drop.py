@@ -11,7 +11,7 @@ from tui.screen.drawing.lines import Line
 from tui.screen.pages.dialogs import RefitDialog
 from tui.screen.pages.drop_view import FIGURE_NAMES, DropPageState, drop_lines
 from tui.screen.pages.page import Page
-from tui.screen.session.drop_state import DropState
+from tui.screen.session.screen_drop import ScreenDrop
 from tui.screen.session.screen_events import Refit
 
 ZOOM_FACTOR = 1.6
@@ -80,21 +80,21 @@ class DropPage(Page):
         self._requested: set[tuple[str, int]] = set()
 
     @property
-    def drop(self) -> DropState | None:
+    def drop(self) -> ScreenDrop | None:
         """Drop on the page."""
         state = self.pfwd.state
         if self.pfwd.selected_drop is None:
             return state.last
         point, number = self.pfwd.selected_drop
-        return state.drops.get(point, {}).get(number)
+        return state.drop(point, number)
 
     @property
     def refit(self) -> Refit | None:
         """Trial fit on the page; None: the result in force."""
         drop = self.drop
-        if drop is None or not 0 < self.result_index <= len(drop.refits):
+        if drop is None or not 0 < self.result_index <= len(drop.memory.refits):
             return None
-        return drop.refits[self.result_index - 1]
+        return drop.memory.refits[self.result_index - 1]
 
     def lines(self, width: int, height: int) -> Sequence[Line]:
         """Return the lines of the page."""
@@ -118,14 +118,14 @@ class DropPage(Page):
         )
         return drop_lines(view, width, height)
 
-    def _fetch(self, drop: DropState) -> None:
+    def _fetch(self, drop: ScreenDrop) -> None:
         """Request traces and curves that are not in memory, once."""
         key = drop.point, drop.number
-        if key in self._requested or (drop.curves is not None and drop.saved is not None):
+        if key in self._requested or (drop.memory.curves is not None and drop.saved is not None):
             return
         if drop.awaits_modulus or (drop.saved is not None and drop.status == "rejected"):
             return
-        if drop.saved is not None and drop.results and not drop.final:
+        if drop.saved is not None and drop.is_refined:
             return  # its result is still to come
         self._requested.add(key)
         if drop.saved is None:
@@ -193,7 +193,7 @@ class DropPage(Page):
         drop = self.drop
         if drop is None:
             return
-        numbers = sorted(self.pfwd.state.drops[drop.point])
+        numbers = sorted(self.pfwd.state.drops_of(drop.owner))
         place = numbers.index(drop.number) + step
         if 0 <= place < len(numbers):
             self.pfwd.selected_drop = drop.point, numbers[place]
@@ -204,7 +204,7 @@ class DropPage(Page):
         """Show the next result: the one in force, then each fit with other settings."""
         drop = self.drop
         self.result_index = (
-            (self.result_index + 1) % (len(drop.refits) + 1) if drop is not None else 0
+            (self.result_index + 1) % (len(drop.memory.refits) + 1) if drop is not None else 0
         )
         refit = self.refit
         if refit is not None and refit.curves is None:

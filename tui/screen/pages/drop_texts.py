@@ -13,11 +13,11 @@ from pfwd.procedures.point import UNSUPPORTED_MARK
 from pfwd.units import Fact, Units, percent
 from tui.format import MODEL_WORDS, word
 from tui.screen.drawing.lines import Line, TableColumn, TableRow, TextRole, cell, fit, piece
-from tui.screen.session.drop_state import DropState
+from tui.screen.session.screen_drop import ScreenDrop
 from tui.screen.session.state import SessionState
 
 
-def modulus_of_drop(drop: DropState | None, quantity: Quantity = Quantity.MODULUS) -> Fact:
+def modulus_of_drop(drop: ScreenDrop | None, quantity: Quantity = Quantity.MODULUS) -> Fact:
     """Return a fitted modulus of a drop, of the diagnosis of its point if that counts."""
     result = drop.result if drop is not None else None
     modulus, interval = (None, None) if drop is None else drop.fitted(quantity)
@@ -27,12 +27,12 @@ def modulus_of_drop(drop: DropState | None, quantity: Quantity = Quantity.MODULU
     return Fact("modulus", modulus, interval, mark="" if is_supported else UNSUPPORTED_MARK)
 
 
-def judged_value(state: SessionState, drop: DropState | None) -> Fact:
+def judged_value(state: SessionState, drop: ScreenDrop | None) -> Fact:
     """Return the judged quantity of a drop."""
     quantity = state.job.quantity
     if quantity.is_fitted:
         return modulus_of_drop(drop, quantity)
-    judged = state.value_of(drop)
+    judged = None if drop is None else drop.value()
     return Fact(quantity.dimension, None if judged is None else judged.value)
 
 
@@ -60,7 +60,7 @@ def assumption_texts(result: DropResult, units: Units) -> tuple[str, str, str, s
     )
 
 
-def verdict_of(drop: DropState | None, diagnosed: str = "") -> tuple[str, TextRole]:
+def verdict_of(drop: ScreenDrop | None, diagnosed: str = "") -> tuple[str, TextRole]:
     """Return one sentence on a drop: discarded, rejected, or how well its fit explains it."""
     if drop is None:
         return "no drop yet", "dim"
@@ -138,12 +138,12 @@ def _hidden_columns(quantity: Quantity) -> tuple[str, ...]:
     return ("95 %", "judged") if quantity is Quantity.DEFLECTION else ("95 %",)
 
 
-def drop_row(state: SessionState, drop: DropState, units: Units, *, chosen: bool) -> TableRow:
+def drop_row(state: SessionState, drop: ScreenDrop, units: Units, *, chosen: bool) -> TableRow:
     """Return the texts of a drop for a table with the columns of `drop_columns`."""
     quantity = state.job.quantity
     value, ends = units.value_and_ends(modulus_of_drop(drop, quantity))
-    exclusion = state.exclusion_reason(drop)
-    residual = None if drop.shown_result is None else drop.shown_result.residual_rms_over_peak
+    exclusion = drop.exclusion_reason
+    residual = None if drop.curves_result is None else drop.curves_result.residual_rms_over_peak
     if drop.is_diagnosed:  # the ground is that of the point, and no single drop has its own
         value, ends = MISSING, ""
     kind = drop.edited_word or (drop.status if drop.safe else "NOT SAFE")
@@ -176,7 +176,7 @@ def drop_row(state: SessionState, drop: DropState, units: Units, *, chosen: bool
     )
 
 
-def remark(drop: DropState, units: Units) -> str:
+def remark(drop: ScreenDrop, units: Units) -> str:
     """Return the irregularities of a drop, most important first."""
     parts = []
     if drop.moved_to:
@@ -187,19 +187,19 @@ def remark(drop: DropState, units: Units) -> str:
         parts.append(f"NO FIT: {drop.fault}")
     elif not drop.safe:
         parts.append("only in memory")
-    elif drop.results and not drop.final:
+    elif drop.is_refined:
         parts.append("refining the fit")
     elif drop.withheld is not None:
         parts.append(f"no modulus: {drop.withheld}")
-    parts += drop.marks
-    if drop.shown_result is not None and drop.shown_result.explained is False:
+    parts += drop.view.marks
+    if drop.curves_result is not None and drop.curves_result.explained is False:
         parts.append("unexplained")
-    parts += [f"note: {note}" for note in drop.notes]
-    if drop.identical is False:
+    parts += [f"note: {note}" for note in drop.view.notes]
+    if drop.view.identical is False:
         parts.append("stored traces differ from those recorded")
-    if drop.rebounds:
-        loads = ", ".join(units.text("load", load, 2) for load in drop.rebounds[:3])
-        count = len(drop.rebounds)
+    if rebounds := drop.view.rebounds:
+        loads = ", ".join(units.text("load", load, 2) for load in rebounds[:3])
+        count = len(rebounds)
         parts.append(f"{count} rebound{'s'[: count > 1]} ({loads} {units.unit('load')})")
     return "; ".join(parts) if parts else "safe"
 

@@ -45,7 +45,7 @@ from tui.screen.pages.drop_texts import (
 )
 from tui.screen.pages.layer_texts import effective_text, has_layers, layer_lines, sensor_lines
 from tui.screen.pages.measure_view import key_line
-from tui.screen.session.drop_state import DropState
+from tui.screen.session.screen_drop import ScreenDrop
 from tui.screen.session.screen_events import Refit
 from tui.screen.session.state import SessionState
 
@@ -59,7 +59,7 @@ MIN_PLOT_ROWS = 6
 class DropPageState:
     """All that the drop page shows: the drop, units, and what the operator chose."""
 
-    drop: DropState | None
+    drop: ScreenDrop | None
     state: SessionState
     units: Units
     glyphs: Glyphs
@@ -78,7 +78,7 @@ class DropPageState:
         """Result on the page; without one an empty result."""
         if self.refit is not None:
             return self.refit.result or DropResult()
-        return (self.drop and self.drop.shown_result) or DropResult()
+        return (self.drop and self.drop.curves_result) or DropResult()
 
 
 def drop_lines(view: DropPageState, width: int, height: int) -> list[Line]:
@@ -118,21 +118,20 @@ def _part(text: Sequence[Line], first: int, rows: int) -> list[Line]:
     return part
 
 
-def _title(view: DropPageState, drop: DropState, width: int) -> Line:
-    owner = view.state.points.get(drop.point)
-    name = owner.shown_name if owner is not None else drop.point
+def _title(view: DropPageState, drop: ScreenDrop, width: int) -> Line:
+    name = shorten(drop.owner.shown_name, 24)
     role: TextRole = "bad" if drop.status == "rejected" else "text"
     kind = drop.edited_word or drop.status
     which = "result in force" if view.refit is None else f"trial fit: {view.refit.label}"
     pieces = [
-        piece(0, cell(f" Drop {drop.number} of point {shorten(name, 24)} ", "title")),
+        piece(0, cell(f" Drop {drop.number} of point {name} ", "title")),
         piece(1, cell(kind, role)),
         piece(2, cell(shorten(which, 40), "strong")),
     ]
     return fit(pieces, width)
 
 
-def _verdict(view: DropPageState, drop: DropState, width: int) -> list[Line]:
+def _verdict(view: DropPageState, drop: ScreenDrop, width: int) -> list[Line]:
     diagnosed = "" if drop.diagnosed is None else diagnosis_sentence(drop.diagnosed, view.units)
     text, role = verdict_of(drop, diagnosed)
     if view.refit is not None and view.refit.result is not None:
@@ -141,12 +140,12 @@ def _verdict(view: DropPageState, drop: DropState, width: int) -> list[Line]:
     return [line(" ", cell(row, role)) for row in wrap(text, width - 2)[:2]]
 
 
-def replace_result(drop: DropState, result: DropResult) -> DropState:
+def replace_result(drop: ScreenDrop, result: DropResult) -> ScreenDrop:
     """Return a drop with another result in force."""
-    return replace(drop, results=[result])
+    return replace(drop, view=drop.view.with_result(result))
 
 
-def _plots(view: DropPageState, drop: DropState, width: int, rows: int) -> list[Line]:
+def _plots(view: DropPageState, drop: ScreenDrop, width: int, rows: int) -> list[Line]:
     traces = drop_figures(drop, view.units, view.span, view.sensor, view.refit)
     spectrum = spectrum_figure(drop, view.units, view.sensor, view.refit)
     bowl = bowl_figure(drop, view.units, view.refit)
@@ -169,7 +168,7 @@ def _plots(view: DropPageState, drop: DropState, width: int, rows: int) -> list[
     return stacked_plots(marked[:count], width, rows, view.glyphs)
 
 
-def _cursor_line(view: DropPageState, drop: DropState, width: int) -> Line:
+def _cursor_line(view: DropPageState, drop: ScreenDrop, width: int) -> Line:
     if view.cursor is None:
         return line(cell(" left and right move a cursor that shows the values", "dim"))
     units = view.units
@@ -193,7 +192,7 @@ def _cursor_line(view: DropPageState, drop: DropState, width: int) -> Line:
     return fit(pieces, width)
 
 
-def text_lines(view: DropPageState, drop: DropState, width: int) -> list[Line]:
+def text_lines(view: DropPageState, drop: ScreenDrop, width: int) -> list[Line]:
     """Return the text of the page: parameters, fit, sensors, record, results, causes."""
     result = view.result
     lines: list[Line] = []
@@ -220,8 +219,8 @@ def text_lines(view: DropPageState, drop: DropState, width: int) -> list[Line]:
         lines += _paragraph(f"{count} {sensors}, {length}", width)
         if drop.saved.file:
             lines += _paragraph(Path(drop.saved.file).name, width, "dim")
-    if drop.delay is not None:
-        lines += _paragraph(f"first modulus {drop.delay:.2f} s after the last sample", width)
+    if drop.memory.delay is not None:
+        lines += _paragraph(f"first modulus {drop.memory.delay:.2f} s after the last sample", width)
     lines += _alternatives(view, drop, width)
     lines += _effects(view, drop, width)
     return lines
@@ -311,16 +310,17 @@ def _warnings(result: DropResult, width: int) -> list[Line]:
     return lines
 
 
-def _alternatives(view: DropPageState, drop: DropState, width: int) -> list[Line]:
+def _alternatives(view: DropPageState, drop: ScreenDrop, width: int) -> list[Line]:
     lines = _heading("results")
     kind = "in force" if drop.diagnosed is None else "without effects"
     in_force = [] if drop.result is None else [(kind, drop.result)]
-    earlier = [("before it", result) for result in drop.results[:-1] if drop.withheld is None]
+    results = drop.memory.results if drop.withheld is None else ()
+    earlier = [("before it", result) for result in results[:-1]]
     units = view.units
     for kind, result in [*in_force, *earlier]:
         method = word(METHOD_TEXTS, result.method)
         lines += _paragraph(f"{_short_result(result, units)}, {method} ({kind})", width)
-    for refit in drop.refits:
+    for refit in drop.memory.refits:
         if refit.result is not None:
             mark: TextRole = "strong" if refit is view.refit else "text"
             lines += _paragraph(f"{_short_result(refit.result, units)}, {refit.label}", width, mark)
@@ -336,7 +336,7 @@ def _short_result(result: DropResult, units: Units) -> str:
     return f"{text}, residual {percent(result.residual_rms_over_peak)}"
 
 
-def _effects(view: DropPageState, drop: DropState, width: int) -> list[Line]:
+def _effects(view: DropPageState, drop: ScreenDrop, width: int) -> list[Line]:
     diagnosis = view.state.diagnoses.get(drop.saved.file) if drop.saved is not None else None
     lines = _heading("causes of the residual")
     if diagnosis is not None and diagnosis.error:

@@ -19,7 +19,7 @@ from tui.screen.pages.measure_view import (
     measure_lines,
 )
 from tui.screen.pages.page import Page
-from tui.screen.session.drop_state import DropState
+from tui.screen.session.screen_drop import ScreenDrop
 from tui.screen.session.stations import next_station, point_name_error, point_name_question
 from tui.screen.session.status import WORDS
 
@@ -82,13 +82,13 @@ class MeasurePage(Page):
         super().__init__()
         self.chosen: int | None = None
         self.panel = ""
-        self._drop_on_screen: DropState | None = None
+        self._drop_on_screen: ScreenDrop | None = None
         """Drop on the terminal."""
-        self._discard_candidate: DropState | None = None
-        """Drop that had just come when `d` was pressed."""
+        self._discard_candidate: tuple[str, int] | None = None
+        """Point and number of a drop that had just come when `d` was pressed."""
 
     @property
-    def drop(self) -> DropState | None:
+    def drop(self) -> ScreenDrop | None:
         """Drop whose traces and result are on the page: the chosen one, else the newest."""
         state = self.pfwd.state
         if self.chosen is None:
@@ -157,16 +157,14 @@ class MeasurePage(Page):
 
         A drop that has just come was not seen yet when the key was pressed: `d` is needed again.
         """
-        drop, self._discard_candidate = self._drop_on_screen, self._discard_candidate
-        fresh = drop is not None and drop.saved_at > 0
+        drop = self._drop_on_screen
         if (
             drop is not None
-            and fresh
             and self.chosen is None
-            and time.monotonic() - drop.saved_at < MIN_VIEW_S
-            and self._discard_candidate is not drop
+            and time.monotonic() - self.pfwd.state.saved_at < MIN_VIEW_S
+            and self._discard_candidate != (drop.point, drop.number)
         ):
-            self._discard_candidate = drop
+            self._discard_candidate = drop.point, drop.number
             self.pfwd.show_message(f"drop {drop.number} has just come: d again discards it")
             return
         self._discard_candidate = None

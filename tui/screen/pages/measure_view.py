@@ -50,7 +50,7 @@ from tui.screen.pages.drop_texts import (
     verdict_word,
 )
 from tui.screen.pages.layer_texts import effective_text, has_layers, top_and_subgrade
-from tui.screen.session.drop_state import DropState
+from tui.screen.session.screen_drop import ScreenDrop
 from tui.screen.session.state import SessionState
 from tui.screen.session.stations import ReceiverStatus, lot_progress, next_station
 from tui.screen.session.status import StatusWord
@@ -94,12 +94,12 @@ class MeasureView:
     """Present latitude and longitude, degrees."""
 
     @property
-    def drops(self) -> dict[int, DropState]:
+    def drops(self) -> dict[int, ScreenDrop]:
         """Drops of the current point by their number."""
         return self.state.current_drops
 
     @property
-    def drop(self) -> DropState | None:
+    def drop(self) -> ScreenDrop | None:
         """Drop on the page: the chosen one, else the newest."""
         if self.chosen is not None:
             return self.drops.get(self.chosen)
@@ -380,12 +380,12 @@ def _with_each_drop(view: MeasureView, lines: list[Line], width: int) -> list[Li
     title = f"{job.quantity.label} of each drop, {view.units.unit(quantity)}"
     bars = []
     for drop in drops:
-        judged = view.state.value_of(drop)
+        judged = drop.value()
         value = None if judged is None or drop.status == "rejected" else judged.value
         if job.quantity.is_fitted:
             value, _ = drop.fitted(job.quantity)
         role: TextRole = "dim" if drop.status == "seating" else "measured"
-        chosen = drop is view.drop
+        chosen = view.drop is not None and drop.number == view.drop.number
         bars.append(Bar(str(drop.number), view.units.value(quantity, value), role, chosen))
     target = view.units.value(quantity, view.state.progress.target)
     is_ascii = not view.glyphs.has_dots
@@ -493,7 +493,7 @@ def result_lines(view: MeasureView, width: int, rows: int, *, wide: bool = False
     return pad_rows([*lines, *verdict[: max(0, room)]], rows)
 
 
-def _unit_text(view: MeasureView, drop: DropState | None, *, short: bool = False) -> str:
+def _unit_text(view: MeasureView, drop: ScreenDrop | None, *, short: bool = False) -> str:
     """Return the unit of the large digits and the interval."""
     fact, quantity = judged_value(view.state, drop), view.state.job.quantity
     unit, (value, ends) = view.units.unit(fact.quantity), view.units.value_and_ends(fact)
@@ -518,13 +518,13 @@ def _large_number(value: str, ends: str, width: int, rows: int) -> list[Line]:
     return lines if below is None else [*lines, (), *digit_lines(ends, "strong", *below)]
 
 
-def _refining(drop: DropState | None) -> Line:
-    if drop is None or not drop.results or drop.final:
+def _refining(drop: ScreenDrop | None) -> Line:
+    if drop is None or not drop.is_refined:
         return ()
     return (cell("  first result, refining", "warn"),)
 
 
-def _details(view: MeasureView, drop: DropState | None) -> list[str]:
+def _details(view: MeasureView, drop: ScreenDrop | None) -> list[str]:
     """Return the parameters of the ground, and the modulus where another value is judged.
 
     The drop page has all further moduli: one number is in force here.
@@ -560,7 +560,7 @@ def advice_lines(view: MeasureView, width: int) -> list[str]:
     return [row for text in view.state.advice(view.drop) for row in wrap(f"→ {text}", width)]
 
 
-def model_line(drop: DropState | None, view: MeasureView, width: int) -> Line:
+def model_line(drop: ScreenDrop | None, view: MeasureView, width: int) -> Line:
     """Return the line with model, plate, Poisson's ratio, method and load of a fit."""
     result = drop.result if drop is not None else None
     if result is None or result.modulus_pa is None:

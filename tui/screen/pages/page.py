@@ -14,8 +14,8 @@ from tui.screen.drawing.lines import Line
 from tui.screen.lines_view import LinesView
 from tui.screen.session.diagnosis import RequestedDiagnoses
 from tui.screen.session.drop_fits import DropFits
-from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
+from tui.screen.session.screen_drop import ScreenDrop
 from tui.screen.session.sources import SessionSource
 from tui.screen.session.state import SessionState
 from tui.screen.session.stations import ReceiverStatus
@@ -86,7 +86,7 @@ class Host(Protocol):
     def ask_for_slip(self, point: PointView) -> None:
         """Ask for the signature of the slip of a point, then write the slip."""
 
-    def open_drop(self, drop: DropState | None, *, refit: bool = False) -> None:
+    def open_drop(self, drop: ScreenDrop | None, *, refit: bool = False) -> None:
         """Open the drop page; with `refit` also its dialog for a fit with other settings."""
 
 

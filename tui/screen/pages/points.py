@@ -38,7 +38,7 @@ from tui.screen.pages.drop_texts import (
 from tui.screen.pages.measure_view import key_lines
 from tui.screen.pages.page import Page
 from tui.screen.pages.setup_form import typed_target_fault
-from tui.screen.session.drop_state import DropState
+from tui.screen.session.screen_drop import ScreenDrop
 from tui.screen.session.stations import point_name_error, point_name_question
 
 _OTHER_MODULUS = "other modulus"
@@ -125,7 +125,7 @@ class PointsPage(Page):
         return state.points.get(self.point) or state.current
 
     @property
-    def drops(self) -> dict[int, DropState]:
+    def drops(self) -> dict[int, ScreenDrop]:
         """Drops of the chosen point by their number."""
         return self.pfwd.state.drops_of(self.chosen)
 

@@ -14,8 +14,8 @@ from pfwd.jobs import Jobs, Task
 from pfwd.session.events import SavedDrop, TableBuilding
 from pfwd.session.stored_drops import add_result, recorded_drop, stored_results
 from pfwd.units import Units
-from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
+from tui.screen.session.screen_drop import ScreenDrop
 from tui.screen.session.screen_events import DropRead, Refit, ScreenEvent
 from tui.screen.session.sources import SessionSource
 from tui.screen.session.state import SessionState
@@ -58,7 +58,7 @@ class DropFits:
         """Stop the process that fits."""
         self._jobs.close()
 
-    def fetch(self, drop: DropState) -> None:
+    def fetch(self, drop: ScreenDrop) -> None:
         """Read the traces of a drop, or compute its curves; both come as events."""
         if drop.saved is not None:
             options = self._source.plan.options or AnalysisOptions()
@@ -132,7 +132,7 @@ class DropFits:
         records = (
             drop.record
             for drop in self._state.drops_in_order()
-            if drop.number == number and any(refit.result is result for refit in drop.refits)
+            if drop.number == number and any(refit.result is result for refit in drop.memory.refits)
         )
         record = next(records, None)
         if record is None:

@@ -9,8 +9,10 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from pfwd.errors import DeviceError, RecordingError, SurveyError
-from pfwd.session.events import LiveSamples, SessionEvent, SessionNotice
+from pfwd.judging import SurveyView
+from pfwd.session.events import LiveSamples, SessionEvent, SessionNotice, SurveyChanged
 from pfwd.session.live_trace import LiveTrace
+from pfwd.session.live_view import apply_event
 from tui.screen.session.screen_events import ScreenEvent, SessionEnded, SessionStarted
 from tui.screen.session.sources import SessionSource
 
@@ -26,10 +28,15 @@ class SessionRunner:
     Parameters
     ----------
     source : SessionSource
+    view : SurveyView, optional
+        Survey before the first session.
     """
 
-    def __init__(self, source: SessionSource) -> None:
+    def __init__(self, source: SessionSource, view: SurveyView | None = None) -> None:
         self.source = source
+        self._view = view or SurveyView()
+        """Survey as it was published last; the next session continues it."""
+        self._lock = threading.Lock()
         self.trace = LiveTrace()
         self._mailbox: deque[ScreenEvent] = deque()
         self._thread: threading.Thread | None = None
@@ -90,6 +97,21 @@ class SessionRunner:
         """Add an event to the mailbox; may be called from any thread."""
         self._mailbox.append(event)
 
+    def report(self, event: SessionEvent) -> None:
+        """Have the session apply an event of the screen to the survey; may be called from any
+        thread.
+
+        Without a session the event is applied here, by the function that the session uses.
+        """
+        with self._lock:
+            if self._session is not None:
+                self._session.ask(lambda session: session.report(event))
+                return
+            self._send(event)
+            change = apply_event(self._view, event)
+            if change is not None:
+                self._send(change)
+
     def take(self) -> list[ScreenEvent]:
         """Return the events in the mailbox and empty it."""
         events = []
@@ -129,7 +151,9 @@ class SessionRunner:
 
     @contextlib.contextmanager
     def _attached(self, session: Any) -> Iterator[None]:
-        self._session = session
+        with self._lock:
+            session.continue_survey(self._view)
+            self._session = session
         self._send(SessionStarted(session, session.point if self.source.writes else ""))
         if self._stopping.is_set():
             session.stop()
@@ -142,6 +166,8 @@ class SessionRunner:
         self._send(event)
 
     def _send(self, event: ScreenEvent) -> None:
+        if isinstance(event, SurveyChanged):
+            self._view = event.view
         self._mailbox.append(event)
         for listener in self._listeners:
             try:

@@ -4,7 +4,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pfwd.analysis.results import DiagnosisResult, DropResult, TimeHistories
-from pfwd.judging import PointView
 from pfwd.session.events import SavedDrop, SessionEvent
 from pfwd.session.plan import Ending
 
@@ -29,15 +28,6 @@ class SessionEnded:
     """Time until the next attempt, s; None: there is none."""
     no_device: bool = False
     """True if the port could not be opened."""
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class SurveyRead:
-    """Event: the points of the survey were read from the disk."""
-
-    points: tuple[PointView, ...]
-    drops: bool
-    """True to show the drops too; in a replay they come one by one."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -72,6 +62,4 @@ class DiagnosisFinished:
     error: str = ""
 
 
-ScreenEvent = (
-    SessionEvent | SessionStarted | SessionEnded | SurveyRead | DropRead | Refit | DiagnosisFinished
-)
+ScreenEvent = SessionEvent | SessionStarted | SessionEnded | DropRead | Refit | DiagnosisFinished

@@ -7,48 +7,40 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from pfwd.analysis.results import DiagnosisResult
-from pfwd.judging import Job, PointView, SurveyView, value_of_drop
+from pfwd.judging import DropView, Job, PointView, SurveyView
 from pfwd.judging.advice import ACTIONABLE_EFFECTS, advice_on_drop, advice_on_point
-from pfwd.procedures import Kind, PointProgress, PointValue, Procedure, plain_procedure
+from pfwd.judging.view import NO_SETUP
+from pfwd.procedures import Kind, PointDrop, PointProgress, Procedure, plain_procedure
 from pfwd.session.events import (
     BatteryLow,
     CalibrationChanged,
-    DiagnosisAwaited,
     DropAnalysed,
     DropNotPublished,
     DropNotSaved,
     DropSaved,
     DropsWaiting,
-    Edited,
     InstrumentLost,
     InstrumentReady,
     InstrumentStatus,
     JobReported,
-    LiveSamples,
     NotReady,
     PointBegan,
-    PointDiagnosed,
-    PointReported,
     Ready,
-    Rebounded,
     SensorCheck,
     SessionNotice,
     StorageLow,
+    SurveyChanged,
     SurveyFilesChanged,
+    SurveyRead,
     TableBuilding,
 )
-from pfwd.session.live_view import apply_event, with_stored
 from pfwd.session.plan import Ending
 from tui.screen.session.device_state import Device, device_of, lost_samples
-from tui.screen.session.drop_state import (
-    DropState,
-    add_read,
-    add_refit,
-    add_result,
-    add_stored,
+from tui.screen.session.screen_drop import (
+    EMPTY_MEMORY,
+    DropInMemory,
+    ScreenDrop,
     excluded_sensor_numbers,
-    saved_drop,
     sensor_residuals,
 )
 from tui.screen.session.screen_events import (
@@ -58,7 +50,6 @@ from tui.screen.session.screen_events import (
     ScreenEvent,
     SessionEnded,
     SessionStarted,
-    SurveyRead,
 )
 
 MAX_NOTICES = 200
@@ -66,17 +57,6 @@ MAX_NOTICES = 200
 
 MAX_DROPS_WITH_TRACES = 40
 """Number of drops whose traces stay in memory; others are read again when they are opened."""
-
-_JUDGING_EVENTS = (
-    JobReported,
-    PointReported,
-    DropSaved,
-    DropAnalysed,
-    PointDiagnosed,
-    DiagnosisAwaited,
-    Edited,
-)
-"""Events that can change the verdict of a point."""
 
 
 class SessionState:
@@ -99,20 +79,18 @@ class SessionState:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.view = SurveyView(Job(procedure=procedure or plain_procedure(), target=target))
-        """Survey, judged by its own job once that is known."""
+        """Survey as the session published it last."""
         self.device = Device()
-        self.drops: dict[str, dict[int, DropState]] = {}
-        """Drops by the name of their point and by their number."""
         self.point = ""
-        self.last: DropState | None = None
-        """Newest drop."""
+        self.saved_at = 0.0
+        """Monotonic clock when the newest drop was stored, s; 0: it was read from the survey."""
+        self.unsafe: dict[tuple[str, int], str] = {}
+        """Drops that are not on the disk, by point and number, with the reason."""
         self.notices: deque[tuple[datetime.datetime, SessionNotice]] = deque(maxlen=MAX_NOTICES)
         self.building: TableBuilding | None = None
         self.setup: Any = None
         self.diagnoses: dict[str, DiagnosisFinished] = {}
         """Requested diagnoses by file."""
-        self.diagnosed: dict[str, DiagnosisResult] = {}
-        """Diagnoses made while measuring, by point."""
         self.session: Any = None
         """Session that runs; None: there is none."""
         self.ended: SessionEnded | None = None
@@ -126,9 +104,10 @@ class SessionState:
         """True if drops come from a recording."""
         self.version = 0
         """Counter of changes; the page is drawn again when it has grown."""
-        self.waits_for_first_modulus = True
         self._clock = clock
-        self._with_traces: deque[DropState] = deque()
+        self._last: tuple[str, int] | None = None
+        self._memory: dict[tuple[str, int], DropInMemory] = {}
+        """Drops with traces in memory, in the order in which these came."""
 
     @property
     def points(self) -> Mapping[str, PointView]:
@@ -141,13 +120,35 @@ class SessionState:
         return self.points.get(self.point) or PointView(self.point, job=self.job)
 
     @property
-    def current_drops(self) -> dict[int, DropState]:
+    def last(self) -> ScreenDrop | None:
+        """Newest drop."""
+        return None if self._last is None else self.drop(*self._last)
+
+    @property
+    def current_drops(self) -> dict[int, ScreenDrop]:
         """Drops of the current point by their number."""
         return self.drops_of(self.current)
 
-    def drops_of(self, point: PointView) -> dict[int, DropState]:
+    def drops_of(self, point: PointView) -> dict[int, ScreenDrop]:
         """Return the drops of a point by their number."""
-        return self.drops.get(point.name, {})
+        drops = {view.number: self._on_disk(point, view) for view in point.drops}
+        numbers = [number for name, number in self.unsafe if name == point.name]
+        return drops | {number: self._in_memory_alone(point, number) for number in numbers}
+
+    def drop(self, point: str, number: int) -> ScreenDrop | None:
+        """Return a drop by its point and number."""
+        owner = self.points.get(point) or PointView(point, job=self.job)
+        if (point, number) in self.unsafe:
+            return self._in_memory_alone(owner, number)
+        view = owner.drop(number)
+        return None if view is None else self._on_disk(owner, view)
+
+    def _on_disk(self, point: PointView, view: DropView) -> ScreenDrop:
+        return ScreenDrop(point, view, self._memory.get((point.name, view.number), EMPTY_MEMORY))
+
+    def _in_memory_alone(self, point: PointView, number: int) -> ScreenDrop:
+        view = DropView(PointDrop(number, Kind.MEASURED), 0.0, NO_SETUP)
+        return ScreenDrop(point, view, unsafe=self.unsafe[point.name, number])
 
     @property
     def job(self) -> Job:
@@ -159,22 +160,18 @@ class SessionState:
         """Procedure that judges the points."""
         return self.job.procedure_in_force
 
-    def advice(self, drop: DropState | None) -> list[str]:
+    def advice(self, drop: ScreenDrop | None) -> list[str]:
         """Return sentences of advice on a drop, and on its point once that is complete."""
-        if drop is None or drop.point not in self.points or drop.discarded:
+        if drop is None or not drop.safe or drop.discarded:
             return []
-        point = self.points[drop.point]
-        facts = point.drop(drop.number)
-        if facts is None:
-            return []
+        point, result = drop.owner, drop.result
         further_drops = [view for view in point.drops if view.number != drop.number]
-        result = drop.result
         residual = None
         if result is not None and result.explained is False and not drop.saturated:
             residual = result.contact_residual_rms_over_peak
         advice = advice_on_drop(
             self.job,
-            facts,
+            drop.view,
             further_drops,
             contact_residual=residual,
             survey_residuals=() if residual is None else self._survey_residuals_without(drop),
@@ -183,8 +180,7 @@ class SessionState:
         )
         progress = point.progress
         if progress.complete:
-            views = (facts, *further_drops)
-            loads = {view.facts.number: view.facts.peak_load for view in views}
+            loads = {view.number: view.facts.peak_load for view in point.drops}
             advice += advice_on_point(progress, loads)
         diagnoses = [
             result
@@ -192,8 +188,8 @@ class SessionState:
             for result in diagnosis.results
             if str(result.point) in (point.name, point.shown_name)
         ]
-        if point.name in self.diagnosed:
-            diagnoses.append(self.diagnosed[point.name])
+        if point.diagnosis is not None:
+            diagnoses.append(point.diagnosis)
         on_effects = [
             effect.advice
             for result in diagnoses
@@ -202,43 +198,26 @@ class SessionState:
         ]
         return list(dict.fromkeys([*(item.text for item in advice), *on_effects]))
 
-    def _survey_residuals_without(self, excluded: DropState) -> list[float]:
+    def _survey_residuals_without(self, excluded: ScreenDrop) -> list[float]:
         """Return the contact residuals of all drops but one, over their peaks."""
         return [
             residual
-            for drop in self.drops_in_order()
-            if drop is not excluded and drop.status != "rejected" and not drop.discarded
-            if drop.result is not None
-            and (residual := drop.result.contact_residual_rms_over_peak) is not None
+            for point in self.points.values()
+            for view, facts in zip(point.drops, point.facts, strict=True)
+            if view is not excluded.view and facts.kind not in (Kind.REJECTED, Kind.DISCARDED)
+            if view.result is not None
+            and (residual := view.result.contact_residual_rms_over_peak) is not None
         ]
-
-    def value_of(self, drop: DropState | None) -> PointValue | None:
-        """Return the quantity that the procedure judges, for one drop; None: not known."""
-        if drop is None:
-            return None
-        point = self.points.get(drop.point)
-        facts = None if point is None else point.drop(drop.number)
-        return None if facts is None else value_of_drop(self.job, facts)
 
     @property
     def progress(self) -> PointProgress:
         """Progress of the point that is being measured."""
         return self.current.progress
 
-    def exclusion_reason(self, drop: DropState) -> str:
-        """Return why a measured drop is excluded from the mean of its point; empty: it is not."""
-        if drop.status != "measured" or drop.discarded:
-            return ""
-        owner = self.points.get(drop.point)
-        excluded = owner.progress.excluded if owner is not None else ()
-        return next(
-            (exclusion.reason for exclusion in excluded if exclusion.number == drop.number), ""
-        )
-
     @property
     def n_unsaved(self) -> int:
         """Number of drops that are not on the disk."""
-        return sum(not drop.safe for drop in self.drops_in_order())
+        return len(self.unsafe)
 
     @property
     def exit_status(self) -> int:
@@ -253,38 +232,13 @@ class SessionState:
     def take(self, event: ScreenEvent) -> None:
         """Update the state by an event of the session or of the screen."""
         self.version += 1
-        changed = None
-        if isinstance(event, _JUDGING_EVENTS):
-            self.view, changed = apply_event(self.view, event)
-        self._take(event)
-        if isinstance(event, JobReported):
-            for point in self.points.values():
-                self._classify_drops(point)
-        elif changed is not None:
-            self._classify_drops(self.points[changed])
-
-    def _classify_drops(self, point: PointView) -> None:
-        """Set the views of the drops of a point, and their kinds, which depend on each other."""
-        progress = point.progress
-        drops = self.drops_of(point)
-        for view in point.drops:
-            if view.number in drops:
-                drops[view.number].view = view
-                drops[view.number].withheld = progress.withheld
-                drops[view.number].diagnosed = point.counting_diagnosis
-        reasons = {drop.number: drop.reason for drop in progress.excluded}
-        for number, kind in progress.kinds:
-            drop = drops.get(number)
-            if drop is None:
-                continue
-            if kind is Kind.DISCARDED:
-                continue
-            drop.status = kind.value
-            if kind is Kind.REJECTED and not drop.reason:
-                drop.reason = reasons.get(number, "").removeprefix("rejected: ")
-
-    def _take(self, event: ScreenEvent) -> None:
         match event:
+            case SurveyChanged(view, _, cause):
+                self.view = view
+                if isinstance(cause, SurveyRead) and not self.point and cause.points:
+                    self.point = cause.points[-1].name
+                if self._last is None:
+                    self._last = self._newest()
             case JobReported(_, differences):
                 for text in differences:
                     self._on_notice(SessionNotice(text, serious=True))
@@ -298,8 +252,6 @@ class SessionState:
             case InstrumentLost(reason):
                 self.device.connected = self.device.ready = False
                 self.device.lost_reason = reason
-            case LiveSamples():
-                pass  # they are drawn from their envelope
             case InstrumentStatus():
                 self._on_status(event)
             case NotReady(reason):
@@ -308,30 +260,22 @@ class SessionState:
                 self.device.ready, self.device.not_ready_reason = True, ""
             case SensorCheck(_, faults):
                 self.device.check_faults = faults
-            case DropSaved():
-                self._on_saved(event)
+            case DropSaved(saved):
+                key = saved.point, saved.number
+                self.unsafe.pop(key, None)
+                self.point, self._last, self.saved_at = saved.point, key, self._clock()
+                self._remember(key, DropInMemory(saved))
             case DropNotSaved(point, number, reason):
-                drop = self._drop(point, number)
-                drop.safe, drop.reason = False, reason
-                self.point, self.last = point, drop
+                self.unsafe[point, number] = reason
+                self.point, self._last, self.saved_at = point, (point, number), 0.0
             case SurveyFilesChanged(text):
                 self.files_trouble = text
                 self._on_notice(SessionNotice(text, serious=True))
             case DropAnalysed():
-                add_result(self._drop(event.saved.point, event.saved.number), event)
-            case PointDiagnosed(name, result):
-                self.diagnosed[name] = result
-            case Rebounded():
-                self._drop(event.point, event.number).rebounds.append(event.peak_load)
+                self._on_analysed(event)
             case PointBegan(name):
-                self._begin_point(name)
-                self.last = self._newest()
-            case Edited(number=record):
-                edited = None if record is None else self.drop_of_record(record)
-                if edited is not None and event.what == "restore":
-                    # The reason of a moved drop is that it was moved.
-                    screening = None if edited.saved is None else edited.saved.screening
-                    edited.reason = "" if screening is None else screening.reason or ""
+                self.point = name
+                self._last, self.saved_at = self._newest(), 0.0
             case TableBuilding():
                 self.building = event if event.fraction < 1 else None
             case BatteryLow():
@@ -349,24 +293,19 @@ class SessionState:
                 self.session, self.ended, self.drops_waiting = event.session, None, ""
                 self.device.lost_reason = ""
                 if event.point:
-                    self._begin_point(event.point)
-                self.last = self._newest()
+                    self.point = event.point
+                self._last, self.saved_at = self._newest(), 0.0
             case SessionEnded():
                 self.session, self.ended = None, event
                 self.device.connected = self.device.ready = False
                 self.building = None
-            case SurveyRead():
-                self._on_contents(event)
-            case DropRead(saved):
-                drop = self._drop(saved.point, saved.number)
-                add_read(drop, event)
-                self._remember(drop)
+            case DropRead():
+                self._on_read(event)
             case Refit(fault=fault):
-                drop = self._drop(event.point, event.number)
                 if fault:
                     self._on_notice(SessionNotice(f"drop {event.number}: {fault}", serious=True))
                 else:
-                    add_refit(drop, event)
+                    self._on_refit(event)
             case DiagnosisFinished(file, _, error):
                 self.diagnoses[file] = event
                 if error:
@@ -381,11 +320,7 @@ class SessionState:
             *(station.name for station in self.job.stations),
         }
 
-    def drop_of_record(self, record: int) -> DropState | None:
-        """Return a drop by its number within the survey."""
-        return next((drop for drop in self.drops_in_order() if drop.record == record), None)
-
-    def drops_in_order(self) -> Iterable[DropState]:
+    def drops_in_order(self) -> Iterable[ScreenDrop]:
         """Yield all drops, point by point."""
         for point in self.points.values():
             yield from self.drops_of(point).values()
@@ -401,56 +336,52 @@ class SessionState:
     def _on_notice(self, event: SessionNotice) -> None:
         self.notices.append((datetime.datetime.now(), event))
 
-    def _drop(self, point: str, number: int) -> DropState:
-        self._add_point(point)
-        return self.drops.setdefault(point, {}).setdefault(number, DropState(point, number))
+    def _on_analysed(self, event: DropAnalysed) -> None:
+        key = event.saved.point, event.saved.number
+        memory = self._memory.get(key)
+        if memory is None:
+            return
+        results, curves = memory.results, event.curves or memory.curves
+        if event.result.has_ground:
+            results = (*results, event.result)
+        delay = event.delay if memory.delay is None else memory.delay
+        self._memory[key] = replace(memory, results=results, curves=curves, delay=delay)
 
-    def _on_saved(self, event: DropSaved) -> None:
-        saved = event.saved
-        self._drop(saved.point, saved.number)
-        fresh = saved_drop(event, self._clock())
-        fresh.final = fresh.status == "rejected" or not self.waits_for_first_modulus
-        self.drops[saved.point][saved.number] = fresh
-        self.point, self.last = saved.point, fresh
-        self._remember(fresh)
+    def _on_read(self, event: DropRead) -> None:
+        results = tuple(result for result in event.results if not result.is_trial)
+        key = event.saved.point, event.saved.number
+        refits = tuple(
+            Refit(*key, result.refit or "", result, None)
+            for result in event.results
+            if result.is_trial
+        )
+        self._remember(key, DropInMemory(event.saved, None, results, refits))
 
-    def _remember(self, drop: DropState) -> None:
-        self._with_traces.append(drop)
-        while len(self._with_traces) > MAX_DROPS_WITH_TRACES:
-            old = self._with_traces.popleft()
-            if old is not self.last and old.record is not None:
-                old.saved = old.curves = None
+    def _on_refit(self, event: Refit) -> None:
+        """Add a fit with other settings to its drop, or the curves of the result in force."""
+        key = event.point, event.number
+        memory = self._memory.get(key, EMPTY_MEMORY)
+        if event.label:
+            refits = [refit for refit in memory.refits if refit.label != event.label]
+            memory = replace(memory, refits=(*refits, event))
+        elif event.curves is not None:
+            memory = replace(memory, curves=event.curves)
+            if not memory.results and event.result is not None:
+                memory = replace(memory, results=(event.result,))
+        self._memory[key] = memory
 
-    def _on_contents(self, event: SurveyRead) -> None:
-        self.view = with_stored(self.view, event.points, is_replayed=not event.drops)
-        for stored in event.points:
-            for drop in stored.drops:
-                state = self.drops.get(stored.name, {}).get(drop.number)
-                if state is None and event.drops:
-                    state = self._drop(stored.name, drop.number)
-                    state.final = True
-                if state is not None:
-                    add_stored(state, drop)
-            if event.drops:
-                drops = self.drops_of(stored)
-                self.drops[stored.name] = {number: drops[number] for number in sorted(drops)}
-            self._classify_drops(self.points[stored.name])
-        if event.drops:
-            stored_first = {point.name: self.points[point.name] for point in event.points}
-            self.view = replace(self.view, points=stored_first | {**self.points})
-        if not self.point and event.points:
-            self.point = event.points[-1].name
-        if self.last is None and self.point:
-            self.last = self._newest()
+    def _remember(self, key: tuple[str, int], memory: DropInMemory) -> None:
+        self._memory.pop(key, None)
+        self._memory[key] = memory
+        stored = [
+            name
+            for name, drop in self._memory.items()
+            if name != self._last and (drop.saved is None or drop.saved.record is not None)
+        ]
+        for name in stored[: max(0, len(self._memory) - MAX_DROPS_WITH_TRACES)]:
+            del self._memory[name]
 
-    def _begin_point(self, name: str) -> None:
-        self.point = name
-        self._add_point(name)
-
-    def _add_point(self, name: str) -> None:
-        if name not in self.points:
-            self.view = self.view.with_points([PointView(name)])
-
-    def _newest(self) -> DropState | None:
+    def _newest(self) -> tuple[str, int] | None:
         """Return the drop of the current point with the highest number."""
-        return max(self.current_drops.values(), key=lambda drop: drop.number, default=None)
+        numbers = [drop.number for drop in self.current.drops]
+        return (self.point, max(numbers)) if numbers else None

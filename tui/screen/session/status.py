@@ -116,17 +116,17 @@ def _ended(state: SessionState) -> StatusWord:
 
 def _latest_drop(state: SessionState, now: float, pulse_age: float | None) -> StatusWord | None:
     last = state.last
-    fresh = last is not None and last.saved_at > 0
+    fresh = last is not None and state.saved_at > 0
     bounced = False
     if pulse_age is not None and pulse_age < PULSE_WORD_S:
         # A rebound soon after a drop is no new drop: that drop is stored already.
-        bounced = fresh and last is not None and now - pulse_age - last.saved_at < REBOUND_WINDOW_S
+        bounced = fresh and last is not None and now - pulse_age - state.saved_at < REBOUND_WINDOW_S
         if not bounced:
             return StatusWord("DROP", "let it bounce", "busy")
     if not fresh or last is None:
         return None
-    age = now - last.saved_at
-    if last.awaits_modulus and state.waits_for_first_modulus:
+    age = now - state.saved_at
+    if last.awaits_modulus:
         return StatusWord("COMPUTING", f"drop {last.number} is on the disk", "busy")
     if last.status == "rejected" and not last.discarded:
         return StatusWord(

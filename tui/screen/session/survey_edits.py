@@ -7,8 +7,8 @@ from pfwd.files.editing import Edit, add_events, edit_survey
 from pfwd.judging import JobRequest
 from pfwd.judging.view import job_of_folder
 from pfwd.session.events import Edited, JobReported
-from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
+from tui.screen.session.screen_drop import ScreenDrop
 from tui.screen.session.screen_events import ScreenEvent
 from tui.screen.session.sources import SessionSource
 
@@ -20,7 +20,7 @@ class Undo:
     description: str
     """Edit that is reverted, in words."""
     edit: Edit
-    drop: DropState
+    drop: ScreenDrop
 
 
 class SurveyEdits:
@@ -30,7 +30,7 @@ class SurveyEdits:
     ----------
     source : SessionSource
     runner : SessionRunner
-        Its session makes the edit if one runs; otherwise it receives the edit as an event.
+        Its session makes the edit if one runs; otherwise the edit is reported to it.
     show_message : callable
         Shows one line to the operator.
     in_thread : callable
@@ -48,7 +48,7 @@ class SurveyEdits:
         self._show_message, self._in_thread = show_message, in_thread
         self._undo: list[Undo] = []
 
-    def discard(self, drop: DropState | None) -> None:
+    def discard(self, drop: ScreenDrop | None) -> None:
         """Discard a drop, or restore a discarded one."""
         if drop is None or drop.record is None:
             self._show_message("there is no drop that could be discarded")
@@ -70,7 +70,7 @@ class SurveyEdits:
         if self.add(last.edit, drop=last.drop):
             self._show_message(f"taken back: {last.description}")
 
-    def add(self, edit: Edit, *, drop: DropState | None = None, point: str | None = None) -> bool:
+    def add(self, edit: Edit, *, drop: ScreenDrop | None = None, point: str | None = None) -> bool:
         """Edit a drop or a point; return whether there is a survey to edit."""
         number = None if drop is None else drop.record
         if self._source.writes and self._runner.request(
@@ -82,14 +82,15 @@ class SurveyEdits:
             self._show_message("there is no survey that could be edited")
             return False
 
-        def store() -> ScreenEvent:
+        def store() -> None:
             edit_survey(folder, [edit], point if drop is None else drop.point, number)
-            return Edited(edit.what, edit.value, None if drop else point, number)
+            edited = Edited(edit.what, edit.value, None if drop else point, number)
+            self._runner.report(edited)
 
         self._in_thread(store, "edit")
         return True
 
-    def move(self, drop: DropState | None, to: str) -> None:
+    def move(self, drop: ScreenDrop | None, to: str) -> None:
         """Move a drop to another point."""
         if drop is None or drop.record is None:
             self._show_message("there is no drop that could be moved")
@@ -123,8 +124,8 @@ class SurveyEdits:
             self._show_message("there is no survey to store it in")
             return
 
-        def store() -> ScreenEvent:
+        def store() -> None:
             add_events(folder, request.events())
-            return JobReported(job_of_folder(folder))
+            self._runner.report(JobReported(job_of_folder(folder)))
 
         self._in_thread(store, "job")

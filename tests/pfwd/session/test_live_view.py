@@ -1,0 +1,58 @@
+"""Survey that a session publishes: what an event changes, and what the views share."""
+
+from pathlib import Path
+
+from pfwd.judging import PointView, SurveyView
+from pfwd.session.events import PointBegan, Rebounded, SurveyChanged, SurveyRead
+from pfwd.session.plan import SessionPlan
+from pfwd.session.session import Session
+from pfwd_device.recording import SurveyWriter
+from tests.pfwd.scripted_feed import (
+    ONE_DROP,
+    Log,
+    Publisher,
+    ScriptedFeed,
+    began,
+    connected,
+    pieces,
+)
+
+
+def measured(folder: Path, point: str, before: SurveyView | None = None) -> Log:
+    log = Log()
+    with SurveyWriter.open(folder, publish=False) as writer:
+        run = int(point)
+        feed = ScriptedFeed(connected(), began(run), pieces(ONE_DROP, run))
+        session = Session(feed, log, SessionPlan(options=None, point=point), writer)
+        if before is not None:
+            session.continue_survey(before)
+        session.run()
+    return log
+
+
+def test_views_share_all_points_and_drops_that_an_event_does_not_change(tmp_path: Path) -> None:
+    first = measured(tmp_path / "s", "1").of(SurveyChanged)[-1].view
+    assert [drop.number for drop in first.points["1"].drops] == [1]
+    publisher = Publisher()
+    publisher.view = first
+    publisher(PointBegan("2"))
+    assert publisher.view.points["1"] is first.points["1"]
+    publisher(Rebounded("1", 1, 0.5, 2000.0))
+    (drop,) = publisher.view.points["1"].drops
+    assert drop.rebounds == (2000.0,)
+    assert drop.metadata is first.points["1"].drops[0].metadata
+
+
+def test_the_next_session_continues_the_survey_of_the_one_before(tmp_path: Path) -> None:
+    before = measured(tmp_path / "s", "1").of(SurveyChanged)[-1].view
+    log = measured(tmp_path / "s", "2", before)
+    changes = log.of(SurveyChanged)
+    assert list(changes[0].view.points) == ["1", "2"], "before it measures anything"
+    assert [len(point.drops) for point in changes[-1].view.points.values()] == [1, 1]
+
+
+def test_points_read_from_the_survey_come_before_the_point_that_has_just_begun() -> None:
+    publisher = Publisher()
+    publisher(PointBegan("3"))
+    publisher(SurveyRead((PointView("1"), PointView("2"))))
+    assert list(publisher.view.points) == ["1", "2", "3"]
