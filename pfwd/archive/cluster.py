@@ -9,7 +9,8 @@ import contextlib
 import ipaddress
 import socket
 import ssl
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
+from concurrent.futures import CancelledError, Future
 from importlib import import_module
 from typing import Any
 from urllib.parse import SplitResult, urlsplit
@@ -156,6 +157,7 @@ class ClusterWorkers(ArchiveWorkers):
                 "check that it is running, uses this protocol and can be reached from this computer"
             )
             raise SurveyError(refusal(self._where, "a scheduler", "no answer", hint)) from err
+        self._executor = self._client.get_executor(pure=False)
         try:
             self._check_workers()
         except BaseException:
@@ -170,10 +172,9 @@ class ClusterWorkers(ArchiveWorkers):
         SurveyError
             If the connection to the cluster is lost, or workers die one after the other.
         """
-        distributed: Any = import_module("distributed")
         try:
             yield from super().run(batches)
-        except (OSError, TimeoutError, distributed.CancelledError) as err:
+        except (OSError, TimeoutError, CancelledError) as err:
             raise self._lost(str(err) or type(err).__name__) from err
 
     def close(self) -> None:
@@ -207,27 +208,13 @@ class ClusterWorkers(ArchiveWorkers):
         threads: int = sum(self._client.nthreads().values())
         return _N_BATCHES_PER_THREAD * max(1, threads)
 
-    def _submit(self, *call: Any) -> Any:
-        return self._client.submit(*call, pure=False)
-
-    def _wait(self, requests: Iterable[Any]) -> Iterable[Any]:
-        distributed: Any = import_module("distributed")
-        with self._client.as_current():
-            complete: Iterable[Any] = distributed.wait(
-                list(requests), return_when="FIRST_COMPLETED"
-            ).done
-        return complete
-
-    def _outcomes(self, request: Any) -> list[SourceOutcome] | None:
-        if request.status == "finished":
-            outcomes: list[SourceOutcome] = request.result()
-            return outcomes
-        if request.status != "error":
-            raise self._lost(f"a task that is {request.status}")
-        error = request.exception()
-        if type(error).__name__ == "KilledWorker":  # an error of dask
-            return None
-        raise self._lost(f"{type(error).__name__}: {error}")
+    def _outcomes(self, request: Future[list[SourceOutcome]]) -> list[SourceOutcome] | None:
+        try:
+            return request.result()
+        except Exception as err:
+            if type(err).__name__ == "KilledWorker":  # an error of dask
+                return None
+            raise self._lost(str(err) or type(err).__name__) from err
 
     def _check_workers(self) -> None:
         try:

@@ -20,6 +20,7 @@ import json
 import os
 import re
 from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -86,19 +87,26 @@ FAILURE_COLUMNS: tuple[tuple[str, Kind], ...] = (
     ("reason", "text"),
 )
 
-SOURCE_COLUMNS: tuple[tuple[str, Kind], ...] = (
-    ("file", "text"),
-    ("source_sha256", "text"),
-    ("size_bytes", "whole"),
-    ("mtime_ns", "whole"),
-    ("piece", "whole"),
-    ("pieces", "whole"),
-    ("drops", "whole"),
-    ("failures", "whole"),
-    ("same_as", "text"),
+
+@dataclass(frozen=True, slots=True)
+class SourceRow:
+    """Row of the table ``sources``."""
+
+    file: str
+    source_sha256: str
+    size_bytes: int
+    mtime_ns: int
+    piece: int
+    pieces: int
+    drops: int = 0
+    failures: int = 0
+    same_as: str | None = None
+    """File with the same content whose rows hold the results; None: they are its own."""
+
+
+SOURCE_COLUMNS: tuple[tuple[str, Kind], ...] = tuple(
+    (field.name, "whole" if field.type is int else "text") for field in fields(SourceRow)
 )
-"""Name and type of each column of the table ``sources``; ``same_as`` is the file with the same
-content whose rows hold the results."""
 
 DIAGNOSIS_COLUMNS: tuple[tuple[str, Kind], ...] = (
     ("file", "text"),

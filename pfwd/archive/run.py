@@ -18,7 +18,14 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.archive.dataset import TABLES, ArchiveFolder, Row, diagnosis_row, result_row
+from pfwd.archive.dataset import (
+    TABLES,
+    ArchiveFolder,
+    Row,
+    SourceRow,
+    diagnosis_row,
+    result_row,
+)
 from pfwd.archive.work import (
     ArchiveWorkers,
     Batch,
@@ -478,7 +485,11 @@ class _Run:
                     ],
                     "diagnoses": [diagnosis_row(d, source.digest) for d in outcome.diagnoses],
                     "failures": [_failure_row(source, failure) for failure in outcome.failures],
-                    "sources": [_source_row(source, outcome)],
+                    "sources": [
+                        _source_row(
+                            source, drops=len(outcome.results), failures=len(outcome.failures)
+                        )
+                    ],
                 }
             )
             for duplicate in duplicates:
@@ -489,7 +500,7 @@ class _Run:
         if piece.path == file:  # named twice
             return
         self._summary.duplicates += 1
-        row = _source_row(piece) | {"failures": self._stored.n_failures(file), "same_as": file}
+        row = _source_row(piece, failures=self._stored.n_failures(file), same_as=file)
         self._add_rows({"results": [], "diagnoses": [], "failures": [], "sources": [row]})
 
     def _add_rows(self, rows: SourceRows) -> None:
@@ -544,16 +555,6 @@ def _failure_row(source: Source, failure: SourceFailure) -> Row:
     return {"file": source.path, "source_sha256": source.digest, **asdict(failure)}
 
 
-def _source_row(source: Source, outcome: SourceOutcome | None = None) -> dict[str, Any]:
-    """Return the row of a source; None: the results of another one are its results."""
-    return {
-        "file": source.path,
-        "source_sha256": source.digest,
-        "size_bytes": source.size,
-        "mtime_ns": source.mtime_ns,
-        "piece": source.piece,
-        "pieces": source.pieces,
-        "drops": 0 if outcome is None else len(outcome.results),
-        "failures": 0 if outcome is None else len(outcome.failures),
-        "same_as": None,
-    }
+def _source_row(source: Source, **counts: Any) -> Row:
+    identity = (source.path, source.digest, source.size, source.mtime_ns)
+    return asdict(SourceRow(*identity, source.piece, source.pieces, **counts))

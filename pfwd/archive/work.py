@@ -7,7 +7,7 @@ import contextlib
 import os
 import time
 from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, Literal
@@ -163,6 +163,7 @@ class ArchiveWorkers:
     def __init__(self, options: AnalysisOptions, count: int = 1) -> None:
         self.options = options
         self._jobs = Jobs(count, attempts=MAX_DEATHS_PER_SOURCE)
+        self._executor: Executor | Jobs = self._jobs
 
     def run(self, batches: Iterator[Batch]) -> Iterator[list[SourceOutcome]]:
         """Yield the outcomes of each batch when it is complete, in any order.
@@ -174,7 +175,7 @@ class ArchiveWorkers:
         SurveyError
             If the workers are lost, or none of them stays alive.
         """
-        submitted: dict[Any, Batch] = {}
+        submitted: dict[Future[list[SourceOutcome]], Batch] = {}
         waiting: list[Batch] = []
         failed = 0
         while True:
@@ -182,10 +183,11 @@ class ArchiveWorkers:
                 batch = waiting.pop() if waiting else next(batches, None)
                 if batch is None:
                     break
-                submitted[self._submit(invert_batch, batch, self.options)] = batch
+                request = self._executor.submit(invert_batch, batch, self.options)
+                submitted[request] = batch
             if not submitted:
                 return
-            for request in self._wait(submitted):
+            for request in wait(submitted, return_when=FIRST_COMPLETED).done:
                 batch = submitted.pop(request)
                 outcomes = self._outcomes(request)
                 failed = failed + 1 if outcomes is None else 0
@@ -208,20 +210,12 @@ class ArchiveWorkers:
         """Return the number of batches to keep requested."""
         return 2 * self._jobs.count
 
-    def _submit(self, *call: Any) -> Any:
-        return self._jobs.submit(*call)
-
-    def _wait(self, requests: Iterable[Any]) -> Iterable[Any]:
-        """Wait until at least one request is complete; return the complete ones."""
-        return wait(requests, return_when=FIRST_COMPLETED).done
-
-    def _outcomes(self, request: Any) -> list[SourceOutcome] | None:
+    def _outcomes(self, request: Future[list[SourceOutcome]]) -> list[SourceOutcome] | None:
         """Return the outcomes of a complete request; None: its worker died."""
         try:
-            outcomes: list[SourceOutcome] = request.result()
+            return request.result()
         except WorkerDied:
             return None
-        return outcomes
 
 
 def _death_of_workers(source: Source) -> SourceFailure:

@@ -2,6 +2,7 @@
 
 import argparse
 import textwrap
+from dataclasses import asdict
 
 from pfwd.export.json_text import json_text
 from pfwd.procedures import Procedure, find_procedure, shipped_procedures
@@ -68,12 +69,7 @@ def _record(procedure: Procedure) -> dict[str, object]:
         "average": procedure.average,
         "file": procedure.file,
         "numbers": {
-            key: {
-                "value": number.value,
-                "source": number.source,
-                "verified": number.verified,
-                "enforced": procedure.enforced(number) is not None,
-            }
+            key: {**asdict(number), "enforced": procedure.enforced(number) is not None}
             for key, number in procedure.numbers().items()
         },
         "targets": [
