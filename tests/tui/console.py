@@ -37,10 +37,10 @@ def pfwd(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 
 @contextmanager
-def logging(*arguments: object) -> Iterator[subprocess.Popen[str]]:
-    """``pfwd log`` in a process; ended at the latest when the block is left."""
+def running(*arguments: object) -> Iterator[subprocess.Popen[str]]:
+    """``pfwd`` in a process; ended at the latest when the block is left."""
     with subprocess.Popen(
-        [*PFWD, "log", *map(str, arguments)],
+        [*PFWD, *map(str, arguments)],
         cwd=TOP,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -24,10 +24,10 @@ from tests.tui.console import (
     TOP,
     WITH_SHUNT,
     checked,
-    logging,
     numbers,
     pfwd,
     records,
+    running,
     wait_for_line,
 )
 from tui.log_file import survey_log
@@ -66,7 +66,7 @@ def test_a_signal_ends_it_cleanly(number: signal.Signals, tmp_path: Path) -> Non
     survey = tmp_path / "survey"
     with (
         serve(PLAIN, rate=RATE, seed=4) as instrument,
-        logging(instrument.url, "-o", survey, "--json", "--no-invert") as process,
+        running("log", instrument.url, "-o", survey, "--json", "--no-invert") as process,
     ):
         lines = [wait_for_line(process), wait_for_line(process)]
         # Somebody else is refused meanwhile, in one line that names the first.
@@ -91,7 +91,7 @@ def test_a_lost_instrument_is_status_3(tmp_path: Path) -> None:
     # program that looks for its instrument there would take that one.
     instrument = serve(PLAIN, listen="tcp://127.0.0.1:0", rate=RATE, seed=5)
     options = ("--json", "--no-invert", "--give-up", "0.5")
-    with instrument, logging(instrument.url, "-o", survey, *options) as process:
+    with instrument, running("log", instrument.url, "-o", survey, *options) as process:
         wait_for_line(process)
         instrument.close()
         _, err = process.communicate(timeout=PATIENCE)
@@ -310,7 +310,7 @@ def test_a_service_is_stopped_within_its_time(tmp_path: Path) -> None:
     """With inversion: the last analyses are waited for, and nothing is left behind."""
     with (
         serve(PLAIN, rate=RATE, seed=9) as instrument,
-        logging(instrument.url, "-o", tmp_path / "s", "--json") as process,
+        running("log", instrument.url, "-o", tmp_path / "s", "--json") as process,
     ):
         wait_for_line(process)
         begin = time.monotonic()

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from pfwd_device.wire.messages import Event, EventKind, InstrumentMessage
-from tests.tui.console import PATIENCE, checked, logging
+from tests.tui.console import PATIENCE, checked, running
 from tests.tui.flooding import flooding
 
 LONGEST_END = 5.0
@@ -23,7 +23,7 @@ def flooded(
 ) -> tuple[float, str]:
     """How long the end took, and what had been printed."""
     instrument, url = url_and_instrument
-    with logging(url, "-o", survey, *options) as process:
+    with running("log", url, "-o", survey, *options) as process:
         printed: list[str] = []
 
         def read() -> None:

@@ -4,36 +4,16 @@ import json
 import signal
 import socket
 import subprocess
-import sys
 import textwrap
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from pfwd_device.wire.binary import BinaryDialect
 from pfwd_device.wire.messages import Start
+from tests.tui.console import running
 
-TOP = Path(__file__).resolve().parents[2]
 TCP = ("--listen", "tcp://127.0.0.1:0")
-
-
-@contextmanager
-def simulating(*arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """A process of the command; ended at the latest when the block is left."""
-    command = [sys.executable, "-c", "from tui.cli import main; raise SystemExit(main())"]
-    with subprocess.Popen(
-        [*command, "simulate", *arguments],
-        cwd=TOP,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
 
 
 def first_line(process: subprocess.Popen[str]) -> str:
@@ -47,9 +27,9 @@ def connect(url: str) -> socket.socket:
 
 
 def test_the_first_line_is_the_url() -> None:
-    with simulating(*TCP) as process:
+    with running("simulate", *TCP) as process:
         connect(first_line(process)).close()
-    with simulating(*TCP, "--json") as process:
+    with running("simulate", *TCP, "--json") as process:
         record = json.loads(first_line(process))
         assert list(record) == ["url"]
         connect(record["url"]).close()
@@ -57,7 +37,7 @@ def test_the_first_line_is_the_url() -> None:
 
 @pytest.mark.posix
 def test_by_default_it_is_a_virtual_serial_port() -> None:
-    with simulating() as process:
+    with running("simulate") as process:
         assert Path(first_line(process)).is_char_device()
 
 
@@ -78,7 +58,7 @@ def test_after_the_last_drop_it_ends_by_itself(tmp_path: Path) -> None:
         encoding="utf-8",
     )
     options = ["--scenario", str(scenario), "--drops", "2", "--rate", "0", "--truth", str(truth)]
-    with simulating(*TCP, *options) as process:
+    with running("simulate", *TCP, *options) as process:
         with connect(first_line(process)) as connection:
             connection.sendall(BinaryDialect().encode(Start()))
             while connection.recv(65_536):
@@ -93,7 +73,7 @@ def test_after_the_last_drop_it_ends_by_itself(tmp_path: Path) -> None:
 @pytest.mark.parametrize("sampling", [False, True])
 def test_a_signal_ends_it_cleanly(number: signal.Signals, sampling: bool, tmp_path: Path) -> None:
     truth = tmp_path / "truth.json"
-    with simulating(*TCP, "--truth", str(truth)) as process:
+    with running("simulate", *TCP, "--truth", str(truth)) as process:
         with connect(first_line(process)) as connection:
             if sampling:
                 connection.sendall(BinaryDialect().encode(Start()))
@@ -115,7 +95,7 @@ def test_a_signal_ends_it_cleanly(number: signal.Signals, sampling: bool, tmp_pa
     ],
 )
 def test_wrong_usage_has_status_2(arguments: list[str], reason: str) -> None:
-    with simulating(*arguments) as process:
+    with running("simulate", *arguments) as process:
         assert process.wait(20) == 2
         assert process.stderr is not None
         assert reason in process.stderr.read()

@@ -18,6 +18,9 @@ from pfwd.archive.run import Summary, invert_archive, invert_stream
 from pfwd.archive.work import ArchiveWorkers, SourceFailure
 from pfwd.errors import OptionError, SurveyError
 
+pytest.importorskip("pyarrow")
+from tests.pfwd.archive.stand_ins import facts
+
 OPTIONS = AnalysisOptions(method="posterior", sensors="centre", bedrock_depth=1.2)
 
 
@@ -31,13 +34,6 @@ def dask_cluster() -> Iterator[Any]:
         yield found
 
 
-def moduli(archive: Path) -> list[tuple[Any, ...]]:
-    dataset = pytest.importorskip("pyarrow.dataset")
-    table = dataset.dataset(archive / "results", format="parquet").to_table()
-    names = ("file", "drop", "modulus_pa", "r_squared")
-    return sorted(zip(*(table[name].to_pylist() for name in names), strict=True))
-
-
 def test_a_cluster_finds_what_processes_find(
     dask_cluster: Any, drops: Path, tmp_path: Path
 ) -> None:
@@ -46,7 +42,7 @@ def test_a_cluster_finds_what_processes_find(
     assert (summary.drops, summary.failed_in_all) == (12, 0)
     with contextlib.closing(ArchiveWorkers(OPTIONS)) as workers:
         invert_archive([str(drops)], tmp_path / "here", workers)
-    assert moduli(tmp_path / "there") == moduli(tmp_path / "here")
+    assert facts(tmp_path / "there") == facts(tmp_path / "here")
 
 
 def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(
@@ -64,7 +60,7 @@ def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(
         summary = invert_archive([str(drops)], tmp_path / "out", workers, tell)
     assert killed
     assert (summary.drops, summary.failed_in_all) == (12, 0)
-    assert len(moduli(tmp_path / "out")) == 12
+    assert len(facts(tmp_path / "out")) == 12
 
 
 def test_workers_with_another_version_are_refused(
