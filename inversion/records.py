@@ -196,7 +196,7 @@ def is_number(value: object) -> TypeGuard[float]:
 def _number(value: Any) -> float | None:
     if type(value) is float:  # also NaN and infinity, which a computed result may have
         return value
-    return value if is_number(value) else None
+    return float(value) if is_number(value) else None
 
 
 def _whole(value: Any) -> int | None:
@@ -216,40 +216,26 @@ def _flag(value: Any) -> bool | None:
 
 
 def _interval(value: Any) -> Interval | None:
-    sound = isinstance(value, list | tuple) and len(value) == 2 and None not in map(_number, value)
-    return (value[0], value[1]) if sound else None
-
-
-def _intervals(value: Any) -> tuple[Interval, ...] | None:
-    if not isinstance(value, list | tuple):
+    if not isinstance(value, list | tuple) or len(value) != 2:
         return None
-    pairs = tuple(map(_interval, value))
-    return None if None in pairs else tuple(pair for pair in pairs if pair is not None)
+    low, high = map(_number, value)
+    return None if low is None or high is None else (low, high)
 
 
 def _depth_range(value: Any) -> DepthRange | None:
     if isinstance(value, list | tuple) and len(value) == 2 and value[1] is None:
-        return (value[0], None) if is_number(value[0]) else None
+        top = _number(value[0])
+        return None if top is None else (top, None)
     return _interval(value)
 
 
-def _texts(value: Any) -> tuple[str, ...] | None:
-    sound = isinstance(value, list | tuple) and all(isinstance(item, str) for item in value)
-    return tuple(value) if sound else None
-
-
 def _notices(value: Any) -> tuple[Notice, ...] | None:
-    texts = _texts(value)
+    texts = _tuple_of(_text)(value)
     return None if texts is None else notices.from_json(texts)
 
 
 def _notice(value: Any) -> Notice | None:
     return notices.from_entry(value)
-
-
-def _numbers(value: Any) -> tuple[int, ...] | None:
-    sound = isinstance(value, list | tuple) and all(type(item) is int for item in value)
-    return tuple(value) if sound else None
 
 
 _Reader = Callable[[Any], Any]
@@ -263,9 +249,6 @@ _READERS: dict[Any, _Reader] = {
     bool: _flag,
     Interval: _interval,
     DepthRange: _depth_range,
-    tuple[Interval, ...]: _intervals,
-    tuple[str, ...]: _texts,
-    tuple[int, ...]: _numbers,
     tuple[Notice, ...]: _notices,
     Notice: _notice,
 }
@@ -281,7 +264,10 @@ def _readers(kind: type[JsonRecord]) -> Mapping[str, tuple[_Reader, bool]]:
         names = [item.name for item in stored_fields(kind)]
         first = [name for name in kind.FIRST if name in names]
         names = [*first, *(name for name in names if name not in first)]
-        _known[kind] = {name: _reader(hints[name]) for name in names}
+        inner = {name: without_none(hints[name]) for name in names}
+        _known[kind] = {
+            name: (_reader(hint), hint is not hints[name]) for name, hint in inner.items()
+        }
     return _known[kind]
 
 
@@ -293,32 +279,23 @@ def without_none(hint: Any) -> Any:
     return functools.reduce(operator.or_, (part for part in parts if part is not type(None)))
 
 
-def _reader(hint: Any) -> tuple[_Reader, bool]:
-    inner = without_none(hint)
-    may_be_none = inner is not hint
-    if inner in _READERS:
-        return _READERS[inner], may_be_none
-    if get_origin(inner) is Literal:
-        words = get_args(inner)
-        return (
-            lambda value: value if isinstance(value, str) and value in words else None,
-            may_be_none,
-        )
-    if get_origin(inner) is tuple:
-        return _records_of(get_args(inner)[0]), may_be_none
-    return _record_of(inner), may_be_none
+def _reader(hint: Any) -> _Reader:
+    if hint in _READERS:
+        return _READERS[hint]
+    if get_origin(hint) is Literal:
+        words = get_args(hint)
+        return lambda value: value if isinstance(value, str) and value in words else None
+    if get_origin(hint) is tuple:
+        return _tuple_of(_reader(get_args(hint)[0]))
+    return lambda value: hint.from_json(value) if isinstance(value, Mapping) else None
 
 
-def _record_of(kind: type[JsonRecord]) -> Callable[[Any], JsonRecord | None]:
-    return lambda value: kind.from_json(value) if isinstance(value, Mapping) else None
+def _tuple_of(read: _Reader) -> _Reader:
+    def read_all(value: Any) -> tuple[Any, ...] | None:
+        items = tuple(map(read, value)) if isinstance(value, list | tuple) else (None,)
+        return None if None in items else items
 
-
-def _records_of(kind: type[JsonRecord]) -> Callable[[Any], tuple[JsonRecord, ...] | None]:
-    def read(value: Any) -> tuple[JsonRecord, ...] | None:
-        sound = isinstance(value, list | tuple) and all(isinstance(v, Mapping) for v in value)
-        return tuple(kind.from_json(item) for item in value) if sound else None
-
-    return read
+    return read_all
 
 
 def _plain(value: Any) -> Any:

@@ -2,16 +2,16 @@
 and row of each point (position, time, procedure, value and verdict).
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 from inversion import notices
 from inversion.notices import WARNING_CODES, WARNINGS, Notice, Value
-from inversion.records import stored_fields
+from inversion.records import stored_fields, without_nan
 from pfwd.analysis.drop_facts import corrected_deflection
-from pfwd.analysis.result_columns import N_LAYERS, Kind, nested_cells
+from pfwd.analysis.result_columns import N_LAYERS, nested_cells
 from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.errors import SurveyError
 from pfwd.export.columns import DROP_COLUMNS, POINT_COLUMNS
@@ -336,19 +336,19 @@ def _facts(survey_id: str, point: PointView, drop: DropView) -> dict[str, Any]:
 
 def _result(result: DropResult, point: SurveyPoint, drop: DropView) -> dict[str, Any]:
     """Return the columns of a result."""
-    cells = _cells(result)
-    cells |= {
-        name: value if value is None or name == N_LAYERS else number(value)
-        for name, value in nested_cells(result).items()
+    values = result.values(_RESULT_FIELDS)
+    cells = {
+        name: _texts(value) if _RESULT_KINDS[name] == "texts" else _cell(value)
+        for name, value in values.items()
     }
+    cells |= without_nan(nested_cells(result))
     cells[WARNINGS] = [*result.warnings, *_stale(result, point, drop)]
     return cells
 
 
-def _cells(result: DropResult) -> dict[str, Any]:
-    """Return the values of a result by column name, converted to the type of the column."""
-    values = result.values(_RESULT_FIELDS)
-    return {name: _CONVERTERS[_RESULT_KINDS[name]](value) for name, value in values.items()}
+def _cell(value: Any) -> Any:
+    """Return a value of a result as a cell: clean text, or None in place of NaN."""
+    return _text(value) if isinstance(value, str) else without_nan(value)
 
 
 def _stale(result: DropResult, point: SurveyPoint, drop: DropView) -> list[Notice]:
@@ -381,30 +381,8 @@ def _text(value: object) -> str | None:
     return clean(str(value), limit=MAX_CELL_CHARACTERS) or None
 
 
-def _texts(value: object) -> list[str]:
-    if isinstance(value, str):
-        value = [value]
-    if not isinstance(value, list | tuple):
-        return []
-    return [clean(str(item), limit=MAX_CELL_CHARACTERS) for item in value]
-
-
-def _integer(value: object) -> int | None:
-    return value if type(value) is int else None
-
-
-def _flag(value: object) -> bool | None:
-    return value if isinstance(value, bool) else None
-
-
-_CONVERTERS: Mapping[Kind, Callable[[Any], Any]] = {
-    "number": number,
-    "whole": _integer,
-    "flag": _flag,
-    "text": _text,
-    "texts": _texts,
-}
-"""Functions that convert a value of a result to the type of its column."""
+def _texts(values: Iterable[Any] | None) -> list[str]:
+    return [clean(str(item), limit=MAX_CELL_CHARACTERS) for item in values or ()]
 
 
 _EMPTY_POINT: Mapping[str, Any] = dict.fromkeys(column.name for column in POINT_COLUMNS)

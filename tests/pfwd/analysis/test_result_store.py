@@ -20,7 +20,7 @@ from pfwd.analysis.result_store import (
     store_drop_results,
     stored_results_text,
 )
-from pfwd.analysis.results import DiagnosisResult, DropResult, FileOutcome
+from pfwd.analysis.results import DropResult, FileOutcome
 from pfwd.files.editing import Edit, edit_survey
 from pfwd.files.importing import import_files
 from pfwd.files.traces import TracePoint, write_traces
@@ -170,9 +170,9 @@ def test_what_was_kept_is_said(survey: Path) -> None:
 
 def test_the_diagnosis_of_a_drop_is_none_of_its_results(survey: Path) -> None:
     with SurveyWriter.open(survey, publish=False) as writer:
-        writer.save_result(2, complete(DropResult, {"modulus_pa": 5e7}))
-        writer.save_result(2, complete(DiagnosisResult, {"verdict": "clean"}), "diagnosis")
-        writer.save_result(2, complete(DiagnosisResult, {"verdict": "explained"}), "diagnosis")
+        writer.save_result(2, {"modulus_pa": 5e7})
+        writer.save_result(2, {"verdict": "clean"}, "diagnosis")
+        writer.save_result(2, {"verdict": "explained"}, "diagnosis")
     first, last = read_survey(survey).drops
     assert first.read_diagnosis(dict) is None
     assert last.read_diagnosis(dict) == {"verdict": "explained"}
