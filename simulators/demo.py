@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from simulators.drop import DropSimulator, Hammer, SimulatedDrop
+from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Plate, SoilProfile
 from simulators.traces import Recording, write_traces
 
@@ -40,15 +40,8 @@ def demo_simulations(count: int, seed: int) -> list[SimulatedDrop]:
 
     The ground is linear, so every drop is a scaled copy of one computed drop.
     """
-    simulator = DropSimulator(
-        demo_ground(seed),
-        DEMO_PLATE,
-        OFFSETS,
-        RECORD_DURATION_S,
-        RECORD_STEP_S,
-        HAMMER.pulse_duration,
-    )
-    drop = simulator.run(HAMMER)
+    ground = demo_ground(seed)
+    drop = simulate_drop(ground, DEMO_PLATE, HAMMER, OFFSETS, RECORD_DURATION_S, RECORD_STEP_S)
     scatter = 0.015 * np.random.default_rng([seed, 1]).standard_normal(count)
     return [drop.scaled(1 + float(shift)) for shift in scatter]
 

@@ -364,18 +364,12 @@ class BoardOptions:
     """Samples of the longest drop that the board stores; 0: it stores no drops."""
     store: Path | None = None
     """File that serves as permanent memory; None: stored drops are lost when the process ends."""
-    store_size: int = 262_144
-    """Size of the permanent memory, bytes."""
     memory: int = 262_144
     """Size of the memory for samples, bytes."""
     speed: float = 1.0
     """Speed of the board relative to real time."""
-    link_rate: float = 0.0
-    """Bytes per second of the link; 0: unlimited."""
     begin: int = 0
     """Index of the sample with which the board begins."""
-    loop: bool = False
-    """True: play the samples again after the last one."""
     log: Path | None = None
     """File to which the board writes a line for every stored drop."""
     flags: tuple[str, ...] = ()
@@ -417,11 +411,8 @@ class HostBoard:
             "--listen": options.listen,
             "--memory": options.memory,
             "--speed": options.speed,
-            "--link-rate": options.link_rate,
             "--from": options.begin,
-            "--loop": int(options.loop),
             "--store": options.store,
-            "--store-size": options.store_size,
             "--log": options.log,
         }
         command = [str(program)]

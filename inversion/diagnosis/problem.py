@@ -49,7 +49,17 @@ class Point:
         if not layered and plate in PLATE_MODELS:
             self.plate = surrogate_of(first, library, plate)
         largest = max(float(np.max(r.load)) - float(r.load[0]) for r in records.records)
-        self.weighted = _weighted_drops(records)
+        # Input of a first fit of the ground; the sensors have the order of those of the drops.
+        prepared = [(record, prepare(record.nearest_first())) for record in records.records]
+        self.weighted = tuple(
+            WeightedDrop.of(
+                drop,
+                record.instrument,
+                model_load(drop.time, drop.load, records.load),
+                record.model_floor,
+            )
+            for record, drop in prepared
+        )
         longest = max(float(item.drop.with_tail().tail_end) for item in self.weighted)
         response = response_of(first, self.plate, library)
         self.drops = tuple(
@@ -121,14 +131,3 @@ def response_of(
     instrument = replace(record.instrument, geophone_natural_frequency=None, geophone_damping=None)
     offsets = [abs(sensor.offset) for sensor in record.nearest_first().sensors]
     return GroundResponse(plate, instrument, offsets, record.poisson_ratio, library)
-
-
-def _weighted_drops(records: PointRecords) -> tuple[WeightedDrop, ...]:
-    """Return the drops of a point as input of a first fit of the ground."""
-    drops = []
-    for record in records.records:
-        # The sensors have the same order as in the models of the drops.
-        drop = prepare(record.nearest_first())
-        load = model_load(drop.time, drop.load, records.load)
-        drops.append(WeightedDrop.of(drop, record.instrument, load, record.model_floor))
-    return tuple(drops)

@@ -84,14 +84,11 @@ class DampedTransform:
         (s \\Delta t/2))^2 e^{-s t_j}`. Before the first sample and after the last the values are
         zero.
         """
-        damped = values * np.exp(-self.damping * time)
-        result: ComplexArray = self._hat(time) * (self._turns(time) @ damped).conj()
-        return result
-
-    def _hat(self, time: FloatArray) -> ComplexArray:
         step = time[1] - time[0]
         half = 0.5 * step * self.s
-        result: ComplexArray = step * (np.sinh(half) / half) ** 2
+        hat = step * (np.sinh(half) / half) ** 2
+        damped = values * np.exp(-self.damping * time)
+        result: ComplexArray = hat * (self._turns(time) @ damped).conj()
         return result
 
     def synthesis(self, time: FloatArray) -> ComplexArray:

@@ -70,12 +70,8 @@ def effect_results(
         results.append(result)
     if not posterior.model.is_same_ground:
         results.append(_seating_result(posterior, seating_evidence))
-    return tuple(sorted(results, key=lambda effect: -_sortable(effect.evidence)))
-
-
-def _sortable(evidence: float) -> float:
-    """Return the evidence for sorting; infinity for an effect of the instrument, which has none."""
-    return math.inf if math.isnan(evidence) else evidence
+    # An effect of the instrument, which has no evidence, is first.
+    return tuple(sorted(results, key=lambda effect: -np.nan_to_num(effect.evidence, nan=math.inf)))
 
 
 def _alternatives(selection: Selection, name: str) -> tuple[str, ...]:

@@ -29,7 +29,11 @@ from inversion.forward.model import Synthesis
 from inversion.inference.levenberg_marquardt import Optima, minimise
 from inversion.inference.point_model import GROUND_EFFECT, STIFFNESS, PointModel
 from inversion.measured.weighted_drop import WeightedDrop, even_rows, independent_errors
-from inversion.search.multi_population import MultiPopulationSearch, SearchSettings
+from inversion.search.multi_population import (
+    MultiPopulationSearch,
+    SearchSettings,
+    distinct_minima,
+)
 
 _ROCK, _LAYER = "bedrock", "layer"
 # An unknown without bounds is searched within this number of standard deviations of its prior.
@@ -205,12 +209,7 @@ class GroundDensity:
 
     def distinct(self, points: FloatArray, costs: FloatArray) -> FloatArray:
         """Return the points (k, d), the best first, without those near a better one."""
-        chosen: list[FloatArray] = []
-        for point in points[np.argsort(costs)]:
-            away = (np.abs(point - better) / self.deviation for better in chosen)
-            if all(distances.max() > self._same for distances in away):
-                chosen.append(point)
-        return np.stack(chosen)
+        return distinct_minima(points, costs, self._same, self.deviation)
 
     def _grounds(self, points: FloatArray) -> Any:
         ground, active = self._model.ground_and_effects(self.values(points), self._model.last)

@@ -171,10 +171,6 @@ class PointFit:
         self._thinned = recorded_drops(model, _THINNING)
         self._linearised: tuple[FloatArray, frozenset[str], _Linearised] | None = None
 
-    def approach(self, iterations: int) -> None:
-        """Move near to an optimum, with nearly equal weights of all samples."""
-        self.maximise(2 * iterations, _TOLERANCE, _FIXED_AT_FIRST)
-
     def run(self) -> Posterior:
         """Return the posterior of a full fit.
 
@@ -220,7 +216,7 @@ class PointFit:
 
     def run_briefly(self, iterations: int) -> Posterior:
         """Return the posterior of a short fit, which is sufficient for ranking candidate models."""
-        self.approach(iterations)
+        self.maximise(2 * iterations, _TOLERANCE, _FIXED_AT_FIRST)
         self.estimate_discrepancy(self.posterior())
         self.maximise(iterations, _TOLERANCE)
         return self.posterior()

@@ -277,7 +277,7 @@ class MultiPopulationSearch:
         points, misfits = (
             np.concatenate(part) for part in zip(*self._collapsed, self._individuals(), strict=True)
         )
-        return points[_distinct(points, misfits)[: self.settings.candidates]]
+        return distinct_minima(points, misfits, _SEPARATION)[: self.settings.candidates]
 
     def _evaluate(self, points: FloatArray) -> FloatArray:
         """Return the misfit (n,) of points (n, d) of the unit cube, infinite where it failed."""
@@ -317,11 +317,13 @@ def _checked_bounds(lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, Flo
     return low, high
 
 
-def _distinct(points: FloatArray, misfits: FloatArray) -> list[int]:
-    """Return the indices of the minima, best first, without those near a better one."""
-    chosen: list[int] = []
-    for index in np.argsort(misfits):
-        distances = (np.max(np.abs(points[index] - points[better])) for better in chosen)
-        if all(distance > _SEPARATION for distance in distances):
-            chosen.append(int(index))
-    return chosen
+def distinct_minima(
+    points: FloatArray, misfits: FloatArray, separation: float, scale: FloatArray | float = 1.0
+) -> FloatArray:
+    """Return the points (k, d), best first, without those near a better one."""
+    chosen: list[FloatArray] = []
+    for point in points[np.argsort(misfits)]:
+        distances = (np.max(np.abs(point - better) / scale) for better in chosen)
+        if all(distance > separation for distance in distances):
+            chosen.append(point)
+    return np.array(chosen).reshape(-1, points.shape[1])

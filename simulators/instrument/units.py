@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from simulators.drop import DropSimulator, Hammer
+from simulators.drop import Hammer, simulate_drop
 from simulators.instrument.scenario import Scenario, builtin_scenarios, load_scenario
 from simulators.mesh import Array
 
@@ -131,15 +131,8 @@ def compute_unit_drop(scenario: Scenario, factor: float, offsets: Sequence[float
     settings = scenario.hammer
     hammer = Hammer(settings.mass, settings.stiffness, settings.velocity)
     places = tuple(dict.fromkeys(offsets))
-    simulator = DropSimulator(
-        scenario.soil.ground(factor),
-        scenario.device.plate,
-        places,
-        UNIT_DROP_DURATION_S,
-        UNIT_DROP_STEP_S,
-        hammer.pulse_duration,
-    )
-    drop = simulator.run(hammer)
+    ground, plate = scenario.soil.ground(factor), scenario.device.plate
+    drop = simulate_drop(ground, plate, hammer, places, UNIT_DROP_DURATION_S, UNIT_DROP_STEP_S)
     rows = [places.index(offset) for offset in offsets]
     return UnitDrop(drop.load, drop.ground_velocity[rows], drop.ground_displacement[rows])
 

@@ -16,7 +16,7 @@ from inversion.forward.model import Instrument
 from inversion.inference.base import BaseFit, fit_base
 from inversion.inference.diagnose import diagnose_point
 from inversion.measured.record import Sensor, prepare
-from simulators.drop import DropSimulator, Hammer
+from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Plate, SoilProfile
 from tests.inversion.synthetic import DENSITY, DEPTH, MODULUS, TRUTH, VISCOSITY, Scene, record
 
@@ -33,10 +33,7 @@ def without_rock() -> Record:
     weight = 300e3 * math.pi * radius**2 * pulse / (math.pi * 3.0)
     hammer = Hammer(weight, weight * (math.pi / pulse) ** 2, 3.0)
     ground = SoilProfile.uniform(MODULUS_PA, 40e3, 1850.0, 0.35, math.inf)
-    simulator = DropSimulator(
-        ground, Plate(radius, mass), (0.0,), 0.036, 1e-4, hammer.pulse_duration
-    )
-    drop = simulator.run(hammer)
+    drop = simulate_drop(ground, Plate(radius, mass), hammer, (0.0,), 0.036, 1e-4)
     rest = 200
     rng = np.random.default_rng(5)
 
