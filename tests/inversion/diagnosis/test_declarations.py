@@ -173,9 +173,9 @@ def diagnosis(
 ) -> PointDiagnosis:
     modulus = None if is_undetermined else 123e6
     after = SimpleNamespace(
-        residual_over_peak=left, is_undetermined=is_undetermined, modulus_pa=modulus
+        residual_rms_over_peak=left, is_undetermined=is_undetermined, modulus_pa=modulus
     )
-    depth = SimpleNamespace(name="bedrock", value=rock)
+    depth = SimpleNamespace(name="bedrock", parameters=(SimpleNamespace(value=rock),))
     found: Any = SimpleNamespace(after=after, verdict=verdict, effects=(depth,), score=score)
     return found  # type: ignore[no-any-return]
 

@@ -185,7 +185,7 @@ def test_what_is_left_unexplained_opens_the_interval(discrepancy: float, contact
     assert opened.modulus_sd_pa == pytest.approx(
         4e7 * np.hypot(0.02, behind / norm.ppf(0.975)), rel=1e-4
     )
-    rig = replace(state, fitted_modulus=np.nan)
+    rig = replace(state, modulus_interval_pa=None)
     assert with_discrepancy_error(rig) is rig
 
 
