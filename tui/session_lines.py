@@ -13,7 +13,6 @@ from pfwd.judging import Job, PointView, SurveyView
 from pfwd.judging.advice import advice_on_drop
 from pfwd.judging.job import target_text
 from pfwd.session.events import (
-    CalibrationChanged,
     DropAnalysed,
     DropNotPublished,
     DropNotSaved,
@@ -31,7 +30,6 @@ from pfwd.session.events import (
     SessionEvent,
     SessionNotice,
     SurveyChanged,
-    SurveyFilesChanged,
     TableBuilding,
 )
 from pfwd.session.live_view import CompletePoints
@@ -108,8 +106,6 @@ class SessionLines:
                 self._job(job, differences)
             case InstrumentReady():
                 self._ready(event)
-            case CalibrationChanged():
-                self._say(event.text, logging.WARNING)
             case InstrumentLost(reason):
                 self._say(f"INSTRUMENT LOST: {reason}", logging.WARNING)
             case NotReady(reason):
@@ -125,10 +121,6 @@ class SessionLines:
             case DropNotSaved(point, number, reason):
                 text = f"drop {point}/{number} is NOT SAFE yet, it is in memory only: {reason}"
                 self._say(text, logging.ERROR)
-            case DropNotPublished():
-                self._not_published(event)
-            case SurveyFilesChanged(text):
-                self._say(text, logging.ERROR)
             case DropAnalysed():
                 self._analysis(event)
             case PointDiagnosed():
@@ -143,6 +135,15 @@ class SessionLines:
                 self._say(text, logging.WARNING if serious else logging.INFO)
                 if details:
                     log.error("%s", details)
+                if isinstance(event, DropNotPublished) and self._as_json:
+                    line = {
+                        "point": event.point,
+                        "drop": event.number,
+                        "saved": True,
+                        "published": False,
+                        "reason": event.reason,
+                    }
+                    print(json_text(line), flush=True)
 
     def _job(self, job: Job, differences: tuple[str, ...]) -> None:
         for text in differences:
@@ -211,18 +212,6 @@ class SessionLines:
         others = [drop for drop in view.points[saved.point].drops if drop.number != saved.number]
         for advice in advice_on_drop(view.job, saved.view, others):
             self._say(f"at drop {saved.point}/{saved.number}: {advice.text}", logging.WARNING)
-
-    def _not_published(self, event: DropNotPublished) -> None:
-        self._say(event.text, logging.WARNING)
-        if self._as_json:
-            line = {
-                "point": event.point,
-                "drop": event.number,
-                "saved": True,
-                "published": False,
-                "reason": event.reason,
-            }
-            print(json_text(line), flush=True)
 
     def _analysis(self, event: DropAnalysed) -> None:
         saved, result = event.saved, event.result

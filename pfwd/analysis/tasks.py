@@ -100,8 +100,14 @@ def diagnose_single(
     return diagnosed.result
 
 
-def diagnose_file(file: str) -> tuple[DiagnosisResult, ...]:
-    """Return the diagnoses of the points of a survey or drop file; a survey stores them.
+def diagnose_file(file: str) -> tuple[tuple[DiagnosisResult, ...], str | None]:
+    """Return the diagnoses of the points of a survey or drop file, and store them with a survey.
+
+    Returns
+    -------
+    diagnoses : tuple of DiagnosisResult
+    fault : str or None
+        Reason why they could not be stored; None: they are stored, or the file is no survey.
 
     Raises
     ------
@@ -117,14 +123,15 @@ def diagnose_file(file: str) -> tuple[DiagnosisResult, ...]:
 
     request = DiagnosisRequest(use_stored=True, progress=progress)
     points = list(diagnose_files([file], request=request))
+    fault = None
     if os.path.isdir(file):
         new = [(p.number, p.result) for p in points if p.number is not None and p.result]
-        store_diagnoses(file, new)
+        fault = store_diagnoses(file, new)
     results = tuple(point.result for point in points if point.result is not None)
     errors = [point.error for point in points if point.error is not None]
     if errors and not results:
         raise SurveyError(errors[0])
-    return results
+    return results, fault
 
 
 def failure_text(error: BaseException) -> str:

@@ -135,7 +135,8 @@ class CalibrationCheck:
             before = last_recorded_identity(self._recorder.writer, serial)
         changes = () if before is None else calibration_changes(before, identity)
         if changes:
-            event = CalibrationChanged(serial, changes, waits=self._choice == "ask")
+            text = f"calibration of {serial} changed since its last drop in this survey: "
+            event = CalibrationChanged(text + "; ".join(changes), waits=self._choice == "ask")
             if self._choice == "refuse":
                 raise OptionError(
                     f"{event.text}. Nothing is recorded: check the instrument and the setup file, "

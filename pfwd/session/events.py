@@ -36,25 +36,6 @@ class InstrumentReady:
 
 
 @dataclass(frozen=True, slots=True)
-class CalibrationChanged:
-    """The calibration of the instrument differs from that of its earlier drops in the survey."""
-
-    serial_number: str
-    changes: tuple[str, ...]
-    """Changes, one phrase each."""
-    waits: bool
-    """True: nothing is recorded until `Session.accept_calibration` is called with this event."""
-
-    @property
-    def text(self) -> str:
-        """Description for the operator, one sentence."""
-        return (
-            f"calibration of {self.serial_number} changed since its last drop in this survey: "
-            f"{'; '.join(self.changes)}"
-        )
-
-
-@dataclass(frozen=True, slots=True)
 class InstrumentLost:
     """The connection to the instrument is lost; the session waits for it."""
 
@@ -164,31 +145,6 @@ class DropNotSaved:
     point: str
     number: int
     reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class SurveyFilesChanged:
-    """Files of the survey were removed or changed, or its folder cannot be written."""
-
-    text: str
-    """Sentence to show."""
-
-
-@dataclass(frozen=True, slots=True)
-class DropNotPublished:
-    """The HDF5 file of a drop could not be written; the drop is safe in the survey's journal."""
-
-    point: str
-    number: int
-    reason: str
-
-    @property
-    def text(self) -> str:
-        """Description for the operator, one sentence."""
-        return (
-            f"drop {self.point}/{self.number} has no file of its own yet (it is safe in the "
-            f"journal; pfwd recover makes the file): {self.reason}"
-        )
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -321,6 +277,32 @@ class StorageLow(SessionNotice):
     """Approximate number of drops for which there is room; None: there is enough again."""
 
 
+@dataclass(frozen=True, slots=True)
+class CalibrationChanged(SessionNotice):
+    """The calibration of the instrument differs from that of its earlier drops in the survey."""
+
+    serious: bool = True
+    waits: bool = False
+    """True: nothing is recorded until `Session.accept_calibration` is called with this event."""
+
+
+@dataclass(frozen=True, slots=True)
+class SurveyFilesChanged(SessionNotice):
+    """Files of the survey were removed or changed, or its folder cannot be written."""
+
+    serious: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class DropNotPublished(SessionNotice):
+    """The HDF5 file of a drop could not be written; the drop is safe in the survey's journal."""
+
+    serious: bool = True
+    point: str = ""
+    number: int = 0
+    reason: str = ""
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class SurveyChanged:
     """An event has changed the survey; it follows that event.
@@ -337,7 +319,6 @@ class SurveyChanged:
 
 SessionEvent = (
     InstrumentReady
-    | CalibrationChanged
     | InstrumentLost
     | LiveSamples
     | InstrumentStatus
@@ -346,8 +327,6 @@ SessionEvent = (
     | SensorCheck
     | DropSaved
     | DropNotSaved
-    | SurveyFilesChanged
-    | DropNotPublished
     | DropAnalysed
     | PointDiagnosed
     | DiagnosisAwaited

@@ -37,7 +37,7 @@ WATCH_INTERVAL = 1.0
 """Time between checks that the survey's files are still in place, s."""
 
 Saved = Callable[[DropRecord, int, Path | None], None]
-Report = Callable[[DropNotSaved | DropNotPublished | SurveyFilesChanged | SessionNotice], None]
+Report = Callable[[DropNotSaved | SessionNotice], None]
 
 
 def report_file_changes(writer: SurveyWriter, report: Report) -> None:
@@ -52,7 +52,11 @@ def report_file_changes(writer: SurveyWriter, report: Report) -> None:
     for change in writer.take_reports():
         match change:
             case PublishingFailed(_, point, drop, reason):
-                report(DropNotPublished(point, drop, reason))
+                text = (
+                    f"drop {point}/{drop} has no file of its own yet (it is safe in the journal; "
+                    f"pfwd recover makes the file): {reason}"
+                )
+                report(DropNotPublished(text, point=point, number=drop, reason=reason))
             case SurveyNotSafe():
                 report(SurveyFilesChanged(change.text))
 

@@ -17,7 +17,6 @@ from pfwd.judging import Job, drop_from_traces
 from pfwd.procedures import find_procedure, plain_procedure
 from pfwd.session.events import (
     N_REPORTED_FIRST,
-    CalibrationChanged,
     DiagnosisAwaited,
     DropAnalysed,
     DropNotSaved,
@@ -219,18 +218,6 @@ def test_a_long_day_takes_no_memory(one: Callable[..., SavedDrop]) -> None:
         lines.print_event(DropSaved(one(number, status="rejected")))
     assert not lines._first_moduli
     assert not lines._identical
-
-
-def test_a_changed_calibration_is_named(capsys: pytest.CaptureFixture[str]) -> None:
-    changes = ("zero of load is 1 V, was 0 V", "sensitivity of g0 is -2 V per m/s, was 1 V per m/s")
-    lines = SessionLines(as_json=True, analysed=False)
-    lines.print_event(CalibrationChanged("T-1", changes, waits=False))
-    heard = capsys.readouterr()
-    assert heard.out == ""
-    assert heard.err == (
-        "pfwd: calibration of T-1 changed since its last drop in this survey: zero of load is 1 V, "
-        "was 0 V; sensitivity of g0 is -2 V per m/s, was 1 V per m/s\n"
-    )
 
 
 def test_the_check_of_the_sensors(capsys: pytest.CaptureFixture[str]) -> None:

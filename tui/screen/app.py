@@ -24,7 +24,6 @@ from pfwd.session.events import (
     CalibrationChanged,
     DiagnosisAwaited,
     DropAnalysed,
-    DropNotPublished,
     DropNotSaved,
     DropSaved,
     Edited,
@@ -148,7 +147,7 @@ class PfwdApp(App[int]):
         self.runner.add_listener(log_event)
         self.edits = SurveyEdits(source, self.runner, self.show_message, self._in_thread)
         self.fits = DropFits(source, self.runner, self.state, self.show_message, self._in_thread)
-        self.slips = SlipWriter(source, self.state, self.show_message, self._in_thread)
+        self.slips = SlipWriter(source, self.runner, self.state, self.show_message)
         self.diagnoses = RequestedDiagnoses(source, self.runner, self.state, self.show_message)
         self.glyphs = glyphs or glyphs_of_terminal()
         self.drawn = 0
@@ -316,12 +315,10 @@ class PfwdApp(App[int]):
             case SurveyFilesChanged(text):
                 self._ring(2)
                 self.show_message(text)
-            case DropNotPublished():
-                self.show_message(event.text)
-            case SessionNotice(text):
-                self.show_message(text)
             case CalibrationChanged():
                 self._on_calibration(event)
+            case SessionNotice(text):
+                self.show_message(text)
             case PointDiagnosed(name, result):
                 self.diagnoses.on_point(name, result, self.units)
             case Edited():
@@ -550,6 +547,7 @@ class PfwdApp(App[int]):
     def _finish(self) -> None:
         self.diagnoses.close()
         self.fits.close()
+        self.slips.close()
         for event in self.runner.take():
             self.state.take(event)
         self.exit(self.state.exit_status)

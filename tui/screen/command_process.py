@@ -25,14 +25,14 @@ def run_command(words: Sequence[str]) -> str:
     """
     with Jobs() as jobs:
         try:
-            return jobs.submit(_run, words).result(COMMAND_TIMEOUT_S)
+            return jobs.submit(error_of_command, words).result(COMMAND_TIMEOUT_S)
         except TimeoutError:
             return f"it took longer than {COMMAND_TIMEOUT_S:.0f} s and was ended"
         except WorkerDied as err:
             return str(err)
 
 
-def _run(words: Sequence[str]) -> str:
+def error_of_command(words: Sequence[str]) -> str:
     """Run a command in this process and return its error in one line."""
     from tui.cli import main
 

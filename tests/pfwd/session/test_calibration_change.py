@@ -72,7 +72,8 @@ def test_it_is_recorded_where_it_was_accepted_beforehand(tmp_path: Path) -> None
     for _ in range(2):  # the second time it is that of the last drop
         session(survey, connected(TURNED), began(8), later, log=log, changed_calibration="accept")
     assert len(read_survey(survey).drops) == 2
-    assert log.of(CalibrationChanged) == [CalibrationChanged("T-1", (CHANGE,), waits=False)]
+    text = f"calibration of T-1 changed since its last drop in this survey: {CHANGE}"
+    assert log.of(CalibrationChanged) == [CalibrationChanged(text)]
     assert changes(survey) == [{"serial_number": "T-1", "changes": [CHANGE]}]
     session(survey, connected(TURNED), began(8), log=log)
 

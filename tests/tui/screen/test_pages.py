@@ -235,7 +235,7 @@ async def test_a_drop_can_be_recorded_by_hand(app: App, pilot: Any) -> None:
 @pytest.mark.parametrize("size", SIZES)
 def test_a_changed_calibration_needs_a_single_confirmation(size: tuple[int, int]) -> None:
     change = "sensitivity of centre is -57.6 V per m/s, was 28.8 V per m/s"
-    event = CalibrationChanged("T-1042", (change,), waits=True)
+    event = CalibrationChanged(f"calibration of T-1042 changed: {change}", waits=True)
 
     async def accepted(app: App, pilot: Any) -> None:
         await deliver(app, pilot, event, event)
@@ -260,7 +260,7 @@ def test_a_changed_calibration_needs_a_single_confirmation(size: tuple[int, int]
 async def test_a_calibration_that_was_accepted_beforehand_is_only_named(
     app: App, pilot: Any
 ) -> None:
-    event = CalibrationChanged("T-1042", ("zero of load is 1 V, was 0 V",), waits=False)
+    event = CalibrationChanged("zero of load is 1 V, was 0 V")
     before = len(app.screen_stack)
     await deliver(app, pilot, event)
     assert len(app.screen_stack) == before

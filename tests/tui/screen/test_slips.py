@@ -1,13 +1,13 @@
 """The key for the slip of a point: the dialog, the file beside the survey, and every refusal."""
 
-import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from pfwd.jobs import Task
 from pfwd.judging import Job
 from pfwd.session.events import DropNotSaved, JobReported
 from tests.pfwd.report.surveys import write_judged_survey
@@ -23,17 +23,39 @@ def survey(tmp_path: Path) -> Path:
     )
 
 
+class Commands(list[Sequence[str]]):
+    """Stands for the process that runs commands: notes them, and says how they ended."""
+
+    error = ""
+    waits = False
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.n_open = 0
+        self._finish: Callable[[], object]
+
+    def submit(self, _: object, words: Sequence[str], *, on_finish: Callable[[Any], None]) -> None:
+        self.append(words)
+        task = Task[str]()
+        task.set_result(self.error)
+        self.n_open, self._finish = 1, lambda: on_finish(task)
+        if not self.waits:
+            self.finish()
+
+    def finish(self) -> None:
+        self.n_open = 0
+        self._finish()
+
+    def close(self) -> None:
+        pass
+
+
 @pytest.fixture
-def commands(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[str]]:
+def commands(monkeypatch: pytest.MonkeyPatch) -> Commands:
     """Commands that would be run; none is."""
-    run: list[Sequence[str]] = []
-
-    def note(words: Sequence[str]) -> str:
-        run.append(words)
-        return ""
-
-    monkeypatch.setattr(slips, "run_command", note)
-    return run
+    commands = Commands()
+    monkeypatch.setattr(slips, "Jobs", lambda: commands)
+    return commands
 
 
 def app_of(folder: Path) -> App:
@@ -63,7 +85,7 @@ def test_one_key_writes_the_slip_beside_the_survey(survey: Path) -> None:
 
 
 def test_the_points_page_writes_the_slip_of_the_chosen_point(
-    survey: Path, commands: list[Sequence[str]]
+    survey: Path, commands: Commands
 ) -> None:
     async def script(app: App, pilot: Any) -> None:
         await survey_is_read(app, pilot)
@@ -79,9 +101,7 @@ def test_the_points_page_writes_the_slip_of_the_chosen_point(
     assert words[-1] == f"--output={survey.with_name('road-reports') / 'slip-km 12_3.pdf'}"
 
 
-def test_an_empty_signature_leaves_a_line_to_sign_on(
-    survey: Path, commands: list[Sequence[str]]
-) -> None:
+def test_an_empty_signature_leaves_a_line_to_sign_on(survey: Path, commands: Commands) -> None:
     async def script(app: App, pilot: Any) -> None:
         await survey_is_read(app, pilot)
         await pilot.press("s", "delete", "enter")
@@ -91,7 +111,7 @@ def test_an_empty_signature_leaves_a_line_to_sign_on(
     assert not any(word.startswith("--signed") for word in commands[0])
 
 
-def test_escape_writes_nothing(survey: Path, commands: list[Sequence[str]]) -> None:
+def test_escape_writes_nothing(survey: Path, commands: Commands) -> None:
     async def script(app: App, pilot: Any) -> None:
         await survey_is_read(app, pilot)
         await pilot.press("s", "escape")
@@ -103,10 +123,8 @@ def test_escape_writes_nothing(survey: Path, commands: list[Sequence[str]]) -> N
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 40)])
-def test_a_failure_is_one_sentence(
-    survey: Path, monkeypatch: pytest.MonkeyPatch, size: tuple[int, int]
-) -> None:
-    monkeypatch.setattr(slips, "run_command", lambda words: "--output x: disk full")
+def test_a_failure_is_one_sentence(survey: Path, commands: Commands, size: tuple[int, int]) -> None:
+    commands.error = "--output x: disk full"
 
     async def script(app: App, pilot: Any) -> None:
         await survey_is_read(app, pilot)
@@ -121,9 +139,7 @@ def test_a_failure_is_one_sentence(
     play(app_of(survey), script, size)
 
 
-def test_a_folder_that_cannot_be_made_is_one_sentence(
-    survey: Path, commands: list[Sequence[str]]
-) -> None:
+def test_a_folder_that_cannot_be_made_is_one_sentence(survey: Path, commands: Commands) -> None:
     survey.with_name("road-reports").write_text(
         "a file where the folder would be", encoding="utf-8"
     )
@@ -138,16 +154,8 @@ def test_a_folder_that_cannot_be_made_is_one_sentence(
     assert commands == []
 
 
-def test_the_screen_goes_on_while_a_slip_is_written(
-    survey: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    done = threading.Event()
-
-    def wait(words: Sequence[str]) -> str:
-        done.wait(30.0)
-        return ""
-
-    monkeypatch.setattr(slips, "run_command", wait)
+def test_the_screen_goes_on_while_a_slip_is_written(survey: Path, commands: Commands) -> None:
+    commands.waits = True
 
     async def script(app: App, pilot: Any) -> None:
         await survey_is_read(app, pilot)
@@ -158,7 +166,7 @@ def test_the_screen_goes_on_while_a_slip_is_written(
         assert time.monotonic() - start < 5.0
         await pilot.press("s")  # one at a time
         await until(pilot, lambda: "another slip is being written" in app.message)
-        done.set()
+        commands.finish()
         await until(pilot, lambda: "slip of point 7:" in app.message)
         await pilot.press("s")
         await until(pilot, lambda: "Slip of point 7" in app.text)
@@ -184,7 +192,7 @@ def test_a_point_without_safe_drops_has_no_slip(survey: Path) -> None:
 
 
 def test_a_survey_in_the_current_folder_has_a_place_for_slips(
-    survey: Path, commands: list[Sequence[str]], monkeypatch: pytest.MonkeyPatch
+    survey: Path, commands: Commands, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(survey)
 

@@ -80,6 +80,17 @@ def test_an_impossible_diagnosis_is_a_sentence(
     assert diagnoses.task is None
 
 
+def test_diagnoses_that_are_not_stored_say_why(
+    diagnoses: RequestedDiagnoses, screen: Screen
+) -> None:
+    task = Task[Any]()
+    reason = "results are not stored: another program writes the survey"
+    task.set_result(((), reason))
+    diagnoses._finish("survey", task)
+    diagnoses.on_diagnosed(screen.event(), SI)
+    assert screen.messages == [f"the diagnosis is done: 4 shows it; {reason}"]
+
+
 def test_a_running_diagnosis_reports_point_work_and_times() -> None:
     task = Task[tuple[DiagnosisResult, ...]]()
     start = task.start

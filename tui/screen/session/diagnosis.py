@@ -44,7 +44,7 @@ class RequestedDiagnoses:
         self._source, self._state, self._show_message = source, state, show_message
         self._runner = runner
         self._jobs = Jobs()
-        self.task: Task[tuple[DiagnosisResult, ...]] | None = None
+        self.task: Task[tuple[tuple[DiagnosisResult, ...], str | None]] | None = None
         """Diagnosis that runs; None: there is none."""
         self.file = ""
         """Path of the file that is being diagnosed, or was the last one."""
@@ -72,14 +72,15 @@ class RequestedDiagnoses:
         self._jobs.close()
 
     def _finish(self, file: str, task: Task[Any]) -> None:
-        results, text = (), ""
+        results, text, not_stored = (), "", ""
         if task.is_stopped:
             text = f"the diagnosis of {Path(file).name} was stopped"
         elif (error := task.exception()) is not None:
             text = f"the diagnosis of {file} failed: {tasks.failure_text(error)}"
         else:
-            results = task.result()
-        self._runner.put(DiagnosisFinished(file, results, text))
+            results, fault = task.result()
+            not_stored = fault or ""
+        self._runner.put(DiagnosisFinished(file, results, text, not_stored))
 
     def on_diagnosed(self, event: DiagnosisFinished, units: Units) -> None:
         """Show that the diagnosis has ended, and store the verdicts."""
@@ -87,7 +88,8 @@ class RequestedDiagnoses:
         if event.error:
             self._show_message(event.error)
             return
-        self._show_message("the diagnosis is done: 4 shows it")
+        text = "the diagnosis is done: 4 shows it"
+        self._show_message(f"{text}; {event.not_stored}" if event.not_stored else text)
         if event.file != str(self._source.survey):
             return
         for result in event.results:

@@ -3,9 +3,7 @@
 import logging
 
 from pfwd.session.events import (
-    CalibrationChanged,
     DropAnalysed,
-    DropNotPublished,
     DropNotSaved,
     DropSaved,
     Edited,
@@ -17,7 +15,6 @@ from pfwd.session.events import (
     Rebounded,
     SensorCheck,
     SessionNotice,
-    SurveyFilesChanged,
 )
 from tui.format import drop_line
 from tui.screen.session.screen_events import ScreenEvent, SessionEnded
@@ -33,8 +30,6 @@ def log_event(event: ScreenEvent) -> None:
             log.info("plate radius %g m, mass %s kg", setup.plate_radius, setup.plate_mass)
             for text in (*event.differences, *event.warnings):
                 log.info("%s", text)
-        case CalibrationChanged():
-            log.warning("%s", event.text)
         case InstrumentLost(reason):
             log.warning("instrument lost: %s", reason)
         case NotReady(reason):
@@ -53,10 +48,6 @@ def log_event(event: ScreenEvent) -> None:
                 log.info("drop %s/%s rejected: %s", one.point, one.number, one.screening.reason)
         case DropNotSaved(point, number, reason):
             log.error("drop %s/%s is not safe yet: %s", point, number, reason)
-        case DropNotPublished():
-            log.warning("%s", event.text)
-        case SurveyFilesChanged(text):
-            log.error("%s", text)
         case DropAnalysed(one, delay, result):
             after = "" if delay is None else f", {delay:.3f} s after its last sample"
             log.info("%s%s", drop_line(one.point, one.number, result), after)

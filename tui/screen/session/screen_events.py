@@ -60,6 +60,8 @@ class DiagnosisFinished:
     results: tuple[DiagnosisResult, ...]
     """Diagnoses, one for each point."""
     error: str = ""
+    not_stored: str = ""
+    """Reason why the diagnoses are not stored with the survey; empty: they are."""
 
 
 ScreenEvent = SessionEvent | SessionStarted | SessionEnded | DropRead | Refit | DiagnosisFinished

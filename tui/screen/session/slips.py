@@ -1,13 +1,15 @@
 """Slips of points: one page each, with the verdict and a signature, written by a process."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from pfwd.export.surveys import safe_name
+from pfwd.jobs import Jobs, Task
 from pfwd.judging import PointView
 from pfwd.session.events import SessionNotice
-from tui.screen.command_process import run_command
-from tui.screen.session.screen_events import ScreenEvent
+from tui.screen.command_process import error_of_command
+from tui.screen.session.runner import SessionRunner
 from tui.screen.session.sources import SessionSource
 from tui.screen.session.state import SessionState
 
@@ -28,34 +30,37 @@ class SlipWriter:
     ----------
     source : SessionSource
         Its survey has the drops and gives the folder its name.
+    runner : SessionRunner
+        Receives the notice that a slip is written, or why not.
     state : SessionState
     show_message : callable
         Shows one line to the operator.
-    in_thread : callable
-        Runs slow work in a thread, in a named group; the notice that it returns is shown.
     """
 
     def __init__(
         self,
         source: SessionSource,
+        runner: SessionRunner,
         state: SessionState,
         show_message: Callable[[str], None],
-        in_thread: Callable[[Callable[[], ScreenEvent | None], str], None],
     ) -> None:
-        self._source, self._state = source, state
-        self._show_message, self._in_thread = show_message, in_thread
-        self._is_running = False
+        self._source, self._runner, self._state = source, runner, state
+        self._show_message = show_message
+        self._jobs = Jobs()
+
+    def close(self) -> None:
+        """Stop the process that writes."""
+        self._jobs.close()
 
     def obstacle(self, point: PointView) -> str:
         """Return why the point can have no slip now; empty: it can."""
-        drops = self._state.drops_of(point).values()
         if self._source.survey is None:
             return "there is no survey whose points could have a slip"
-        if not any(drop.record is not None for drop in drops):
+        if not any(drop.record is not None for drop in point.drops):
             return f"point {point.shown_name} has no drop on the disk yet; a slip needs one"
-        if not all(drop.safe for drop in drops):
+        if not all(drop.safe for drop in self._state.drops_of(point).values()):
             return "some drops are only in memory; the slip is possible once they are on the disk"
-        if self._is_running:
+        if self._jobs.n_open:
             return "another slip is being written; try again in a moment"
         return ""
 
@@ -73,19 +78,6 @@ class SlipWriter:
         if problem or survey is None:
             self._show_message(problem)
             return
-        self._is_running = True
-        self._show_message(f"writing the slip of point {point.shown_name}; measuring goes on")
-        self._in_thread(lambda: self._run(survey, point, signature.strip()), "slip")
-
-    def _run(self, survey: Path, point: PointView, signature: str) -> SessionNotice:
-        try:
-            text, serious = self._outcome(survey, point, signature)
-            return SessionNotice(text, serious=serious)
-        finally:
-            self._is_running = False
-
-    def _outcome(self, survey: Path, point: PointView, signature: str) -> tuple[str, bool]:
-        """Return the path of the slip, or the error, as one sentence; True for an error."""
         name = point.shown_name
         place = survey.resolve()  # "." has no name
         folder = place.with_name(place.name + FOLDER_SUFFIX)
@@ -93,14 +85,25 @@ class SlipWriter:
         try:
             folder.mkdir(exist_ok=True)
         except OSError as err:
-            reason = err.strerror or str(err)
-            return f"the slip of point {name} was not written: {folder}: {reason}", True
+            self._report(name, file, f"{folder}: {err.strerror or err}")
+            return
         words = ["report", str(survey), f"--point={point.name}", "--slip", "--no-store"]
-        words += [f"--signed={signature}"] if signature else []
-        error = run_command([*words, f"--output={file}"])
+        words += [f"--signed={signature.strip()}"] if signature.strip() else []
+        words.append(f"--output={file}")
+        self._show_message(f"writing the slip of point {name}; measuring goes on")
+        finish = partial(self._finish, name, file)
+        self._jobs.submit(error_of_command, words, on_finish=finish)
+
+    def _finish(self, name: str, file: Path, task: Task[str]) -> None:
+        if not task.is_stopped:
+            error = task.exception()
+            self._report(name, file, task.result() if error is None else str(error))
+
+    def _report(self, name: str, file: Path, error: str) -> None:
+        text = f"slip of point {name}: {file}"
         if error:
-            return f"the slip of point {name} was not written: {error}", True
-        return f"slip of point {name}: {file}", False
+            text = f"the slip of point {name} was not written: {error}"
+        self._runner.put(SessionNotice(text, serious=bool(error)))
 
 
 def free_path(folder: Path, stem: str, suffix: str) -> Path:

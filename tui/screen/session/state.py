@@ -13,9 +13,7 @@ from pfwd.judging.view import NO_SETUP
 from pfwd.procedures import Kind, PointDrop, PointProgress, Procedure, plain_procedure
 from pfwd.session.events import (
     BatteryLow,
-    CalibrationChanged,
     DropAnalysed,
-    DropNotPublished,
     DropNotSaved,
     DropSaved,
     DropsWaiting,
@@ -247,8 +245,6 @@ class SessionState:
                 self.setup = event.setup
                 for text in self.device.warnings:
                     self._on_notice(SessionNotice(text))
-            case CalibrationChanged() | DropNotPublished():
-                self._on_notice(SessionNotice(event.text, serious=True))
             case InstrumentLost(reason):
                 self.device.connected = self.device.ready = False
                 self.device.lost_reason = reason
@@ -270,7 +266,7 @@ class SessionState:
                 self.point, self._last, self.saved_at = point, (point, number), 0.0
             case SurveyFilesChanged(text):
                 self.files_trouble = text
-                self._on_notice(SessionNotice(text, serious=True))
+                self._on_notice(event)
             case DropAnalysed():
                 self._on_analysed(event)
             case PointBegan(name):
@@ -306,10 +302,10 @@ class SessionState:
                     self._on_notice(SessionNotice(f"drop {event.number}: {fault}", serious=True))
                 else:
                     self._on_refit(event)
-            case DiagnosisFinished(file, _, error):
+            case DiagnosisFinished(file, _, error, not_stored):
                 self.diagnoses[file] = event
-                if error:
-                    self._on_notice(SessionNotice(error, serious=True))
+                if reason := error or not_stored:
+                    self._on_notice(SessionNotice(reason, serious=True))
 
     def names_in_use(self) -> set[str]:
         """Names of the points that have drops, and of the stations of the job."""

@@ -42,7 +42,7 @@ def made(files: list[str], computed_once: None, tmp_path_factory: pytest.TempPat
     """A survey of two points of a device, with their diagnoses."""
     folder = tmp_path_factory.mktemp("kept") / "survey"
     list(import_files(files, folder))
-    assert len(diagnose_file(str(folder))) == 2
+    assert len(diagnose_file(str(folder))[0]) == 2
     return folder
 
 
@@ -157,7 +157,7 @@ def test_the_next_run_goes_on_where_one_was_stopped(
 
 def test_another_process_answers_from_the_survey_with_the_same_records(survey: Path) -> None:
     with Jobs() as jobs:
-        diagnoses = jobs.submit(diagnose_file, str(survey)).result()
+        diagnoses, _ = jobs.submit(diagnose_file, str(survey)).result()
     here = [it.result for it in diagnose_files([str(survey)], request=STORED) if it.result]
     assert [json_text(it.to_json()) for it in diagnoses] == [json_text(it.to_json()) for it in here]
     assert [diagnosis.stored for diagnosis in diagnoses] == [True, True]
