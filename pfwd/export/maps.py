@@ -9,12 +9,14 @@ from itertools import groupby
 from typing import Any
 from xml.etree import ElementTree
 
+from pfwd.digits import declared
 from pfwd.export.json_text import json_text
 from pfwd.export.output import new_file, new_text_file
 from pfwd.export.rows import Order, PointValues, Row, place_of_row, point_rows
+from pfwd.facts import fact_of_value, facts_of_drop
 from pfwd.judging.job import target_text
 from pfwd.judging.places import Place
-from pfwd.procedures import Quantity
+from pfwd.units import SI
 from pfwd_device.recording.drop_file import software_version
 from pfwd_device.text import clean
 
@@ -197,19 +199,14 @@ def _add(parent: ElementTree.Element, name: str, text: str) -> None:
 
 def _verdict_words(row: Row) -> str:
     """Return value and verdict of the point of a drop as one line of text, with units."""
-    values = row.values
-    quantity = Quantity(values["quantity"])
-    unit, scale = quantity.display_unit
+    progress, values = row.point.progress, row.values
     parts = []
-    if values["value"] is not None:
-        parts.append(f"{values['quantity']} = {values['value'] / scale:.4g} {unit}")
-        if quantity.is_fitted and values["modulus_source"] == "diagnosed":
+    if progress.value is not None:
+        parts.append(f"{values['quantity']} = {SI.show(fact_of_value(progress.value))}")
+        if progress.value.quantity.is_fitted and values["modulus_source"] == "diagnosed":
             parts[-1] += " after the diagnosis, which replaces the fits below"
-    if values["interval_low"] is not None:
-        low, high = values["interval_low"] / scale, values["interval_high"] / scale
-        parts.append(f"95 % {low:.4g} to {high:.4g} {unit}")
-    if values["target"] is not None:
-        parts.append(f"target {target_text(values['target'])}")
+    if progress.target is not None:
+        parts.append(f"target {target_text(progress.target)}")
     if values["value_not_supported"] is not None:
         parts.append(f"not supported by the data: {values['value_not_supported']}")
     parts.append(f"procedure {values['procedure']}")
@@ -218,18 +215,15 @@ def _verdict_words(row: Row) -> str:
 
 def _result_words(row: Row) -> str:
     """Return the result of a drop as one line of text, with units."""
-    values = row.values
-    if values["modulus_pa"] is None:
+    values, result = row.values, row.drop.last_result
+    if result is None or values["modulus_pa"] is None:
         reason = values["reason"] or "; ".join(values["warnings"]) or "no modulus"
         return f"{values['status']} ({reason})"
-    parts = [f"{values['status']}, fit E = {values['modulus_pa'] / 1e6:.4g} MPa"]
-    low, high = values["modulus_interval_low_pa"], values["modulus_interval_high_pa"]
-    if low is not None and high is not None:
-        parts.append(f"95 % {low / 1e6:.4g} to {high / 1e6:.4g} MPa")
-    elif values["modulus_sd_pa"] is not None:
-        parts.append(f"sd {values['modulus_sd_pa'] / 1e6:.2g} MPa")
-    parts.append(f"model {values['model']}")
-    parts.append(f"plate radius {values['plate_radius_m']:g} m")
-    parts.append(f"Poisson's ratio {values['poisson_ratio']:g}")
-    parts.append("warnings: " + ("; ".join(values["warnings"]) or "none"))
+    parts = (
+        f"{values['status']}, fit E = {SI.show(facts_of_drop(result)['modulus'])}",
+        f"model {values['model']}",
+        f"plate radius {declared(values['plate_radius_m'], 'm')}",
+        f"Poisson's ratio {declared(values['poisson_ratio'])}",
+        f"warnings: {'; '.join(values['warnings']) or 'none'}",
+    )
     return ", ".join(parts)

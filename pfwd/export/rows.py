@@ -167,20 +167,11 @@ class Order:
 
 def _point_columns(point: PointView) -> dict[str, Any]:
     """Return value and verdict of a point by the names of `DROP_COLUMNS`."""
-    job, progress = point.job, point.progress
-    value = progress.value
-    low, high = (None, None) if value is None or value.interval is None else value.interval
+    progress = point.progress
     return {
-        "procedure": job.procedure_in_force.name,
-        "quantity": job.quantity.value,
-        "value": value and value.value,
-        "interval_low": low,
-        "interval_high": high,
-        "unit": job.quantity.unit,
-        "target": progress.target,
+        **{name: value for name, value in judged_values(point).items() if name in SURVEY_COLUMNS},
+        "procedure": point.job.procedure_in_force.name,
         "verdict": progress.verdict.value,
-        "value_not_supported": progress.withheld if value is None else value.not_supported,
-        "modulus_source": progress.modulus_in_force and progress.modulus_in_force.source,
         "modulus_not_supported": progress.withheld,
     }
 

@@ -238,13 +238,16 @@ def _add(book: Any, title: str, names: Sequence[str], rows: Iterable[Sequence[An
     _fill(book, title, [_title(name, None) for name in names], made)
 
 
-def _fill(book: Any, title: str, names: Sequence[str], rows: Iterable[Sequence["_Value"]]) -> Any:
+def _fill(
+    book: Any, title: str, names: Sequence[str], rows: Iterable[Sequence[tuple[Any, str | None]]]
+) -> Any:
     """Add a sheet with a title row, which is frozen and has filters, and rows; return it."""
     sheet = book.create_sheet(title)
     sheet.freeze_panes = "B2"
     rows = list(rows)
     for number, name in enumerate(names, 1):
-        widths = [len(name), *(row[number - 1].width for row in rows[:200])]
+        values = [row[number - 1][0] for row in rows[:200]]
+        widths = [len(name), *map(_width, values)]
         width = min(_MAX_WIDTH_LETTERS, max(_MIN_WIDTH_LETTERS, *widths)) + 2
         sheet.column_dimensions[get_column_letter(number)].width = width
     head = []
@@ -254,46 +257,43 @@ def _fill(book: Any, title: str, names: Sequence[str], rows: Iterable[Sequence["
         head.append(cell)
     sheet.append(head)
     for row in rows:
-        sheet.append([value.in_sheet(sheet) for value in row])
+        sheet.append([_in_sheet(sheet, *cell) for cell in row])
     sheet.auto_filter.ref = f"A1:{get_column_letter(len(names))}{len(rows) + 1}"
     return sheet
 
 
-class _Value:
-    """Value of a cell with its number format and its width in characters."""
-
-    __slots__ = ("_form", "_value", "width")
-
-    def __init__(self, value: Any, form: str | None) -> None:
-        self._value, self._form = value, form
-        self.width = 12 if isinstance(value, int | float) else len(str(value or ""))
-
-    def in_sheet(self, sheet: Any) -> Any:
-        """Return the value as a cell of a sheet; None: the cell is empty."""
-        if self._value is None:
-            return None
-        cell = WriteOnlyCell(sheet, value=None)
-        if isinstance(self._value, str):
-            # A text that begins like a formula is not evaluated.
-            cell.value, cell.data_type = self._value, "s"
-            cell.quotePrefix = self._value.lstrip(" ").startswith(FORMULA_STARTS)
-        else:
-            cell.value = self._value
-        if self._form is not None:
-            cell.number_format = self._form
-        return cell
+_Cell = tuple[Any, str | None]
+"""Value of a cell and its number format."""
 
 
-def _cell(value: Any, kind: str, form: str | None) -> _Value:
+def _width(value: Any) -> int:
+    """Return the width of a value, characters."""
+    return 12 if isinstance(value, int | float) else len(str(value or ""))
+
+
+def _in_sheet(sheet: Any, value: Any, form: str | None) -> Any:
+    """Return a value as a cell of a sheet; None: the cell is empty."""
+    if value is None:
+        return None
+    cell = WriteOnlyCell(sheet, value=None if isinstance(value, str) else value)
+    if isinstance(value, str):
+        # A text that begins like a formula is not evaluated.
+        cell.value, cell.data_type = value, "s"
+        cell.quotePrefix = value.lstrip(" ").startswith(FORMULA_STARTS)
+    if form is not None:
+        cell.number_format = form
+    return cell
+
+
+def _cell(value: Any, kind: str, form: str | None) -> _Cell:
+    """Return the value of a cell and its number format."""
     if isinstance(value, list | tuple):
         value = "; ".join(map(str, value)) or None
-    if kind == "time" and isinstance(value, str):
-        moment = as_date(value)
-        if moment is not None:
-            return _Value(moment, _DATE_FORMAT)
+    if kind == "time" and isinstance(value, str) and (moment := as_date(value)) is not None:
+        return moment, _DATE_FORMAT
     if isinstance(value, str):
-        return _Value(clean(value, limit=MAX_CELL_CHARACTERS), None)
-    return _Value(value, form if isinstance(value, float) else None)
+        return clean(value, limit=MAX_CELL_CHARACTERS), None
+    return value, form if isinstance(value, float) else None
 
 
 def as_date(text: str) -> datetime.datetime | None:
