@@ -1,6 +1,5 @@
 """The content of a report in its order: the same blocks for HTML and for PDF."""
 
-import dataclasses
 import os
 
 from pfwd.report.blocks import (
@@ -56,8 +55,6 @@ def compose(
     overview = summary_blocks(report, texts, letters)
     if len(report.points) > MAX_ROWS:  # their table has no room on the first page, the map has
         blocks += [*overview, Heading(texts["points"]), *points_blocks(report, texts)]
-    elif len(report.points) > 1:
-        blocks += [on_new_page(overview[0]), *overview[1:]]
     else:
         blocks += overview
     if len(report.points) > MAX_POINTS_WITH_CURVES:
@@ -82,8 +79,3 @@ def compose(
     blocks += procedure_blocks(report.procedure, texts) if report.chosen else []
     blocks += device_blocks(report, texts)
     return [*blocks, *pages, *recompute_blocks(report, texts)]
-
-
-def on_new_page(heading: Block) -> Block:
-    """Return the same heading at the top of a new page."""
-    return dataclasses.replace(heading, new_page=True) if isinstance(heading, Heading) else heading

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from inversion.result import TimeHistories
+from pfwd.analysis.drop_facts import JudgedDeflection
 from pfwd.files.photos import opened_photo
 from pfwd.judging import DropView, PointView
 from pfwd.procedures import Verdict
@@ -159,23 +160,11 @@ def draw_profile(figure: Any, report: Report, texts: Texts, letters: Letters) ->
         value = point.progress.value
         if value is None:
             continue
-        x, y = distances[index], value.value / scale
-        kind = _verdict(point)
-        spread = None
-        if value.interval is not None:
-            low, high = (end / scale for end in value.interval)
-            spread = [[y - low], [high - y]]
-        highest = max(highest, y + (spread[1][0] if spread else 0.0))
-        axes.errorbar(
-            x,
-            y,
-            yerr=spread,
-            fmt=VERDICT_SHAPES[kind],
-            color=VERDICT_COLOURS[kind],
-            capsize=4,
-            markersize=7,
-            label=texts[kind] if kind not in labelled else None,
-        )
+        x, kind = distances[index], _verdict(point)
+        style = {"fmt": VERDICT_SHAPES[kind], "color": VERDICT_COLOURS[kind], "markersize": 7}
+        label = texts[kind] if kind not in labelled else None
+        top = _draw_value(axes, x, value.value, value.interval, scale, label=label, **style)
+        highest = max(highest, top)
         labelled.add(kind)
         if point.progress.target is not None:
             target = point.progress.target / scale
@@ -195,6 +184,21 @@ def draw_profile(figure: Any, report: Report, texts: Texts, letters: Letters) ->
     finish(axes, texts)
     if not by_distance:
         name_ticks(axes, distances, [point.shown_name for point in report.points], letters)
+
+
+def _draw_value(
+    axes: Any,
+    place: float,
+    value: float,
+    interval: tuple[float, float] | None,
+    scale: float,
+    **style: Any,
+) -> float:
+    """Draw a value with its interval in a unit of this scale; return its upper end there."""
+    low, high = interval or (value, value)
+    ends = None if interval is None else [[(value - low) / scale], [(high - value) / scale]]
+    axes.errorbar(place, value / scale, yerr=ends, capsize=4, **style)
+    return max(value, high) / scale
 
 
 def draw_peaks_profile(
@@ -452,22 +456,11 @@ def _draw_moduli(axes: Any, point: PointView, texts: Texts) -> None:
         facts = drop.facts
         if facts.modulus is None:
             continue
-        value, spread = facts.modulus / 1e6, None
-        if facts.modulus_interval is not None:
-            low, high = (end / 1e6 for end in facts.modulus_interval)
-            spread = [[value - low], [high - value]]
-        highest = max(highest, value + (spread[1][0] if spread else 0.0))
         shape, fill = _DROP_SHAPES.get(str(kinds.get(drop.number)), _REJECTED_SHAPE)
-        axes.errorbar(
-            drop.number,
-            value,
-            yerr=spread,
-            fmt=shape,
-            color=COLOURS[0],
-            markerfacecolor=fill,
-            markersize=6,
-            capsize=4,
-        )
+        style = {"fmt": shape, "color": COLOURS[0], "markerfacecolor": fill, "markersize": 6}
+        interval = facts.modulus_interval
+        top = _draw_value(axes, drop.number, facts.modulus, interval, 1e6, **style)
+        highest = max(highest, top)
     axes.set_ylabel(texts["modulus_axis"], fontsize=6)
     _finish_by_drop(axes, highest, texts)
 
@@ -517,7 +510,8 @@ def draw_curves(figure: Any, points: Sequence[PointView], texts: Texts, letters:
     wide, high = 0.93 / columns, (1.0 - base) / rows
     deep = points_out_of_scale(points)
     common = _deflection_range([point for place, point in enumerate(points) if place not in deep])
-    first, last = _time_range(points)
+    times = [curve.time * 1e3 for curve in _curves(points)]
+    first, last = min(float(t[0]) for t in times), max(float(t[-1]) for t in times)
     numbered_rows = set()  # rows that have the numbers of the common scale
     for number, point in enumerate(points):
         row, column = divmod(number, columns)
@@ -583,24 +577,14 @@ def points_out_of_scale(points: Sequence[PointView]) -> set[int]:
 
 def _deflection_range(points: Sequence[PointView]) -> tuple[float, float]:
     """Return the smallest (at most 0) and the largest deflection of the drawn curves, mm."""
-    curves = [
-        drop.deflection.deflection * 1e3
-        for point in points
-        for drop in with_deflection(point)
-        if drop.deflection is not None
-    ]
-    return min(0.0, *(float(c.min()) for c in curves)), max(float(c.max()) for c in curves)
+    depths = [curve.deflection * 1e3 for curve in _curves(points)]
+    return min(0.0, *(float(d.min()) for d in depths)), max(float(d.max()) for d in depths)
 
 
-def _time_range(points: Sequence[PointView]) -> tuple[float, float]:
-    """Return the first and the last time of the drawn curves, ms."""
-    times = [
-        drop.deflection.time * 1e3
-        for point in points
-        for drop in with_deflection(point)
-        if drop.deflection is not None
-    ]
-    return min(float(time[0]) for time in times), max(float(time[-1]) for time in times)
+def _curves(points: Sequence[PointView]) -> list[JudgedDeflection]:
+    """Return the drawn curves of points."""
+    drops = [drop for point in points for drop in with_deflection(point)]
+    return [drop.deflection for drop in drops if drop.deflection is not None]
 
 
 def draw_signatures(figure: Any, labels: Sequence[str]) -> None:

@@ -46,7 +46,7 @@ from pfwd.procedures import (
 )
 from pfwd.report.content import Report
 from pfwd_device import Drop
-from pfwd_device.recording import DropRecord, Survey, SurveyPoint, read_survey
+from pfwd_device.recording import Survey, SurveyPoint, read_survey
 
 PACKAGES = ("pfwd", "numpy", "scipy", "h5py", "matplotlib")
 """Packages that a report names with their versions: they made its numbers and pictures."""
@@ -168,7 +168,8 @@ def gather(
         raise SurveyError(refusal(str(folder), "a survey with drops", "none", hint))
     if options.point is not None:
         choose_point(survey, options.point)  # refused before the work
-    job = _job(survey, options)
+    chosen = None if options.procedure is None else find_procedure(options.procedure)
+    job = job_of(survey, chosen)
     survey_procedure = None if options.procedure is None else _procedure_of(survey)
     if survey_procedure == job.procedure_in_force.name:
         survey_procedure = None
@@ -408,12 +409,6 @@ def _silent(_text: str) -> None:
     return
 
 
-def _job(survey: Survey, options: ReportOptions) -> Job:
-    """Return the job of the survey, with the requested procedure."""
-    chosen = None if options.procedure is None else find_procedure(options.procedure)
-    return job_of(survey, chosen)
-
-
 def _title(survey: Survey, points: Sequence[PointView]) -> str:
     sites = {str(point.setup.site) for point in points if point.setup.site is not None}
     return ", ".join(sorted(sites)) or Path(survey.folder).resolve().name
@@ -497,7 +492,9 @@ class _Gatherer:
             if not groups or basis_of(groups[-1][0][0].setup) != basis_of(drop.setup):
                 groups.append([])
             groups[-1].append((drop, record.drop))
-            self._note_instrument(record)
+            identity = record.metadata.get("identity")
+            if isinstance(identity, Mapping):
+                self.instruments.setdefault(json.dumps(identity, sort_keys=True), identity)
         fitted = [self._fits(point, group) for group in groups]
         complete = replace(point, drops=tuple(drop for drops in fitted for drop in drops))
         parts = []
@@ -523,11 +520,6 @@ class _Gatherer:
             fallback_target=self.options.fallback,
             target=point.target if given is None else given,
         )
-
-    def _note_instrument(self, record: DropRecord) -> None:
-        identity = record.metadata.get("identity")
-        if isinstance(identity, Mapping):
-            self.instruments.setdefault(json.dumps(identity, sort_keys=True), identity)
 
     def _fits(
         self, point: PointView, drops: Sequence[tuple[DropView, Drop]]

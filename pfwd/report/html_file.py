@@ -1,11 +1,10 @@
 """A report as one HTML file: pictures inside, no script, nothing fetched."""
 
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import jinja2
 
-from pfwd.report.blocks import SIGNS, Block, Picture, Together
+from pfwd.report.blocks import SIGNS, Block
 from pfwd.report.pictures_as_svg import data_address
 from pfwd.report.texts import Texts
 
@@ -26,17 +25,13 @@ def render_html(blocks: Sequence[Block], texts: Texts, title: str) -> str:
         Everything from a survey is escaped; the pictures are SVG in data addresses, in which a
         browser runs and loads nothing.
     """
-    return (
-        _environment()
-        .get_template("report.html.j2")
-        .render(blocks=_with_pictures(blocks), code=texts.code, title=title, signs=SIGNS)
-    )
+    template = _environment().get_template("report.html.j2")
+    return template.render(blocks=blocks, code=texts.code, title=title)
 
 
 def render_part(blocks: Sequence[Block]) -> str:
     """Return blocks as a part of a page that has the style of `style_sheet`."""
-    template = _environment().get_template("blocks.html.j2")
-    return template.render(blocks=_with_pictures(blocks), signs=SIGNS)
+    return _environment().get_template("blocks.html.j2").render(blocks=blocks)
 
 
 def style_sheet() -> str:
@@ -45,30 +40,16 @@ def style_sheet() -> str:
 
 
 def _environment() -> jinja2.Environment:
-    return jinja2.Environment(
+    environment = jinja2.Environment(
         loader=jinja2.PackageLoader("pfwd.report"),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.globals |= {"signs": SIGNS, "kind_of": _kind_of, "data_address": data_address}
+    return environment
 
 
-def _with_pictures(blocks: Sequence[Block]) -> list[dict[str, Any]]:
-    """Return the values of the template: kind and block, of a picture its address too."""
-    items: list[dict[str, Any]] = [
-        {"kind": type(block).__name__, "block": block} for block in _flat(blocks)
-    ]
-    for item in items:
-        if isinstance(item["block"], Picture):
-            item["data"] = data_address(item["block"])
-    return items
-
-
-def _flat(blocks: Sequence[Block]) -> Iterator[Block]:
-    """Yield the blocks without those that keep others on one page: HTML has no pages."""
-    for block in blocks:
-        if isinstance(block, Together):
-            yield from _flat(block.blocks)
-        else:
-            yield block
+def _kind_of(block: Block) -> str:
+    return type(block).__name__

@@ -11,6 +11,7 @@ from pfwd.report.blocks import (
     Paragraph,
     Picture,
 )
+from pfwd.report.certificate_blocks import MAX_ROWS
 from pfwd.report.content import Report
 from pfwd.report.drawing import draw_map, draw_profile, place
 from pfwd.report.fonts import Letters
@@ -29,7 +30,8 @@ def summary_blocks(report: Report, texts: Texts, letters: Letters) -> list[Block
     """Return the blocks of the summary: survey, damage, sketch and profile of the points."""
     points = [point for point in report.points if not point.discarded]
     blocks: list[Block] = [
-        Heading(texts["summary"]),
+        # The table of many points has no room on the first page: the summary takes its place.
+        Heading(texts["summary"], new_page=1 < len(report.points) <= MAX_ROWS),
         Pairs(tuple((label, value) for label, value in _rows(report, texts) if value)),
     ]
     if report.damage:

@@ -9,8 +9,6 @@ from pathlib import Path
 import pytest
 
 from inversion.notices import OTHER, Notice, Value, gaps_of, of_drops, templates, terms, text_notice
-from pfwd.procedures import find_procedure
-from pfwd.procedures.profile import CHECKS
 from pfwd.report.blocks import Paragraph, Together
 from pfwd.report.composing import compose
 from pfwd.report.fonts import Letters
@@ -55,12 +53,6 @@ def test_what_stands_before_a_message_stays() -> None:
         "Stöße 1, 2: größte Setzung über 2 mm (nicht belegt, nicht angewandt)"
     )
     assert DE.message("a text of a person: 4.5") == "a text of a person: 4.5"
-
-
-def test_checks_of_procedures_are_translated() -> None:
-    for key in CHECKS:
-        assert DE.number_name(key) != EN.number_name(key)
-    assert DE.title(find_procedure("tp-bf-stb-b8.3")).endswith("Teil B 8.3")
 
 
 def test_warnings_of_all_points_stand_once(survey: Path) -> None:

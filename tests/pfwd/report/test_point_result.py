@@ -4,8 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from pfwd.analysis.result_store import basis_of
 from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.judging import PointView
@@ -121,14 +119,6 @@ def test_a_diagnosed_depth_has_the_deviation_of_its_effect(survey: Path) -> None
     assert "layer on rock at 0.89 ± 0.03 m," in rows_of(again)["Basis"]
 
 
-def test_a_diagnosis_of_an_earlier_version_has_fewer_numbers(survey: Path) -> None:
-    missing = dict.fromkeys(("viscosity_pa_s", "density_kg_m3", "bedrock_depth_m"))
-    report = diagnosed_report(survey, "explained", **missing)
-    assert rows_of(report.points[0])["Basis"] == (
-        "Drops 2 – 4, diagnosis: layer, rigid plate without slip 0.15 m, ν 0.35"
-    )
-
-
 def test_nothing_contradicts_a_modulus_to_use_with_care(survey: Path) -> None:
     report = diagnosed_report(survey, "unexplained", discrepancy_over_peak=0.014)
     point = report.points[0]
@@ -173,9 +163,3 @@ def test_a_single_fit_has_its_depth_and_viscosity(survey: Path) -> None:
     )
     assert "η 33" in basis
     assert "Use" not in rows_of(single)
-
-
-@pytest.mark.parametrize(("language", "word"), [("de", "Bemessungswert"), ("zh", "可作设计值")])
-def test_the_use_is_translated(survey: Path, language: str, word: str) -> None:
-    report = diagnosed_report(survey, "explained")
-    assert word in rows_of(report.points[0], language)[load_texts(language)["use"]]
