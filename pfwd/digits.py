@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from inversion.diagnosis.findings import FittedState
 
 _LARGE = 3
 """First digit of a spread from which the spread has one digit in texts; a smaller one has two."""
@@ -17,9 +13,6 @@ MAX_DIGITS = 4
 
 DEFAULT_DIGITS = 3
 """Number of digits of a value whose uncertainty is not known."""
-
-_MIN_STRESS_DIFFERENCE = 0.02
-"""Relative difference of the moduli at two stresses from which both are shown."""
 
 MISSING = "-"
 """Text of a missing value."""
@@ -42,28 +35,6 @@ def rounded(value: float, spread: float) -> str:
     if not math.isfinite(spread) or spread <= 0.0 or not math.isfinite(value):
         return f"{value:.4g}"
     return at_place(value, _place(spread))
-
-
-def modulus_at_100_kpa(state: FittedState) -> str:
-    """Return the modulus at 100 kPa as text, MPa; empty: the ground is linear, or has no modulus.
-
-    Examples
-    --------
-    >>> from inversion.diagnosis.findings import FittedState
-    >>> moduli = {"modulus_pa": 51.2e6, "modulus_interval_pa": (48.6e6, 53.9e6)}
-    >>> modulus_at_100_kpa(FittedState(modulus_100kpa_pa=40.26e6, **moduli))
-    '40.3'
-    >>> modulus_at_100_kpa(FittedState(modulus_100kpa_pa=51.3e6, **moduli))
-    ''
-    """
-    value, interval = state.modulus_pa, state.modulus_interval_pa
-    at_100_kpa = state.modulus_100kpa_pa
-    if not value or interval is None or at_100_kpa is None or not math.isfinite(at_100_kpa):
-        return ""
-    if abs(at_100_kpa / value - 1.0) < _MIN_STRESS_DIFFERENCE:
-        return ""
-    low, high = interval
-    return rounded(at_100_kpa / 1e6, 0.5 * (high - low) / 1e6)
 
 
 def at_place(value: float, place: int) -> str:

@@ -66,8 +66,13 @@ _STATE_FACTS: Mapping[str, QuantityName] = {
     "viscosity": "viscosity",
     "bedrock": "depth",
     "density": "density",
+    "stress": "pressure",
+    "at 100 kPa": "modulus",
 }
 """Quantities of the facts of a state."""
+
+_MIN_STRESS_DIFFERENCE = 0.02
+"""Relative difference of the moduli at two stresses from which both are shown."""
 
 
 def facts_of_state(state: FittedState | None) -> dict[str, Fact]:
@@ -89,11 +94,27 @@ def facts_of_state(state: FittedState | None) -> dict[str, Fact]:
         "bedrock": Fact("depth", state.bedrock_depth_m),
         "density": Fact("density", state.density_kg_m3),
         "stress": Fact("pressure", state.stress_pa),
+        "at 100 kPa": _at_100_kpa(state),
     }
 
 
-def facts_of_effect(effect: EffectResult) -> list[tuple[str, int | None, Fact]]:
-    """Return the parameters of an effect: name, number of the drop (None: all drops), and fact.
+def _at_100_kpa(state: FittedState) -> Fact:
+    """Return the modulus at 100 kPa; it has no value if the ground is linear, or has no modulus."""
+    value, interval, modulus = state.modulus_pa, state.modulus_interval_pa, state.modulus_100kpa_pa
+    if value and interval is not None and modulus is not None:
+        ratio = modulus / value
+        if abs(ratio - 1.0) >= _MIN_STRESS_DIFFERENCE:
+            low, high = interval
+            return Fact("modulus", modulus, (ratio * low, ratio * high))
+    return Fact("modulus", None)
+
+
+EffectFacts = list[tuple[str, int | None, Fact]]
+"""Parameters of an effect: name, number of the drop (None: all drops), and fact."""
+
+
+def facts_of_effect(effect: EffectResult) -> EffectFacts:
+    """Return the parameters of an effect.
 
     A fitted parameter without a deviation is one that the records leave open.
     """

@@ -8,7 +8,7 @@ import argparse
 import contextlib
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from pfwd.analysis.options import AnalysisOptions
@@ -61,7 +61,6 @@ def run_over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
         raise OptionError(refusal("--scheduler and --jobs", "one of the two", "both"))
     from pfwd.archive.run import invert_stream, refuse_missing
     from pfwd.archive.work import ArchiveWorkers
-    from pfwd.judging.verdicts import modulus_in_force
 
     refuse_missing(args.files)
     if args.scheduler is not None:
@@ -85,8 +84,7 @@ def run_over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
                 results = [result for result, _ in outcome.results]
                 lines = printed_results(results, as_json=args.json, by=args.by) if results else []
                 for diagnosis in outcome.diagnoses:
-                    judged = replace(diagnosis, point_modulus=modulus_in_force(diagnosis))
-                    lines += printed_diagnosis(judged, as_json=args.json)
+                    lines += printed_diagnosis(diagnosis, as_json=args.json)
                 for line in lines:
                     print(line, flush=True)
     if not n_sources:

@@ -19,9 +19,9 @@ from pfwd.analysis.results import (
     HeldOut,
     HeldOutPart,
 )
-from pfwd.digits import MISSING, declared, modulus_at_100_kpa, rounded, significant
+from pfwd.digits import MISSING, declared, rounded, significant
 from pfwd.export.json_text import json_text
-from pfwd.facts import UNEXPLAINED, facts_of_effect, facts_of_state
+from pfwd.facts import UNEXPLAINED, EffectFacts, facts_of_effect, facts_of_state
 from pfwd.message_groups import as_ranges, group_messages
 from pfwd.units import SI, Fact, Units, modulus_text, percent
 from tui.format import MODEL_WORDS, word
@@ -90,6 +90,7 @@ def diagnosis_lines(
         True: advice on device effects is included; for several points `device_lines` joins it.
     """
     before, after = (facts_of_state(state) for state in (result.before, result.after))
+    parameters = [facts_of_effect(effect) for effect in result.effects]
     drops = ", ".join(map(str, result.drops)) or "none"
     device = "" if result.device is None else f", device {clean(result.device)}"
     point = "" if result.point is None else f", point {clean(result.point)}"
@@ -109,25 +110,30 @@ def diagnosis_lines(
             lines += _change(before["modulus"], after["modulus"])
         elif result.verdict == "unexplained" and before["modulus"] != after["modulus"]:
             lines.append("  no effect is accepted: after is the base model within usual soils")
-        sentence = use_sentence(result)
+        sentence = use_sentence(result, after)
         lines += [f"  {sentence}"] if sentence else []
         if result.equivalent_use is not None:
             value, use = SI.show(after["equivalent"]), USES[result.equivalent_use]
             lines.append(f"  Equivalent modulus {value}: {use}.")
-    for effect in result.effects:
-        lines += _effect(effect, advice=device_advice or effect.scope != "device")
+    for effect, facts in zip(result.effects, parameters, strict=True):
+        lines += _effect(effect, facts, advice=device_advice or effect.scope != "device")
     lines += _held_out(result.held_out)
     lines += [f"  {clean(text)}" for text in result.rejected]
     return [*lines, *diagnosis_warnings([result])] if warnings else lines
 
 
-def use_sentence(result: DiagnosisResult) -> str:
+def use_sentence(result: DiagnosisResult, facts: Mapping[str, Fact]) -> str:
     """Return a sentence that states what the modulus of a point may be used for.
 
     It is empty if the drops fell on a rig, which has no modulus.
+
+    Parameters
+    ----------
+    result : DiagnosisResult
+    facts : mapping of str to Fact
+        Facts of the state with all effects.
     """
-    after = result.after
-    if after is None or after.modulus_interval_pa is None:
+    if facts["modulus"].interval is None:
         return ""
     if result.use == "do-not-use":
         objection = f"{result.use_reason}; {result.remedy}"
@@ -135,13 +141,12 @@ def use_sentence(result: DiagnosisResult) -> str:
             return f"Do not use: {objection}."
         text = modulus_text(result.modulus, result.modulus_interval)
         return f"Use the fit without effects: {text}. Do not use the modulus after: {objection}."
-    facts = facts_of_state(after)
     heading = "Design value" if result.use == "design" else "Use with care:"
     text = f"{heading} {SI.show(facts['modulus'])}"
     if facts["stress"].value is not None:
         text += f", secant modulus at {SI.show(facts['stress'])}"
-        at_100_kpa = modulus_at_100_kpa(after)
-        text += f" ({at_100_kpa} MPa at 100 kPa)" if at_100_kpa else ""
+        if facts["at 100 kPa"].value is not None:
+            text += f" ({SI.value_and_ends(facts['at 100 kPa'])[0]} MPa at 100 kPa)"
     reason = f": {result.use_reason}" if result.use == "with-care" else ""
     return f"{text}{reason}."
 
@@ -352,7 +357,7 @@ def device_lines(results: Sequence[DiagnosisResult]) -> list[str]:
     for name, result in zip(names, results, strict=True):
         for effect in result.effects:
             if effect.scope == "device" and (_is_shared(effect) or result.use != "do-not-use"):
-                values = _parameters(effect)
+                values = _parameters(facts_of_effect(effect))
                 numbers = f" ({'; '.join(values)})" if _is_shared(effect) and values else ""
                 advice = f": {effect.advice}" if effect.advice else ""
                 effects.append((name, (f"{_words(effect.name)}{numbers}", advice)))
@@ -528,13 +533,14 @@ def _change(before: Fact, after: Fact) -> list[str]:
     ]
 
 
-def _effect(effect: EffectResult, *, advice: bool) -> list[str]:
+def _effect(effect: EffectResult, facts: EffectFacts, *, advice: bool) -> list[str]:
+    """Return an effect with its parameters as lines; its advice is the last one, if requested."""
     evidence = effect.evidence
     shared = "declared" if effect.scope == "point" else "shared by the device's points"
     strength = _evidence_text(evidence) if _is_finite(evidence) else shared
     if _is_finite(effect.probability) and _is_finite(evidence):
         strength += f", probability {100 * effect.probability:.0f} %"
-    numbers = _parameters(effect)
+    numbers = _parameters(facts)
     text = f": {'; '.join(numbers)}" if numbers else ""
     # An effect that was detected without a fit has no scope and no strength.
     text += "" if effect.scope is None and not _is_finite(evidence) else f" [{strength}]"
@@ -556,12 +562,12 @@ def _words(name: str | None) -> str:
     return clean(name).replace("_", " ")
 
 
-def _parameters(effect: EffectResult) -> list[str]:
+def _parameters(facts: EffectFacts) -> list[str]:
     """Return the parameters of an effect with their standard deviations as texts."""
     return [
         f"{_PARAMETER_WORDS.get(name) or _words(name)}"
         f"{'' if drop is None else f' (drop {drop})'} {SI.show(fact)}"
-        for name, drop, fact in facts_of_effect(effect)
+        for name, drop, fact in facts
     ]
 
 

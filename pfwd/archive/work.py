@@ -27,6 +27,7 @@ from pfwd.files.opening import survey_content
 from pfwd.files.reading import points_of, read_points
 from pfwd.files.traces import TracePoint
 from pfwd.jobs import Jobs, WorkerDied
+from pfwd.judging.verdicts import modulus_in_force
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Survey
 
@@ -313,7 +314,8 @@ def _diagnoses(
             failures.append(SourceFailure("refused", reason, str(point.setup.point or "")))
     for diagnosis in diagnose_entries(entries):
         if diagnosis.result is not None:
-            yield diagnosis.result
+            modulus = modulus_in_force(diagnosis.result)
+            yield replace(diagnosis.result, point_modulus=modulus)
         elif diagnosis.error is not None:
             failures.append(SourceFailure("refused", diagnosis.error))
 

@@ -1,10 +1,8 @@
 """The result of a point: modulus, model, depth and permitted use, all from one stored result."""
 
-import math
 from collections.abc import Iterator, Mapping
 
 from pfwd.analysis.results import DiagnosisResult, DropResult
-from pfwd.digits import modulus_at_100_kpa
 from pfwd.facts import facts_of_drop, facts_of_state
 from pfwd.judging import PointView
 from pfwd.report import formatting
@@ -18,7 +16,7 @@ from pfwd.report.point_facts import (
     used_drops,
 )
 from pfwd.report.texts import Texts
-from pfwd.units import Fact
+from pfwd.units import SI, Fact
 
 _USE_KEYS = {"design": "use_design", "with-care": "use_with_care", "do-not-use": "do_not_use"}
 
@@ -142,11 +140,9 @@ def _use(point: PointView, texts: Texts) -> str:
 
 def _secant(diagnosis: DiagnosisResult, texts: Texts) -> str:
     """Return the stress that a diagnosed modulus belongs to, and that at 100 kPa; empty: linear."""
-    after = diagnosis.after
-    if after is None or after.stress_pa is None or not math.isfinite(after.stress_pa):
+    facts = facts_of_state(diagnosis.after)
+    if facts["stress"].value is None or facts["at 100 kPa"].value is None:
         return ""
-    at_100_kpa = modulus_at_100_kpa(after)
-    if not at_100_kpa:
-        return ""
-    stress = formatting.show(Fact("pressure", after.stress_pa), texts)
-    return texts.say("secant", stress=stress, modulus=f"{texts.decimals(at_100_kpa)} MPa")
+    stress = formatting.show(facts["stress"], texts)
+    modulus, _ = SI.value_and_ends(facts["at 100 kPa"])
+    return texts.say("secant", stress=stress, modulus=f"{texts.decimals(modulus)} MPa")

@@ -14,6 +14,7 @@ from pfwd.analysis.results import (
     FittedState,
     HeldOut,
 )
+from pfwd.facts import facts_of_state
 from pfwd.judging.verdicts import modulus_in_force
 from pfwd.procedures import PointModulus
 from tui.diagnosis_lines import (
@@ -230,6 +231,10 @@ def lines_of(points: list[DiagnosisResult], width: int = 140) -> list[str]:
     return survey_lines(list(map(judged, points)), width)
 
 
+def sentence_of(point: DiagnosisResult) -> str:
+    return use_sentence(point, facts_of_state(point.after))
+
+
 def judged(point: DiagnosisResult) -> DiagnosisResult:
     return replace(point, point_modulus=modulus_in_force(point))
 
@@ -322,7 +327,7 @@ def test_a_fit_in_force_is_named_beside_a_diagnosis_that_is_not_to_be_used() -> 
     assert point.before is not None
     point = replace(point, before=replace(point.before, contact_residual_rms_over_peak=0.01))
     assert "fit without effects" in lines_of([point, *survey()])[3]
-    assert use_sentence(judged(point)).startswith(
+    assert sentence_of(judged(point)).startswith(
         "Use the fit without effects: 40 MPa (20 to 60). Do not use the modulus after: 5 %"
     )
 
@@ -337,7 +342,7 @@ def test_a_modulus_of_unsupported_records_is_not_to_be_used() -> None:
     assert (row[1], row[2], row[-1]) == ("none", "do not use", "measure again")
     sentence = "drop 3: its record is a copy; measure again."
     assert f"Do not use the modulus of A: {sentence}" in lines
-    assert use_sentence(point) == f"Do not use: {sentence}"
+    assert sentence_of(point) == f"Do not use: {sentence}"
     (printed,) = printed_diagnosis(point, as_json=True)
     assert json.loads(printed)["modulus_in_force_pa"] is None
 
@@ -347,7 +352,7 @@ def test_the_remedy_is_that_of_the_warning(code: str) -> None:
     values: dict[str, float] = {"drop": 1, "after_s": 0.002}
     values |= {"offset_m": 0.3} if code == "sensor-steps" else {}
     point = replace(survey()[2], warnings=(Notice(code, values),))
-    assert "samples of the record are missing" in use_sentence(point)
+    assert "samples of the record are missing" in sentence_of(point)
 
 
 def test_after_not_explained_no_modulus_is_recommended() -> None:
