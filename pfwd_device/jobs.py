@@ -22,7 +22,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass
-from types import TracebackType
 from typing import IO, Any, TypeVar
 
 from pfwd_device.child_python import ignore_interrupts, start_child
@@ -243,12 +242,7 @@ class Jobs:
     def __enter__(self) -> "Jobs":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.close()
 
     def _work_off(self) -> None:

@@ -344,7 +344,8 @@ def zeros_in_a_record(folder: Path) -> Path:
     """A journal whose drop unpacks to more than it is long by a thousand."""
     import shutil
 
-    from pfwd_device.recording.framing import RecordKind, encode_frame, scan_bytes
+    from pfwd_device.recording.framing import RecordKind, encode_frame
+    from tests.pfwd_device.recording.records import scan_bytes
 
     survey = folder / "survey"
     shutil.copytree(DATA / "recording", survey)

@@ -14,7 +14,7 @@ from pfwd_device.recording.index import Index, build_index, damage_key
 from pfwd_device.recording.journal import read_record
 from pfwd_device.recording.layout import Layout, find_survey, names_in
 from pfwd_device.recording.lock import is_locked
-from pfwd_device.recording.recovery import describe, lost_texts
+from pfwd_device.recording.recovery import SurveyState, lost_texts
 from pfwd_device.recording.spare import SpareFolder
 from pfwd_device.recording.spare_merge import describe_records_only_in_spare
 
@@ -22,28 +22,13 @@ _HINT = "run pfwd recover"
 
 
 @dataclass(frozen=True, slots=True)
-class CheckReport:
+class CheckReport(SurveyState):
     """Result of the check of a survey."""
 
-    survey: str
-    """Folder of the survey."""
-    drops_acknowledged: int
-    """Number of drops that were reported as saved, including lost ones."""
-    drops_published: int
-    """Number of drops whose HDF5 file exists and is unchanged."""
-    recovered: int
-    """Number of drops that recoveries have restored from their HDF5 files."""
-    damaged: tuple[str, ...]
-    """Descriptions of damaged or missing parts, each with its file or drop."""
     notes: tuple[str, ...]
     """Descriptions of unfinished parts that are not damaged."""
     closed: bool
     """True if the last program that wrote the survey has closed it."""
-
-    @property
-    def ok(self) -> bool:
-        """True if all saved data exist and nothing is damaged."""
-        return not self.damaged
 
 
 def check(folder: str | os.PathLike[str], *, spare: SpareFolder | None = None) -> CheckReport:
@@ -106,7 +91,7 @@ def _check_journal(layout: Layout, index: Index, damaged: list[str], unfinished:
             continue
         text = f"{where}: {stretch.damage.length} bytes are damaged"
         inside = [
-            describe(entry)
+            entry.name
             for entry in index.lost.values()
             if entry.segment == stretch.segment
             and stretch.damage.offset - entry.length
@@ -144,13 +129,11 @@ def _check_ledger(index: Index, damaged: list[str], unfinished: list[str]) -> No
         last = line.sequence
         entry = index.entries.get(line.sequence)
         if entry is not None and entry != line:
-            damaged.append(
-                f"acknowledged.txt: the line of {describe(entry)} differs from the journal"
-            )
+            damaged.append(f"acknowledged.txt: the line of {entry.name} differs from the journal")
     if index.unacknowledged and not ledger.damaged:
         first = index.entries[min(index.unacknowledged)]
         unfinished.append(
-            f"acknowledged.txt lacks {describe(first)}, which the journal contains: {_HINT}"
+            f"acknowledged.txt lacks {first.name}, which the journal contains: {_HINT}"
         )
 
 

@@ -126,15 +126,6 @@ def encode_frame(kind: int, identity: bytes, sequence: int, payload: bytes) -> b
     return header + _CHECK.pack(zlib.crc32(header)) + payload
 
 
-def scan_bytes(data: bytes) -> tuple[list[Frame], list[Damage]]:
-    """Return the records and the damaged parts of a journal or capture; no bytes raise an error."""
-    frames: list[Frame] = []
-    damage: list[Damage] = []
-    for item in scan(io.BytesIO(data)):
-        (frames if isinstance(item, Frame) else damage).append(item)  # type: ignore[arg-type]
-    return frames, damage
-
-
 def scan(stream: BinaryIO, size: int | None = None, start: int = 0) -> Iterator[Frame | Damage]:
     """Yield the records and the damaged parts of a journal or capture, in the order of the file.
 

@@ -24,7 +24,6 @@ from pfwd_device.recording.ledger import (
     Entry,
     LedgerText,
     about_drop,
-    read_about,
     read_ledger,
 )
 from pfwd_device.recording.payload import payload_data
@@ -100,43 +99,6 @@ FileStates = tuple[tuple[str, int, int, int, int, int], ...]
 journal. If they are unchanged, so are the files."""
 
 
-class _DropNumbers:
-    """Used numbers of drops, for a fast choice of the next number."""
-
-    def __init__(self) -> None:
-        self.largest = 0
-        """Largest survey-wide number."""
-        self._of_point: dict[str, Counter[int]] = {}
-        """Number of drops for each number within a point; other programs may write duplicates."""
-        self._largest: dict[str, int] = {}
-        """Largest number within each point; a missing value is computed when it is needed."""
-
-    def is_used(self, point: str, drop: int) -> bool:
-        """Return True if a drop of the point has this number."""
-        return point in self._of_point and self._of_point[point][drop] > 0
-
-    def largest_of(self, point: str) -> int:
-        """Return the largest number within the point that one of its drops has; 0 without drops."""
-        if point not in self._largest:
-            self._largest[point] = max(self._of_point.get(point, ()), default=0)
-        return self._largest[point]
-
-    def add(self, drop: DropEntry, replaced: DropEntry | None) -> None:
-        """Add a drop, which may replace an earlier record of the same survey-wide number."""
-        self.largest = max(self.largest, drop.number)
-        if replaced is not None:
-            if (replaced.point, replaced.drop) == (drop.point, drop.drop):
-                return
-            numbers = self._of_point[replaced.point]
-            numbers[replaced.drop] -= 1
-            if not numbers[replaced.drop]:
-                del numbers[replaced.drop]
-            self._largest.pop(replaced.point, None)
-        self._of_point.setdefault(drop.point, Counter())[drop.drop] += 1
-        if drop.point in self._largest:
-            self._largest[drop.point] = max(self._largest[drop.point], drop.drop)
-
-
 @dataclass(slots=True)
 class Index:
     """Content of a survey without the traces of its drops."""
@@ -186,30 +148,34 @@ class Index:
     ledger: LedgerText = field(default_factory=lambda: LedgerText(None, (), ()))
     closed: bool = False
     """True if the last record closes the survey."""
-    _numbers: _DropNumbers = field(default_factory=_DropNumbers)
+    _largest_number: int = 0
+    """Largest survey-wide number that a record of a drop has."""
+    _used: set[tuple[str, int]] = field(default_factory=set)
+    """Point and number within it of each record of a drop, also of a replaced one."""
+    _largest_drop: dict[str, int] = field(default_factory=dict)
+    """Largest number within each point that a record has."""
 
     @property
     def lost_drops(self) -> dict[int, tuple[str, int]]:
         """Lost drops: point and number within it, by survey-wide number."""
         lost = {}
         for entry in self.lost.values():
-            about = read_about(entry.about) if entry.kind == RecordKind.DROP else None
-            if about is not None and about[0] not in self.drops:
-                lost[about[0]] = about[1:]
+            if (drop := entry.drop) is not None and drop[0] not in self.drops:
+                lost[drop[0]] = drop[1:]
         return lost
 
     def next_drop(self, point: str) -> int:
         """Return the number within the point for its next drop, from 1."""
         lost = [drop for name, drop in self.lost_drops.values() if name == point]
-        return max([self._numbers.largest_of(point), *lost]) + 1
+        return max([self._largest_drop.get(point, 0), *lost]) + 1
 
     def is_used(self, point: str, drop: int) -> bool:
         """Return True if the journal contains a drop with this number within the point."""
-        return self._numbers.is_used(point, drop)
+        return (point, drop) in self._used
 
     def next_number(self) -> int:
         """Return the survey-wide number for the next drop, from 1."""
-        return max([self._numbers.largest, *self.lost_drops]) + 1
+        return max([self._largest_number, *self.lost_drops]) + 1
 
     def add(self, entry: Entry, data: Mapping[str, Any]) -> None:
         """Add a record of the journal to the index.
@@ -324,7 +290,9 @@ class Index:
             self.rebounds.setdefault(data["number"], []),
             data.get("restored_from"),
         )
-        self._numbers.add(drop, self.drops.get(drop.number))
+        self._largest_number = max(self._largest_number, drop.number)
+        self._used.add((drop.point, drop.drop))
+        self._largest_drop[drop.point] = max(self._largest_drop.get(drop.point, 0), drop.drop)
         self.drops[drop.number] = drop
         if drop.key is not None:
             self.keys[drop.key] = drop.number
@@ -509,7 +477,7 @@ def _scan(layout: Layout, index: Index, lines: Mapping[int, Entry]) -> list[_Par
             continue
         frame = item.frame
         line = lines.get(frame.sequence) if frame.kind == RecordKind.DROP else None
-        about = None if line is None else read_about(line.about)
+        about = None if line is None else line.drop
         if line is not None and about is not None and line == _entry(item, line.about):
             data: dict[str, Any] = dict(zip(("number", "point", "drop"), about, strict=True))
             records.append(_ParsedRecord(line, frame.identity, data))

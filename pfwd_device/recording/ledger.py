@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import quote, unquote
 
+from pfwd_device.recording.framing import RecordKind
 from pfwd_device.recording.storage import OpenFile, Storage, has_content
 from pfwd_device.text import clean
 
@@ -64,6 +65,24 @@ class Entry(NamedTuple):
         )
         return _closed(text)
 
+    @property
+    def drop(self) -> tuple[int, str, int] | None:
+        """Survey-wide number, point and number within it of a drop; None: of another record."""
+        match = _ABOUT.fullmatch(self.about) if self.kind == RecordKind.DROP else None
+        return None if match is None else (int(match[1]), _unquoted(match[2]), int(match[3]))
+
+    @property
+    def name(self) -> str:
+        """Name of the record for messages, such as "drop P 1/3" or "record 7 (event)"."""
+        drop = self.drop
+        if drop is not None:
+            return f"drop {drop[1]}/{drop[2]}"
+        try:
+            kind = RecordKind(self.kind).name.lower()
+        except ValueError:
+            kind = f"type {self.kind}"
+        return f"record {self.sequence} ({kind})"
+
 
 @dataclass(frozen=True, slots=True)
 class LedgerText:
@@ -106,17 +125,6 @@ def about_drop(number: int, point: str, drop: int) -> str:
 @lru_cache(maxsize=4096)  # all drops of a point have the same name
 def _quoted(point: str) -> str:
     return quote(point, safe="")
-
-
-def read_about(about: str) -> tuple[int, str, int] | None:
-    """Return survey-wide number, point and number within it from the description of a drop.
-
-    It is the inverse of `about_drop`; None if the description is not that of a drop.
-    """
-    match = _ABOUT.fullmatch(about)
-    if match is None:
-        return None
-    return int(match[1]), _unquoted(match[2]), int(match[3])
 
 
 @lru_cache(maxsize=4096)

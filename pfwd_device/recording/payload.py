@@ -13,7 +13,7 @@ import struct
 import zlib
 from collections.abc import Callable, Mapping
 from itertools import accumulate
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +42,6 @@ _JSON_BLANKS = b" \t\n\r"
 _SIGNS = (",", ":", "[", "{")
 
 Array = NDArray[Any]
-Parsed = TypeVar("Parsed")
 
 
 def encode_json(data: Any) -> str:
@@ -175,26 +174,6 @@ def decode_payload(
     """
     head, end = _head(payload)
     return _object(head.get("data")), _arrays(head, payload[end:], select)
-
-
-def decode_payload_unless(
-    payload: bytes, find: Callable[[dict[str, Any]], Parsed | None], select: Callable[[str], bool]
-) -> tuple[dict[str, Any], Parsed | dict[str, Array]]:
-    """Return the data of a payload, and either the result of a function of them or its arrays.
-
-    Parameters
-    ----------
-    payload : bytes
-        Content of a record.
-    find : callable
-        Function of the data. If it returns None, the arrays are returned in place of its result.
-    select : callable
-        Function of the name of an array that returns True if the array is needed.
-    """
-    head, end = _head(payload)
-    data = _object(head.get("data"))
-    parsed = find(data)
-    return data, _arrays(head, payload[end:], select) if parsed is None else parsed
 
 
 def _arrays(

@@ -22,7 +22,7 @@ from pfwd_device.recording.framing import RecordKind, encode_frame
 from pfwd_device.recording.index import FileStates, build_index, file_states
 from pfwd_device.recording.journal import JournalRecord, JournalWriter
 from pfwd_device.recording.layout import Layout
-from pfwd_device.recording.ledger import Entry, LedgerWriter, read_about
+from pfwd_device.recording.ledger import Entry, LedgerWriter
 from pfwd_device.recording.lock import SurveyLock
 from pfwd_device.recording.payload import Array, encode_payload
 from pfwd_device.recording.spare import SpareFolder, SparePart
@@ -128,7 +128,7 @@ class RecordFiles:
         for entry in self._ledger.entries:
             is_expected = entry.segment == segment and entry.sequence not in self.lost
             if is_expected and self._journal.read(entry) is None:
-                return f" ({_name_of(entry)})"
+                return f" ({entry.name})"
         return None
 
     def read(self, entry: Entry) -> JournalRecord | None:
@@ -500,7 +500,7 @@ class RecordLog:
                         unreadable[key] = entry
 
         copied = target.append_all(missing())
-        lost = [_name_of(entry) for key, entry in unreadable.items() if key not in present]
+        lost = [entry.name for key, entry in unreadable.items() if key not in present]
         return copied, tuple(lost)
 
     def _intact_at_home(self) -> set[tuple[int, int]]:
@@ -552,8 +552,3 @@ def _as_recording_error(err: Exception, layout: Layout) -> RecordingError:
         return err
     assert isinstance(err, OSError)
     return refused(err, str(layout.folder))
-
-
-def _name_of(entry: Entry) -> str:
-    about = read_about(entry.about) if entry.kind == RecordKind.DROP else None
-    return f"drop {about[1]}/{about[2]}" if about is not None else f"record {entry.sequence}"

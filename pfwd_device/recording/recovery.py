@@ -34,7 +34,7 @@ from pfwd_device.recording.index import (
 )
 from pfwd_device.recording.journal import open_segment, read_record
 from pfwd_device.recording.layout import FORMAT_VERSION, Layout, no_survey, refuse_links
-from pfwd_device.recording.ledger import Entry, ledger_bytes, read_about
+from pfwd_device.recording.ledger import Entry, ledger_bytes
 from pfwd_device.recording.lock import SurveyLock, file_locked
 from pfwd_device.recording.payload import decode_payload, payload_data
 from pfwd_device.recording.publishing import publishing_process, result_of
@@ -59,26 +59,32 @@ MAX_NAMED_RECORDS = 1000
 
 
 @dataclass(frozen=True, slots=True)
-class RecoveryReport:
-    """Result of a recovery."""
+class SurveyState:
+    """State of the drops and files of a survey."""
 
     survey: str
     """Folder of the survey."""
     drops_acknowledged: int
     """Number of drops that were reported as saved, including lost ones."""
     drops_published: int
-    """Number of drops with a verified HDF5 file."""
+    """Number of drops whose HDF5 file exists and is unchanged."""
     recovered: int
-    """Number of drops that were restored in the ledger, in the journal or as a file."""
+    """Number of drops that were restored: by this recovery, or for a check by all earlier ones."""
     damaged: tuple[str, ...]
-    """Descriptions of the remaining damage and losses."""
-    actions: tuple[str, ...]
-    """Descriptions of the actions of the recovery."""
+    """Descriptions of damaged, missing or lost parts, each with its file or drop."""
 
     @property
     def ok(self) -> bool:
-        """True if no saved data are missing."""
+        """True if no saved data are missing or damaged."""
         return not self.damaged
+
+
+@dataclass(frozen=True, slots=True)
+class RecoveryReport(SurveyState):
+    """Result of a recovery."""
+
+    actions: tuple[str, ...]
+    """Descriptions of the actions of the recovery."""
 
 
 def recover(
@@ -347,7 +353,7 @@ def lost_texts(index: Index) -> list[str]:
     unnamed = [entry.sequence for entry in lost if entry.kind != RecordKind.DROP]
     if len(unnamed) > MAX_NAMED_RECORDS:
         lost = [entry for entry in lost if entry.kind == RecordKind.DROP]
-    texts = [f"{describe(entry)} is lost" for entry in lost]
+    texts = [f"{entry.name} is lost" for entry in lost]
     if len(unnamed) > MAX_NAMED_RECORDS:
         texts.append(f"{len(unnamed)} records between {unnamed[0]} and {unnamed[-1]} are lost")
     if index.gaps:
@@ -357,18 +363,6 @@ def lost_texts(index: Index) -> list[str]:
             "not list them"
         )
     return texts
-
-
-def describe(entry: Entry) -> str:
-    """Return the name of a record for messages, such as "drop P 1/3" or "record 7 (event)"."""
-    about = read_about(entry.about) if entry.kind == RecordKind.DROP else None
-    if about is not None:
-        return f"drop {about[1]}/{about[2]}"
-    try:
-        kind = RecordKind(entry.kind).name.lower()
-    except ValueError:
-        kind = f"type {entry.kind}"
-    return f"record {entry.sequence} ({kind})"
 
 
 def _cut(layout: Layout, storage: Storage, segment: int, offset: int, length: int) -> None:
@@ -412,11 +406,6 @@ def _wait_for_publisher(layout: Layout, storage: Storage) -> None:
 
 def _restore(log: RecordLog, index: Index, jobs: Jobs, number: int) -> bool:
     """Restore the record of a drop from its HDF5 file; return True on success."""
-    lost = {
-        about[0]: entry
-        for entry in index.lost.values()
-        if entry.kind == RecordKind.DROP and (about := read_about(entry.about)) is not None
-    }
     try:
         record, *identity = _read_file(log.layout, jobs, number)
     except RecordingError:
@@ -425,11 +414,11 @@ def _restore(log: RecordLog, index: Index, jobs: Jobs, number: int) -> bool:
         return False
     data, arrays = drop_parts(record)
     key = record.metadata.get("key")
-    entry = lost.get(number)
+    lost = (entry for entry in index.lost.values() if entry.drop and entry.drop[0] == number)
     data |= {
         "number": number,
         "key": key if isinstance(key, str) else None,
-        "restored_from": entry.sequence if entry else 0,
+        "restored_from": max((entry.sequence for entry in lost), default=0),
     }
     append_drop(log, index, data, arrays)
     return True

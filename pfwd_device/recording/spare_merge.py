@@ -13,7 +13,7 @@ from pfwd_device.recording.framing import Frame, RecordKind
 from pfwd_device.recording.index import Index, about_of, build_index, complete_keys
 from pfwd_device.recording.journal import JournalRecord, read_record
 from pfwd_device.recording.layout import Layout
-from pfwd_device.recording.ledger import Entry, read_about
+from pfwd_device.recording.ledger import Entry
 from pfwd_device.recording.payload import (
     Array,
     decode_payload,
@@ -68,13 +68,10 @@ def describe_records_only_in_spare(spare: SpareFolder | None, index: Index) -> l
     for part, entries in records_only_in_spare(spare, index):
         remaining = 0
         for entry in entries:
-            about = read_about(entry.about) if entry.kind == RecordKind.DROP else None
-            if about is None:
+            if entry.drop is None:
                 remaining += entry.kind not in _OF_THE_FILES
             else:
-                texts.append(
-                    f"drop {about[1]}/{about[2]} is only in the spare folder {part.folder}"
-                )
+                texts.append(f"{entry.name} is only in the spare folder {part.folder}")
         if remaining:
             texts.append(f"{remaining} other records are only in the spare folder {part.folder}")
     return texts
@@ -169,10 +166,7 @@ def _is_present(entry: Entry, data: dict[str, Any], index: Index) -> bool:
     return (
         data.get("key") in index.keys
         or data.get("number") in index.drops
-        or any(
-            (drop.point, drop.drop) == (data.get("point"), data.get("drop"))
-            for drop in index.drops.values()
-        )
+        or index.is_used(data["point"], data["drop"])
     )
 
 
@@ -205,7 +199,7 @@ def _write_renumbered_drop(
         return 0
     data["number"] = numbers[before] = index.next_number()
     point = data["point"]
-    if any((drop.point, drop.drop) == (point, data["drop"]) for drop in index.drops.values()):
+    if index.is_used(point, data["drop"]):
         data["drop"] = index.next_drop(point)
     if point not in index.points:
         append_point(log, index, point, data.get("declared"))

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pfwd_device.drop import Peaks
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.drop_payload import (
     DropFacts,
@@ -39,7 +38,6 @@ from pfwd_device.recording.payload import (
     Array,
     decode_json,
     decode_payload,
-    decode_payload_unless,
     payload_data,
 )
 from pfwd_device.recording.record import DropRecord, ReboundRecord
@@ -139,7 +137,12 @@ class SurveyDrop:
         entry = self._entry
         if entry is not None:
             with contextlib.suppress(RecordingError):  # damaged since the survey was opened
-                return _facts(entry, self._survey._frame(entry).payload)
+                data = payload_data(self._survey._frame(entry).payload)
+                peaks = recorded_peaks(data)
+                declared, metadata = data.get("declared"), data.get("metadata")
+                if peaks and isinstance(declared, dict) and isinstance(metadata, dict):
+                    _require_drop(entry, data.get("number"), data.get("point"), data.get("drop"))
+                    return DropFacts(declared, metadata, peaks, None)
         return facts_of(self.read_traces())
 
     def read_results(self) -> tuple[Result, ...]:
@@ -507,17 +510,6 @@ def read_survey(folder: str | os.PathLike[str]) -> Survey:
         states = None
     with no_collections():
         return Survey(layout, read_index(layout), states)
-
-
-def _facts(entry: DropEntry, payload: bytes) -> DropFacts:
-    data, peaks_or_arrays = decode_payload_unless(payload, recorded_peaks, is_trace)
-    if not isinstance(peaks_or_arrays, Peaks):
-        return facts_of(_traces(entry, data, peaks_or_arrays))
-    _require_drop(entry, data.get("number"), data.get("point"), data.get("drop"))
-    declared, metadata = data.get("declared"), data.get("metadata")
-    if not isinstance(declared, dict) or not isinstance(metadata, dict):
-        raise RecordingError(f"expected the declarations of drop {entry.number}")
-    return DropFacts(declared, metadata, peaks_or_arrays, None)
 
 
 def _traces(entry: DropEntry, data: Mapping[str, Any], arrays: Mapping[str, Array]) -> DropRecord:

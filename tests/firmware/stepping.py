@@ -2,7 +2,6 @@
 
 import struct
 import subprocess
-from types import TracebackType
 
 from simulators.firmware import FirmwareError, build_host
 
@@ -53,12 +52,7 @@ class Steps:
     def __enter__(self) -> "Steps":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):
             if pipe is not None:
                 pipe.close()

@@ -13,10 +13,11 @@ from pfwd_device.jobs import Jobs
 from pfwd_device.recording import CaptureReader, check, read_survey, recover
 from pfwd_device.recording.capture import decode_capture
 from pfwd_device.recording.drop_payload import drop_from_parts, rebound_from_payload
-from pfwd_device.recording.framing import RecordKind, encode_frame, scan_bytes
+from pfwd_device.recording.framing import RecordKind, encode_frame
 from pfwd_device.recording.ledger import head_line, parse_ledger
 from pfwd_device.recording.payload import decode_payload, encode_payload, payload_data
 from tests.fuzz.targets import cuts, target
+from tests.pfwd_device.recording.records import scan_bytes
 
 SURVEY_ID = bytes(range(16))
 

@@ -1,13 +1,24 @@
 """Records of small surveys, and their digests."""
 
 import errno
+import io
 from pathlib import Path
 
 import numpy as np
 
 from pfwd_device.recording import ReboundRecord, Storage, SurveyWriter, read_survey
 from pfwd_device.recording.drop_file import drop_digest
+from pfwd_device.recording.framing import Damage, Frame, scan
 from tests.campaigns.power_loss import make_record
+
+
+def scan_bytes(data: bytes) -> tuple[list[Frame], list[Damage]]:
+    """Return the records and the damaged parts of a journal or capture."""
+    items = list(scan(io.BytesIO(data)))
+    return (
+        [item for item in items if isinstance(item, Frame)],
+        [item for item in items if isinstance(item, Damage)],
+    )
 
 
 def a_rebound(sample: int = 7000) -> ReboundRecord:

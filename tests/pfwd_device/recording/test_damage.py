@@ -21,9 +21,9 @@ from pfwd_device.recording import (
     recover,
 )
 from pfwd_device.recording.drop_file import drop_digest
-from pfwd_device.recording.framing import RecordKind, scan_bytes
+from pfwd_device.recording.framing import RecordKind
 from tests.campaigns.power_loss import make_record
-from tests.pfwd_device.recording.records import a_rebound
+from tests.pfwd_device.recording.records import a_rebound, scan_bytes
 
 NewSurvey = Callable[..., dict[int, str]]
 

@@ -16,7 +16,7 @@ from pfwd_device.errors import RecordingError, StorageFull
 from pfwd_device.jobs import Jobs
 from pfwd_device.recording import DropRecord, SurveyWriter, check, read_survey, recover
 from pfwd_device.recording.drop_file import drop_digest
-from pfwd_device.recording.framing import RecordKind, scan_bytes
+from pfwd_device.recording.framing import RecordKind
 from tests.campaigns import noted_disk, power_loss
 from tests.campaigns.noted_disk import Disk, NoDirectorySync, NoSync, NotingStorage, NoTruncate
 from tests.campaigns.power_loss import (
@@ -26,6 +26,7 @@ from tests.campaigns.power_loss import (
     replay_kills,
     replay_power_cuts,
 )
+from tests.pfwd_device.recording.records import scan_bytes
 
 NewRecord = Callable[[int], DropRecord]
 

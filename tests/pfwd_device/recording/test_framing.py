@@ -17,8 +17,8 @@ from pfwd_device.recording.framing import (
     encode_frame,
     read_frame,
     scan,
-    scan_bytes,
 )
+from tests.pfwd_device.recording.records import scan_bytes
 
 ME = bytes(range(16))
 PAYLOADS = st.lists(st.binary(max_size=80) | st.just(MAGIC * 3), max_size=6)

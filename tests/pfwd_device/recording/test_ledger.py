@@ -19,7 +19,6 @@ from pfwd_device.recording.ledger import (
     about_drop,
     ledger_bytes,
     parse_ledger,
-    read_about,
     read_ledger,
 )
 from tests.campaigns.noted_disk import NotingStorage
@@ -37,8 +36,8 @@ def test_lines_come_back() -> None:
     assert found.survey == ME
     assert list(found.entries) == ENTRIES
     assert found.damaged == ()
-    assert read_about(found.entries[1].about) == (1, "A ü/1", 1)
-    assert read_about("-") is None
+    assert found.entries[1].drop == (1, "A ü/1", 1)
+    assert found.entries[0].drop is None
 
 
 def test_every_flipped_bit_is_seen() -> None:

@@ -41,7 +41,7 @@ def test_numbers_are_those_of_a_look_at_every_drop(
     index = index_of(drops, lost)
     assert index.next_number() == max([0, *index.drops, *index.lost_drops]) + 1
     for point in (*POINTS, "C"):
-        taken = [drop.drop for drop in index.drops.values() if drop.point == point]
+        taken = [drop for _, name, drop in drops if name == point]
         gone = [drop for name, drop in index.lost_drops.values() if name == point]
         assert index.next_drop(point) == max([0, *taken, *gone]) + 1
         for drop in range(8):

@@ -216,7 +216,7 @@ def test_a_damaged_survey_is_what_a_plain_look_makes_of_it(
 def shown(index: Index) -> dict[str, object]:
     """All that an index says, but for what is not read of drops where ledger and journal agree."""
     drops = {n: replace(d, key=None, restored_from=None) for n, d in index.drops.items()}
-    left_out = ("drops", "keys", "drops_by_peaks", "has_all_keys", "settled", "_numbers")
+    left_out = ("drops", "keys", "drops_by_peaks", "has_all_keys", "settled")
     rest = {each.name: getattr(index, each.name) for each in fields(index)}
     return {"drops": drops, **{name: rest[name] for name in rest if name not in left_out}}
 
