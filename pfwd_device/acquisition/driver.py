@@ -37,6 +37,7 @@ from pfwd_device.transport.base import Transport
 from pfwd_device.transport.opening import BAUD_RATE, PortFinder
 from pfwd_device.wire.dialect import Dialect
 from pfwd_device.wire.messages import (
+    DISARMED,
     Arm,
     Configure,
     DropOffer,
@@ -51,9 +52,6 @@ from pfwd_device.wire.messages import (
 
 _MAX_WAIT_S = 0.25
 """Longest time between two checks for samples that wait too long for missing ones, s."""
-
-DISARMED = Trigger(False, 0, 1, 1, 0, 1, 0)
-"""Settings that switch off the drop detection of an instrument when its host disconnects."""
 
 
 class Driver:

@@ -37,6 +37,7 @@ from pfwd_device.wire.binary import HELLO, HELLO_MAGIC, START
 from pfwd_device.wire.framing import encode_frame
 from pfwd_device.wire.identity_layout import VERSION
 from pfwd_device.wire.messages import (
+    DISARMED,
     Acknowledge,
     Arm,
     Armed,
@@ -79,7 +80,6 @@ MAX_TESTED_RING_S = 10.0
 """Longest ring that is tested, s."""
 THRESHOLD_N = 400.0
 PRE_TRIGGER_S, POST_TRIGGER_S, HOLD_OFF_S = 0.02, 0.1, 1.5
-DISARMED = Trigger(False, 0, 1, 1, 0, 1, 0)
 _UNUSED_TYPE = 0x7E
 """Number of a kind of message that no version of the protocol has."""
 

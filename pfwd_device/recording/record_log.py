@@ -152,14 +152,8 @@ class RecordLog:
         Identity of the survey, 16 bytes.
     storage : Storage
         Access to the files.
-    entries : list of Entry
-        Records that the ledger lists.
-    ledger : bytes, optional
-        Content of a ledger with these entries, so that it need not be formatted again.
-    lost : iterable of int
-        Sequence numbers of listed records that the journal no longer contains.
-    continued : (int, int), optional
-        Number and descriptor of the file of the journal to continue; by default a new one begins.
+    home : RecordFiles
+        Files of the survey's folder.
     lock : SurveyLock
         Lock that excludes other programs.
     """
@@ -169,11 +163,7 @@ class RecordLog:
         layout: Layout,
         survey: bytes,
         storage: Storage,
-        *,
-        entries: list[Entry],
-        ledger: bytes | None = None,
-        lost: Iterable[int] = (),
-        continued: tuple[int, int] | None,
+        home: RecordFiles,
         lock: SurveyLock,
     ) -> None:
         self.layout = layout
@@ -191,25 +181,13 @@ class RecordLog:
         """Subfolder of the spare folder that receives all records since home has failed."""
         self._closed = False
         self._survey_lock = lock
-        self._sequence = max((entry.sequence for entry in entries), default=0) + 1
+        self._sequence = max((entry.sequence for entry in home.entries), default=0) + 1
         self._recent: dict[int, JournalRecord] = {}
         self._recent_bytes = 0
         self._failure: RecordingError | None = None
         self._home_states: FileStates | None = ()
         self._has_moved = False
         self._last_report: SurveyNotSafe | None = None
-        try:
-            home = RecordFiles(
-                layout,
-                survey,
-                storage,
-                entries=entries,
-                ledger=ledger,
-                continued=continued,
-                lost=lost,
-            )
-        except OSError as err:
-            raise refused(err, "the journal") from err
         self._files = [home]
         """Home and the files in the spare folder, also deleted ones; the last are written."""
 

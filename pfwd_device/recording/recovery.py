@@ -39,7 +39,7 @@ from pfwd_device.recording.lock import SurveyLock, file_locked
 from pfwd_device.recording.payload import decode_payload, payload_data
 from pfwd_device.recording.publishing import publishing_process, result_of
 from pfwd_device.recording.record import DropRecord, ReboundRecord
-from pfwd_device.recording.record_log import RecordLog, refused
+from pfwd_device.recording.record_log import RecordFiles, RecordLog, refused
 from pfwd_device.recording.spare import SpareFolder, home_of
 from pfwd_device.recording.spare_merge import (
     append_drop,
@@ -277,16 +277,16 @@ def _begin(
     entries = [entry for _, entry in sorted((index.lost | index.entries).items())]
     data = _repair_ledger(layout, storage, index, entries)
     index.ledger = replace(index.ledger, data=None)  # free the memory
-    log = RecordLog(
+    home = RecordFiles(
         layout,
         index.survey,
         storage,
         entries=entries,
         ledger=data,
-        lost=index.lost,
         continued=continued,
-        lock=lock,
+        lost=index.lost,
     )
+    log = RecordLog(layout, index.survey, storage, home, lock)
     log.moved = index.relocate
     return log, index
 

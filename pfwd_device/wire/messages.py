@@ -77,6 +77,10 @@ class Trigger:
     """Number of samples after a drop within which only a larger pulse is a new drop."""
 
 
+DISARMED = Trigger(False, 0, 1, 1, 0, 1, 0)
+"""Settings that switch the drop detection off."""
+
+
 @dataclass(frozen=True, slots=True)
 class Arm:
     """Request of the host: detect drops and store them. The response is `Armed`."""

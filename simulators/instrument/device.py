@@ -17,6 +17,7 @@ from pfwd_device.identity import FASTEST_SAMPLING, Identity
 from pfwd_device.wire.binary import MAX_SAMPLE_BYTES
 from pfwd_device.wire.identity_layout import VERSION
 from pfwd_device.wire.messages import (
+    DISARMED,
     Acknowledge,
     Arm,
     Armed,
@@ -42,7 +43,7 @@ from pfwd_device.wire.messages import (
 )
 from simulators.instrument.faults import BadCable
 from simulators.instrument.language import LANGUAGES
-from simulators.instrument.memory import DISARMED, DropBuffer, Ring, StoredCalibration, split_block
+from simulators.instrument.memory import DropBuffer, Ring, StoredCalibration, split_block
 from simulators.instrument.scenario import Fault, Scenario
 from simulators.instrument.timeline import PAGE, Bench, Knock, Timeline
 from simulators.instrument.units import UnitDrops, with_drawn_soil

@@ -17,6 +17,7 @@ from pfwd_device.identity import LONGEST_NAME, ChannelIdentity, Identity
 from pfwd_device.wire.binary import MAX_SAMPLE_BYTES
 from pfwd_device.wire.fields import day_of, pack_int24
 from pfwd_device.wire.messages import (
+    DISARMED,
     Calibrate,
     DropBlock,
     DropOffer,
@@ -24,7 +25,6 @@ from pfwd_device.wire.messages import (
     Resend,
     SampleBlock,
     SamplesGone,
-    Trigger,
 )
 
 DROP_BLOCK_BYTES = 240
@@ -40,7 +40,6 @@ MAX_FLIGHT_TIME_S = 0.7
 OLDEST_FIRST_OFFERS = 8
 """Number of announcements (offers) of only the oldest drop. After them all drops are offered in
 turn, so that a drop that the host cannot record does not block the others."""
-DISARMED = Trigger(False, 0, 1, 1, 0, 1, 0)
 
 
 class Ring:

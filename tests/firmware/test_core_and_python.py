@@ -15,6 +15,7 @@ from pfwd_device.wire.binary import BinaryDialect, encode_message
 from pfwd_device.wire.fields import day
 from pfwd_device.wire.framing import encode_frame
 from pfwd_device.wire.messages import (
+    DISARMED,
     Acknowledge,
     Arm,
     Armed,
@@ -37,7 +38,7 @@ from pfwd_device.wire.messages import (
     Stop,
     Trigger,
 )
-from simulators.instrument.memory import DISARMED, StoredCalibration
+from simulators.instrument.memory import StoredCalibration
 from tests.firmware.compiled import needs_compiler
 from tests.firmware.stepping import Steps, build_steps
 

@@ -239,7 +239,7 @@ def test_paths_in_a_journal_do_not_lead_out_of_the_survey(
     from pfwd_device.recording.journal import open_segment
     from pfwd_device.recording.layout import Layout
     from pfwd_device.recording.lock import SurveyLock
-    from pfwd_device.recording.record_log import RecordLog
+    from pfwd_device.recording.record_log import RecordFiles, RecordLog
 
     new_survey()
     layout, storage = Layout(tmp_path / "survey"), Storage()
@@ -248,7 +248,8 @@ def test_paths_in_a_journal_do_not_lead_out_of_the_survey(
     entries = [entry for _, entry in sorted(index.entries.items())]
     lock = SurveyLock(layout, storage)
     continued = (1, open_segment(layout, 1, storage))
-    log = RecordLog(layout, index.survey, storage, entries=entries, continued=continued, lock=lock)
+    home = RecordFiles(layout, index.survey, storage, entries=entries, continued=continued)
+    log = RecordLog(layout, index.survey, storage, home, lock)
     for path in ("../outside.json", "results/../../outside.json", "/etc/x", "results\\x.json"):
         log.append(RecordKind.FILE, {"path": path, "size": 2, "sha256": "0" * 64, "content": "{}"})
     log.close()
