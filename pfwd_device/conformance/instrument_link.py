@@ -230,22 +230,18 @@ class InstrumentLink:
         after = type(message).__name__
         raise Failed(f"expected {expected} after {after}, got {self.latest_kinds()}")
 
-    def require_refusal(self, code: RefusalCode, subject: str, *, show_code: bool = False) -> None:
-        """Require that the message just sent is refused.
-
-        Parameters
-        ----------
-        code : RefusalCode
-            Expected reason.
-        subject : str
-            Name of the refused message in the text of the failure.
-        show_code : bool
-            If True, the text contains the number of a wrong reason.
-        """
+    def require_refusal(self, code: RefusalCode, subject: str) -> None:
+        """Require that the message just sent, named by `subject`, is refused with this code."""
         refusal = self.wait_for(Refusal)
         if refusal is None or refusal.code != code:
-            wrong = f"code {refusal.code}" if refusal and show_code else self.latest_kinds()
+            wrong = f"code {refusal.code}" if refusal else self.latest_kinds()
             raise Failed(f"expected Refusal ({code.name.lower()}) of {subject}, got {wrong}")
+
+    def require_invalid(self, *messages: HostMessage) -> None:
+        """Send messages, and require that each is refused for its argument."""
+        for message in messages:
+            self.send(message)
+            self.require_refusal(RefusalCode.ARGUMENT, f"{message}")
 
     def identify(self, *functions: str) -> Identity:
         """Return the identity of the instrument.
