@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from pfwd_device.drop import Channel, Drop, Peaks
+from pfwd_device.drop import Drop, Peaks
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording.drop_payload import MAX_REBOUNDS, MAX_SENSORS
+from pfwd_device.recording.drop_payload import MAX_SENSORS, Parts, drop_from_parts
 from pfwd_device.recording.hdf5_tree import (
     Attribute,
     Dataset,
@@ -29,9 +29,8 @@ from pfwd_device.recording.hdf5_tree import (
     write_group,
 )
 from pfwd_device.recording.payload import Array, decode_json, encode_json
-from pfwd_device.recording.record import DropRecord, ReboundRecord
+from pfwd_device.recording.record import DropRecord
 from pfwd_device.text import clean
-from pfwd_plugins.quantities import motion
 
 SURVEY_FORMAT = "pfwd-survey"
 """Attribute ``format`` of a plain export of a survey, which this program does not read."""
@@ -199,8 +198,8 @@ def _read_drop(file: Any, where: str) -> tuple[DropRecord, int, bytes]:
     attributes = dict(tree.attributes)
     if attributes.pop(DIGEST, None) != digest(Group(tree.members, attributes)):
         raise RecordingError(f"{where}: expected the content that was written, got changed content")
-    record, number = _record(tree, where)
-    return record, number, bytes.fromhex(str(attributes["survey_id"]))
+    record = drop_from_parts(*_parts(tree))
+    return record, int(attributes["number"]), bytes.fromhex(str(attributes["survey_id"]))
 
 
 def _tree(record: DropRecord, number: int, survey: bytes) -> Group:
@@ -268,51 +267,35 @@ def _peaks(peaks: Peaks) -> dict[str, Group | Dataset]:
     }
 
 
-def _record(tree: Group, where: str) -> tuple[DropRecord, int]:
+def _parts(tree: Group) -> Parts:
+    """Return the data and the arrays of a drop as its record in the journal has them."""
     sensors, rebounds = _groups(tree, "sensors"), _groups(tree, "rebounds")
-    if len(sensors) > MAX_SENSORS or len(rebounds) > MAX_REBOUNDS:
-        raise RecordingError(
-            f"{where}: expected at most {MAX_SENSORS} sensors and rebounds, got more"
-        )
-    channels = []
-    for sensor in sensors:
-        quantity = motion(str(sensor.attributes["quantity"]))
-        offset = float(sensor.attributes["offset"])
-        channels.append(Channel(offset, quantity, _array(sensor, "values")))
-    bounces = [
-        ReboundRecord(
-            float(rebound.attributes["delay_s"]),
-            float(rebound.attributes["peak_load_N"]),
-            int(rebound.attributes["first_sample"]),
-            _array(rebound, "counts"),
-        )
-        for rebound in rebounds
-    ]
-    number = int(tree.attributes["drop"])
-    if "peaks" in tree.members:
-        drop = Drop.of_peaks(number, _read_peaks(tree))
-    else:
-        drop = Drop(number, _array(tree, "time"), _array(tree, "load"), tuple(channels))
-    record = DropRecord(
-        point=str(tree.attributes["point"]),
-        drop=drop,
-        counts=_array(tree, "counts") if "counts" in tree.members else None,
-        declared=_json_object(tree, "declared"),
-        metadata=_json_object(tree, "metadata"),
-        rebounds=tuple(bounces),
-    )
-    return record, int(tree.attributes["number"])
-
-
-def _read_peaks(tree: Group) -> Peaks:
-    group = tree.members["peaks"]
-    if not isinstance(group, Group):
-        raise RecordingError("peaks: expected a group, got a dataset")
-    (load,) = _array(group, "load").tolist()
-    pairs = zip(
-        _array(group, "offsets").tolist(), _array(group, "displacements").tolist(), strict=True
-    )
-    return Peaks(load, tuple(pairs))
+    arrays = {
+        name: _array(tree, name) for name in ("time", "load", "counts") if name in tree.members
+    }
+    arrays |= {f"sensor {n}": _array(group, "values") for n, group in enumerate(sensors, start=1)}
+    arrays |= {f"rebound {n}": _array(group, "counts") for n, group in enumerate(rebounds, start=1)}
+    data: dict[str, Any] = {
+        "point": tree.attributes["point"],
+        "drop": tree.attributes["drop"],
+        "declared": _json_object(tree, "declared"),
+        "metadata": _json_object(tree, "metadata"),
+        "sensors": [[group.attributes[key] for key in ("offset", "quantity")] for group in sensors],
+        "rebounds": [
+            {
+                "delay": group.attributes["delay_s"],
+                "peak_load": group.attributes["peak_load_N"],
+                "first_sample": group.attributes["first_sample"],
+            }
+            for group in rebounds
+        ],
+    }
+    if isinstance(peaks := tree.members.get("peaks"), Group):
+        (load,) = _array(peaks, "load").tolist()
+        displacements = _array(peaks, "displacements").tolist()
+        data["only_peaks"] = {"load": load, "displacements": displacements}
+        data["sensors"] = [[offset, None] for offset in _array(peaks, "offsets").tolist()]
+    return data, arrays
 
 
 def _groups(tree: Group, name: str) -> list[Group]:
