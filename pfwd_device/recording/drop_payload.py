@@ -6,7 +6,7 @@ JSON can express) and arrays. A rebound is a later impact of the same fall.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -29,6 +29,7 @@ PEAK_TOLERANCE = 1e-9
 """Largest difference of a recorded peak from the computed one, relative to the largest value of the
 trace: another processor may add in another order."""
 
+_T = TypeVar("_T")
 Parts = tuple[dict[str, Any], dict[str, Array]]
 
 
@@ -191,7 +192,7 @@ def drop_from_parts(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> Dro
         sensors, rebounds = list(data["sensors"]), list(data["rebounds"])
         if len(sensors) > MAX_SENSORS or len(rebounds) > MAX_REBOUNDS:
             raise RecordingError(f"expected at most {MAX_SENSORS} sensors and rebounds, got more")
-        number = _integer(data["drop"])
+        number = _typed(int, data["drop"])
         if "only_peaks" in data:
             drop = Drop.of_peaks(number, _only_peaks(data["only_peaks"], sensors))
         else:
@@ -201,11 +202,11 @@ def drop_from_parts(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> Dro
             )
             drop = Drop(number, arrays["time"], arrays["load"], channels)
         return DropRecord(
-            point=_text(data["point"]),
+            point=_typed(str, data["point"]),
             drop=drop,
             counts=arrays.get("counts"),
-            declared=_mapping(data["declared"]),
-            metadata=_mapping(data["metadata"]),
+            declared=_typed(dict, data["declared"]),
+            metadata=_typed(dict, data["metadata"]),
             rebounds=tuple(
                 _rebound_from(entry, arrays[f"rebound {index}"])
                 for index, entry in enumerate(rebounds, start=1)
@@ -267,7 +268,7 @@ def _rebound_from(data: Mapping[str, Any], counts: Array) -> ReboundRecord:
     return ReboundRecord(
         delay=_number(data["delay"]),
         peak_load=_number(data["peak_load"]),
-        first_sample=_integer(data["first_sample"]),
+        first_sample=_typed(int, data["first_sample"]),
         counts=counts,
     )
 
@@ -282,19 +283,7 @@ def _number(value: object) -> float:
     return float(value)
 
 
-def _integer(value: object) -> int:
-    if type(value) is not int:
-        raise TypeError(f"expected a whole number, got {type(value).__name__}")
-    return value
-
-
-def _text(value: object) -> str:
-    if not isinstance(value, str):
-        raise TypeError(f"expected a text, got {type(value).__name__}")
-    return value
-
-
-def _mapping(value: object) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise TypeError(f"expected a mapping, got {type(value).__name__}")
+def _typed(kind: type[_T], value: object) -> _T:
+    if type(value) is not kind:
+        raise TypeError(f"expected {kind.__name__}, got {type(value).__name__}")
     return value

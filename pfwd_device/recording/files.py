@@ -1,7 +1,7 @@
 """Size and digest of the files of a survey, and moving of a damaged file without losing a byte."""
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -29,10 +29,9 @@ def file_facts(layout: Layout, path: Path) -> dict[str, Any]:
     """
     digest = hashlib.sha256()
     size = 0
-    with path.open("rb") as stream:
-        while chunk := stream.read(_COPY_BYTES):
-            digest.update(chunk)
-            size += len(chunk)
+    for chunk in chunks(path):
+        digest.update(chunk)
+        size += len(chunk)
     return {"path": layout.relative(path), "size": size, "sha256": digest.hexdigest()}
 
 
@@ -83,7 +82,7 @@ def keep_copy(
     descriptor = storage.open(draft, create=True)
     try:
         position = 0
-        for chunk in _chunks(path, offset, length):
+        for chunk in chunks(path, offset, length):
             storage.write_at(descriptor, chunk, position)
             position += len(chunk)
         storage.sync(descriptor)
@@ -103,7 +102,8 @@ def set_aside(layout: Layout, storage: Storage, path: Path) -> None:
     storage.sync_directory(path.parent)
 
 
-def _chunks(path: Path, offset: int, length: int) -> Any:
+def chunks(path: Path, offset: int = 0, length: int = -1) -> Iterator[bytes]:
+    """Yield the bytes of a part of a file; a negative length means up to the end."""
     with path.open("rb") as stream:
         stream.seek(offset)
         while length and (
@@ -116,9 +116,9 @@ def _chunks(path: Path, offset: int, length: int) -> Any:
 
 def _stretch_equal(path: Path, offset: int, length: int, copy: Path) -> bool:
     digests = []
-    for chunks in (_chunks(path, offset, length), _chunks(copy, 0, -1)):
+    for part in (chunks(path, offset, length), chunks(copy)):
         digest = hashlib.sha256()
-        for chunk in chunks:
+        for chunk in part:
             digest.update(chunk)
         digests.append(digest.digest())
     return digests[0] == digests[1]

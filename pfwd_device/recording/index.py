@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from pfwd_device.errors import RecordingError
+from pfwd_device.recording.files import chunks
 from pfwd_device.recording.framing import Frame, RecordKind
 from pfwd_device.recording.journal import Located, Stretch, read_record, scan_journal
 from pfwd_device.recording.layout import FORMAT_VERSION, Layout
@@ -459,13 +460,10 @@ def damage_key(layout: Layout, stretch: Stretch) -> tuple[int, int, int, int]:
     damaged bytes.
     """
     crc = 0
-    with layout.segment(stretch.segment).open("rb") as stream:
-        stream.seek(stretch.damage.offset)
-        rest = stretch.damage.length
-        while rest and (chunk := stream.read(min(rest, 2**20))):
-            crc = zlib.crc32(chunk, crc)
-            rest -= len(chunk)
-    return (stretch.segment, stretch.damage.offset, stretch.damage.length, crc)
+    offset, length = stretch.damage.offset, stretch.damage.length
+    for chunk in chunks(layout.segment(stretch.segment), offset, length):
+        crc = zlib.crc32(chunk, crc)
+    return stretch.segment, offset, length, crc
 
 
 def _scan(layout: Layout, index: Index, lines: Mapping[int, Entry]) -> list[_ParsedRecord]:

@@ -155,7 +155,7 @@ class RecordLog:
     home : RecordFiles
         Files of the survey's folder.
     lock : SurveyLock
-        Lock that excludes other programs.
+        Lock that excludes other programs; `close` releases it.
     """
 
     def __init__(
@@ -301,13 +301,14 @@ class RecordLog:
         return True
 
     def close(self) -> None:
-        """Close all files; no record can be written after that."""
+        """Close all files and release the lock; no record can be written after that."""
         with self.lock:
             self._closed = True
             if self.part is not None:
                 self._leave_part()
             for files in self._files:
                 files.close()
+            self._survey_lock.release()
 
     def _refuse_closed(self) -> None:
         if self._closed:

@@ -117,22 +117,14 @@ def recover(
     """
     storage = storage or Storage()
     layout = Layout(Path(folder).absolute())
-    if not prepare(layout):
-        if not (spare is not None and spare.parts(home=layout.folder)):
-            raise no_survey(layout.folder)
-        try:
-            storage.make_folder(layout.folder)
-        except OSError as err:
-            raise refused(err, str(layout.folder)) from err
-    lock = SurveyLock(layout, storage)
+    if not (prepare(layout) or (spare is not None and spare.parts(home=layout.folder))):
+        raise no_survey(layout.folder)
+    identity = _survey_of_spare(layout, spare)
     jobs = jobs or publishing_process()
     log: RecordLog | None = None
     try:
-        for path in layout.folders:
-            storage.make_folder(path)
-        identity = _survey_of_spare(layout, spare)
         log, index, actions = begin(
-            layout, storage, jobs, lock, spare, read=build_index, identity=identity
+            layout, storage, jobs, spare, read=build_index, identity=identity
         )
         actions += describe_deleted_surveys(spare, layout.folder, log.survey)
         report = repair(log, index, jobs, thorough=True)
@@ -150,7 +142,6 @@ def recover(
         if log is not None:
             log.close()
         jobs.close()
-        lock.release()
 
 
 def prepare(layout: Layout) -> bool:
@@ -180,17 +171,16 @@ def begin(
     layout: Layout,
     storage: Storage,
     jobs: Jobs,
-    lock: SurveyLock,
     spare: SpareFolder | None = None,
     *,
     fall_back: bool = False,
     read: Callable[[Layout], Index] = read_index,
     identity: bytes | None = None,
 ) -> tuple[RecordLog, Index, list[str]]:
-    """Open the journal and the ledger of a survey for writing, after their repair.
+    """Lock a survey, and open its journal and ledger for writing, after their repair.
 
-    Unfinished ends of the journal are cut, the ledger is made to agree with the journal, and the
-    records in the spare folder are merged.
+    Missing folders are created. Unfinished ends of the journal are cut, the ledger is made to agree
+    with the journal, and the records in the spare folder are merged.
 
     Parameters
     ----------
@@ -200,8 +190,6 @@ def begin(
         Access to the files.
     jobs : Jobs
         Process that reads the HDF5 files of drops.
-    lock : SurveyLock
-        Lock of the survey, which the caller holds.
     spare : SpareFolder, optional
         Folder whose records of the survey are merged.
     fall_back : bool
@@ -221,19 +209,24 @@ def begin(
     Raises
     ------
     OSError, RecordingError
-        If the survey cannot be read or written.
+        If the survey cannot be read or written, or another program writes it.
     """
-    segments = layout.segments()
+    storage.make_folder(layout.folder)
+    lock = SurveyLock(layout, storage)
     continued: tuple[int, int] | None = None
-    if segments:
-        # Lock first: nothing may be cut while another program has the file open.
-        continued = segments[-1], open_segment(layout, segments[-1], storage)
     try:
+        for path in layout.folders:
+            storage.make_folder(path)
+        segments = layout.segments()
+        if segments:
+            # Lock first: nothing may be cut while another program has the file open.
+            continued = segments[-1], open_segment(layout, segments[-1], storage)
         log, index = _begin(layout, storage, jobs, lock, continued, read, identity)
     except BaseException:
         if continued is not None:
             with contextlib.suppress(OSError):
                 storage.close(continued[1])
+        lock.release()
         raise
     try:
         actions = merge_spare_records(log, index, spare)

@@ -29,7 +29,6 @@ from pfwd_device.recording.files import file_facts, now
 from pfwd_device.recording.framing import RecordKind
 from pfwd_device.recording.index import EDITS, DropEntry, Index, about_of, complete_keys, read_index
 from pfwd_device.recording.layout import Layout, ResultKind
-from pfwd_device.recording.lock import SurveyLock
 from pfwd_device.recording.payload import decode_json, encode_json
 from pfwd_device.recording.publishing import publish, publishing_process, result_of
 from pfwd_device.recording.record import COPY_OF, DropRecord, ReboundRecord, point_name
@@ -69,7 +68,6 @@ class SurveyWriter:
         self,
         layout: Layout,
         storage: Storage,
-        lock: SurveyLock,
         log: RecordLog,
         index: Index,
         report: RecoveryReport,
@@ -80,7 +78,6 @@ class SurveyWriter:
         """Result of the recovery when the survey was opened."""
         self._layout = layout
         self._storage = storage
-        self._survey_lock = lock
         self._records = log
         self._index = index
         self._lock = log.lock
@@ -145,11 +142,6 @@ class SurveyWriter:
         storage = storage or Storage()
         layout = Layout(Path(folder).absolute())
         prepare(layout)
-        try:
-            storage.make_folder(layout.folder)
-        except OSError as err:
-            raise refused(err, str(layout.folder)) from err
-        lock = SurveyLock(layout, storage)
         jobs = jobs or publishing_process()
         log: RecordLog | None = None
 
@@ -160,10 +152,8 @@ class SurveyWriter:
             return read_index(layout) if index is None else index
 
         try:
-            for path in layout.folders:
-                storage.make_folder(path)
             log, index, actions = begin(
-                layout, storage, jobs, lock, spare, fall_back=fall_back, read=read
+                layout, storage, jobs, spare, fall_back=fall_back, read=read
             )
             if reserve_bytes:
                 log.make_reserve(reserve_bytes)
@@ -171,14 +161,13 @@ class SurveyWriter:
             report = replace(report, actions=(*actions, *report.actions))
             if not publish:
                 jobs.close()
-            writer = cls(layout, storage, lock, log, index, report, jobs if publish else None)
+            writer = cls(layout, storage, log, index, report, jobs if publish else None)
             if not edits_only:  # read the keys now, so that saving a drop is fast
                 complete_keys(layout, index)
         except BaseException as err:
             if log is not None:
                 log.close()
             jobs.close()
-            lock.release()
             if isinstance(err, OSError) and not isinstance(err, RecordingError):
                 raise refused(err, str(layout.folder)) from err
             raise
@@ -526,7 +515,6 @@ class SurveyWriter:
                 return
             self._closed = True
         with contextlib.ExitStack() as ends:
-            ends.callback(self._survey_lock.release)
             ends.callback(self._records.close)
             if self._jobs is not None:
                 ends.callback(self._jobs.close)

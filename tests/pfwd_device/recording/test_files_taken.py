@@ -116,7 +116,6 @@ def everywhere(survey: Path, spare: SpareFolder) -> dict[int, str]:
 def kill(writer: SurveyWriter) -> None:
     """As the system does it: files and locks are released, and nothing is written any more."""
     writer._records.close()
-    writer._survey_lock.release()
 
 
 @pytest.fixture
