@@ -211,7 +211,7 @@ class SessionLines:
         """Print the advice on a drop that needs no fit: wrong drop height, saturated channel."""
         others = [drop for drop in view.points[saved.point].drops if drop.number != saved.number]
         for advice in advice_on_drop(view.job, saved.view, others):
-            self._say(f"at drop {saved.point}/{saved.number}: {advice.text}", logging.WARNING)
+            self._say(f"at drop {saved.point}/{saved.number}: {advice}", logging.WARNING)
 
     def _analysis(self, event: DropAnalysed) -> None:
         saved, result = event.saved, event.result

@@ -279,16 +279,6 @@ def unbroken_peaks(drop: Drop) -> Peaks | None:
     return trace_peaks(unbroken) if missing is None and unbroken.load.size else None
 
 
-def recorded_deflection(drop: Drop) -> float | None:
-    """Return the peak deflection of the centre sensor as recorded, m.
-
-    None as for `unbroken_peaks`.
-    """
-    peaks = unbroken_peaks(drop)
-    peak = None if peaks is None else peaks.centre
-    return peak if peak is not None and math.isfinite(peak) else None
-
-
 def corrected_deflection(drop: Drop, setup: PointSetup) -> float | None:
     """Return the peak deflection in the centre, m, without the geophone response.
 
@@ -296,7 +286,7 @@ def corrected_deflection(drop: Drop, setup: PointSetup) -> float | None:
     on a test rig.
     """
     if drop.only_peaks is not None:
-        return recorded_deflection(drop)
+        return drop.only_peaks.centre
     if setup.is_stiffness_test or unbroken_part(drop)[1] is not None:
         return None
     try:

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import os
 from collections.abc import Sequence
 from typing import Any
 
 from inversion.notices import Notice
+from inversion.records import without_nan
 from inversion.result import InversionResult
 from pfwd.analysis.drop_facts import (
     corrected_deflection,
     facts_to_store,
-    recorded_deflection,
+    unbroken_peaks,
     uncompared_facts,
 )
 from pfwd.analysis.results import DropAnalysis, DropResult
-from pfwd.analysis.screening.drops import DropStatus, unbroken_part
-from pfwd_device import Drop
-from pfwd_device.signals import remove_offset
+from pfwd.analysis.screening.drops import DropStatus
 
 
 def drop_result(
@@ -64,28 +62,16 @@ def drop_result(
         drop=analysis.drop.number,
         status=status,
         reason=str(reason) if status == "rejected" else None,
-        peak_load_n=_peak_load(analysis.drop),
-        **_deflections(analysis),
+        **_peaks(analysis),
         warnings=tuple(warnings),
         **fields,
     )
 
 
-def _peak_load(drop: Drop) -> float | None:
-    """Return the peak load minus its offset, N; None: samples around the trigger are missing."""
-    if drop.only_peaks is not None:
-        return drop.only_peaks.load
-    unbroken, missing, _ = unbroken_part(drop)
-    if missing is not None or not unbroken.load.size:
-        return None
-    peak = float(remove_offset(unbroken.time, unbroken.load).max())
-    return peak if math.isfinite(peak) else None
-
-
-def _deflections(analysis: DropAnalysis) -> dict[str, Any]:
-    """Return the peak deflections of the centre sensor, and the facts for the procedure."""
+def _peaks(analysis: DropAnalysis) -> dict[str, Any]:
+    """Return the peaks of load and centre sensor, and the facts for the procedure."""
     drop, setup = analysis.drop, analysis.setup
-    recorded = recorded_deflection(drop)
+    peaks = unbroken_peaks(drop)
     facts = None
     if setup is not None and analysis.screening.status != "rejected":
         facts = facts_to_store(*uncompared_facts(drop, setup, analysis.screening), setup)
@@ -94,7 +80,8 @@ def _deflections(analysis: DropAnalysis) -> dict[str, Any]:
     else:
         corrected = None if setup is None else corrected_deflection(drop, setup)
     return {
-        "deflection_recorded_m": recorded,
+        "peak_load_n": None if peaks is None else without_nan(peaks.load),
+        "deflection_recorded_m": None if peaks is None else without_nan(peaks.centre),
         "deflection_corrected_m": corrected,
         "facts": facts,
     }

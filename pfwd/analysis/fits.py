@@ -15,7 +15,7 @@ from inversion.effects.base import Ground
 from inversion.forward.layered import Medium
 from inversion.measured.record import PreparedDrop, prepare
 from inversion.measured.weighted_drop import WeightedDrop
-from inversion.result import LayerResult, TimeHistories
+from inversion.result import TimeHistories
 from pfwd.analysis.analyse import record_of
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult
@@ -91,32 +91,28 @@ def _ground_of(result: DropResult, plate_mass: float) -> Ground | None:
 
     The modulus of a result is averaged over structures.
     """
-    media = [_medium(layer) for layer in result.layers or ()]
+    media = [
+        Medium(
+            layer.modulus_pa,
+            layer.viscosity_pa_s,
+            layer.density_kg_m3,
+            layer.poisson_ratio,
+            np.inf if layer.thickness_m is None else layer.thickness_m,
+        )
+        for layer in result.layers or ()
+    ]
     modulus = result.structures[0].modulus_pa if result.structures else result.modulus_pa
-    numbers = modulus, result.viscosity_pa_s, result.density_kg_m3
+    viscosity, density = result.viscosity_pa_s, result.density_kg_m3
     if media:
         lowest = media[-1]
         modulus = lowest.modulus if modulus is None else modulus
-        numbers = modulus, lowest.viscosity, lowest.density
-    if None in numbers:
+        viscosity, density = lowest.viscosity, lowest.density
+    if modulus is None or viscosity is None or density is None:
         return None
     depth = result.bedrock_depth_m
     inverse_depth = 0.0 if depth is None else 1.0 / depth
     mass = plate_mass + (result.added_mass_kg or 0.0)
-    modulus, viscosity, density = cast(Any, numbers)
     return Ground(modulus, viscosity, density, inverse_depth, mass, tuple(media[:-1]))
-
-
-def _medium(layer: LayerResult) -> Medium:
-    """Return a layer, or the ground below, as a medium."""
-    numbers = (
-        layer.modulus_pa,
-        layer.viscosity_pa_s,
-        layer.density_kg_m3,
-        layer.poisson_ratio,
-        np.inf if layer.thickness_m is None else layer.thickness_m,
-    )
-    return Medium(*cast(Any, numbers))
 
 
 def _drift(prepared: PreparedDrop, result: DropResult) -> NDArray[np.float64] | float:

@@ -6,8 +6,6 @@ the first fit. An effect that a diagnosis reports later has its own advice.
 
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from enum import StrEnum
 
 from pfwd.judging.drops import DropView
 from pfwd.judging.job import Job
@@ -69,34 +67,6 @@ ACTIONABLE_EFFECTS = frozenset(
 """Effects whose cause the operator can remove at the point."""
 
 
-class Advised(StrEnum):
-    """Subject of an advice, for programs."""
-
-    LOAD = "load"
-    """The drop came from another height, or its load is not the one that the procedure presumes."""
-    SEATING = "seating"
-    """There were too few seating drops."""
-    SINKING = "sinking"
-    """The ground gives way under the plate."""
-    CONTACT = "contact"
-    """The plate rocks, or lies on a stone."""
-    SENSOR = "sensor"
-    """A sensor does not follow the ground."""
-    RANGE = "range"
-    """A channel reached the end of its range."""
-
-
-@dataclass(frozen=True, slots=True)
-class Advice:
-    """One thing that the operator should do, with the reason."""
-
-    about: Advised
-    text: str
-    """One sentence."""
-    drop: int | None = None
-    """Number of the drop at its point; None: the advice is about the point."""
-
-
 def advice_on_drop(
     job: Job,
     drop: DropView,
@@ -106,7 +76,7 @@ def advice_on_drop(
     survey_residuals: Sequence[float] = (),
     sensor_residuals: Mapping[int, float] | None = None,
     excluded_sensors: Sequence[int] = (),
-) -> list[Advice]:
+) -> list[str]:
     """Return the advice about one drop.
 
     Parameters
@@ -125,30 +95,24 @@ def advice_on_drop(
     excluded_sensors : sequence of int
         Numbers of the faulty sensors, from 1.
     """
-    number, facts = drop.facts.number, drop.facts
-    if facts.kind is Kind.REJECTED:
+    if drop.facts.kind is Kind.REJECTED:
         return []
     advice = [
-        Advice(
-            Advised.SENSOR,
-            f"re-seat sensor {sensor}: it does not move with the ground",
-            number,
-        )
-        for sensor in excluded_sensors
+        f"re-seat sensor {sensor}: it does not move with the ground" for sensor in excluded_sensors
     ]
     loose = _loose_sensor(sensor_residuals or {})
     if loose is not None:
-        text = f"re-seat sensor {loose}: it does not move as the other sensors and the ground"
-        advice.append(Advice(Advised.SENSOR, text, number))
+        advice.append(
+            f"re-seat sensor {loose}: it does not move as the other sensors and the ground"
+        )
     if drop.saturation is not None:
-        advice.append(Advice(Advised.RANGE, SATURATED_ADVICE, number))
+        advice.append(SATURATED_ADVICE)
     advice += _load(job, drop, [neighbour.facts for neighbour in neighbours])
     if contact_residual is not None and _is_uneven(contact_residual, survey_residuals):
-        text = (
-            f"drop {number} does not press evenly: lift the plate, clear stones, turn it a quarter "
-            "and press it flat"
+        advice.append(
+            f"drop {drop.facts.number} does not press evenly: lift the plate, clear stones, turn "
+            "it a quarter and press it flat"
         )
-        advice.append(Advice(Advised.CONTACT, text, number))
     return advice
 
 
@@ -173,7 +137,7 @@ def _loose_sensor(residuals: Mapping[int, float]) -> int | None:
     )
 
 
-def _load(job: Job, drop: DropView, neighbours: Sequence[PointDrop]) -> list[Advice]:
+def _load(job: Job, drop: DropView, neighbours: Sequence[PointDrop]) -> list[str]:
     facts = drop.facts
     load = facts.peak_load
     if load is None:
@@ -191,19 +155,19 @@ def _load(job: Job, drop: DropView, neighbours: Sequence[PointDrop]) -> list[Adv
             f"drop {facts.number} fell from {side}: {load / 1e3:.1f} kN, the others "
             f"{median_load / 1e3:.1f} kN; lift to the catch and repeat it"
         )
-        return [Advice(Advised.LOAD, text, facts.number)]
+        return [text]
     if presumed is not None and not presumed.is_met_by(load):
         text = (
             f"wrong drop height: {load / 1e3:.3g} kN, the procedure needs "
             f"{presumed.load / 1e3:.3g} kN: set the drop height as calibrated"
         )
-        return [Advice(Advised.LOAD, text, facts.number)]
+        return [text]
     return []
 
 
 def advice_on_point(
     progress: PointProgress, loads: Mapping[int, float | None] | None = None
-) -> list[Advice]:
+) -> list[str]:
     """Return the advice about a point, from the change of the deflection over its averaged drops.
 
     Parameters
@@ -225,11 +189,11 @@ def advice_on_point(
             f"drop {last} moves {-100 * change:.0f} % less than drop {first}: the plate was not "
             "seated; make more seating drops, or discard the first drop and measure another"
         )
-        return [Advice(Advised.SEATING, text)]
+        return [text]
     if change > MIN_SINKING:
         text = (
             f"drop {last} moves {100 * change:.0f} % more than drop {first}: the ground gives way; "
             "measure beside this place"
         )
-        return [Advice(Advised.SINKING, text)]
+        return [text]
     return []

@@ -194,7 +194,7 @@ class SessionState:
             for effect in result.effects
             if effect.advice and effect.name in ACTIONABLE_EFFECTS
         ]
-        return list(dict.fromkeys([*(item.text for item in advice), *on_effects]))
+        return list(dict.fromkeys([*advice, *on_effects]))
 
     def _survey_residuals_without(self, excluded: ScreenDrop) -> list[float]:
         """Return the contact residuals of all drops but one, over their peaks."""
