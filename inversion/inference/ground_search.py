@@ -212,11 +212,7 @@ class GroundDensity:
         return distinct_minima(points, costs, self._same, self.deviation)
 
     def _grounds(self, points: FloatArray) -> Any:
-        ground, active = self._model.ground_and_effects(self.values(points), self._model.last)
-        context = self._model.point.drops[self._model.last].context
-        for effect, values in active:
-            ground = effect.ground(ground, values, context)
-        return ground
+        return self._model.changed_ground(self.values(points))
 
 
 def starting_points(

@@ -11,10 +11,10 @@ from scipy.special import ndtr
 
 from inversion.arrays import FloatArray
 from inversion.diagnosis.model import Active
-from inversion.effects.base import DropContext, Ground
+from inversion.effects.base import Ground
 from inversion.forward.layered import LayeredPlateModel
 from inversion.forward.layered.statics import effective_modulus
-from inversion.inference.point_model import ActiveEffects, PointModel
+from inversion.inference.point_model import PointModel
 from inversion.inference.posterior import Posterior
 
 NORMAL_95 = 1.96
@@ -34,9 +34,7 @@ _LOG_STEP, _MAX_SECANT_STEPS = 1e-3, 20
 
 def ground_of(posterior: Posterior) -> Ground:
     """Return the ground under the last drop, including layers and rock from effects."""
-    model = posterior.model
-    ground, active = model.ground_and_effects(posterior.values, model.last)
-    return _with_effects(ground, active, _context(model))
+    return posterior.model.changed_ground(posterior.values)
 
 
 def rock_depth(posterior: Posterior) -> float | None:
@@ -60,7 +58,7 @@ def depth_range(posterior: Posterior) -> tuple[float, float | None]:
 
 def mean_stress(model: PointModel) -> float:
     """Return the mean contact pressure at the peak of the last drop, Pa."""
-    context = _context(model)
+    context = model.context
     return context.peak_load / (math.pi * context.plate_radius**2)
 
 
@@ -83,11 +81,10 @@ def effective_estimate(posterior: Posterior, plate: LayeredPlateModel) -> tuple[
     The standard deviation includes the errors of instrument and effects. See
     :func:`inversion.forward.layered.statics.effective_modulus`.
     """
-    model, context = posterior.model, _context(posterior.model)
+    model, context = posterior.model, posterior.model.context
 
     def logarithm(values: FloatArray) -> float:
-        ground = _with_effects(*model.ground_and_effects(values, model.last), context)
-        layers = ground.layered(context.poisson_ratio)
+        layers = model.changed_ground(values).layered(context.poisson_ratio)
         return math.log(effective_modulus(plate, context.plate_radius, layers))
 
     deviation = math.hypot(
@@ -130,14 +127,13 @@ def equivalent_modulus(posterior: Posterior) -> tuple[float, float]:
     start = model.ground_and_effects(values, model.last)
     moved = [model.ground_and_effects(values + row, model.last) for row in np.diag(steps)]
     peaks = drop.peaks_of_ground(*start, moved)
-    context = _context(model)
 
     def half_space(log_modulus: float, ground: Ground) -> Ground:
         modulus = math.exp(log_modulus)
         relaxation = ground.viscosity / ground.modulus
         return Ground(modulus, modulus * relaxation, ground.density, 0.0, 0.0)
 
-    ground = _with_effects(*start, context)
+    ground = model.changed_ground(values)
     log_modulus, slope = math.log(ground.modulus), -1.0
     for _ in range(_MAX_SECANT_STEPS):
         peak, moved_peak = drop.peaks_of_ground(
@@ -149,7 +145,7 @@ def equivalent_modulus(posterior: Posterior) -> tuple[float, float]:
         if abs(change) < _LOG_TOLERANCE:
             break
     halves: list[tuple[Ground, Active]] = [
-        (half_space(log_modulus, _with_effects(*at_step, context)), []) for at_step in moved
+        (half_space(log_modulus, model.changed_ground(values + row)), []) for row in np.diag(steps)
     ]
     of_halves = drop.peaks_of_ground(half_space(log_modulus, ground), [], halves)
     changes = np.log(peaks[1:] / peaks[0]) - np.log(of_halves[1:] / of_halves[0])
@@ -167,21 +163,9 @@ def model_error(posterior: Posterior) -> float:
 
 
 def _log_modulus(model: PointModel, values: FloatArray, stress: float) -> float:
-    context = _context(model)
-    ground, active = model.ground_and_effects(values, model.last)
-    ground = _with_effects(ground, active, context)
-    ratios = [effect.modulus_at(stress, numbers, context) for effect, numbers in active]
-    return math.log(ground.modulus) + sum(map(math.log, ratios))
-
-
-def _with_effects(ground: Ground, active: ActiveEffects, context: DropContext) -> Ground:
-    for effect, values in active:
-        ground = effect.ground(ground, values, context)
-    return ground
-
-
-def _context(model: PointModel) -> DropContext:
-    return model.point.drops[model.last].context
+    _, active = model.ground_and_effects(values, model.last)
+    ratios = [effect.modulus_at(stress, numbers, model.context) for effect, numbers in active]
+    return math.log(model.changed_ground(values).modulus) + sum(map(math.log, ratios))
 
 
 @dataclass(frozen=True)

@@ -142,7 +142,7 @@ class PointModel:
         """Return whether a drop is the first of several fitted drops of its point."""
         return drop == 0 and len(self.drops) > 1
 
-    def peak_ratio(self, drop: int) -> float:
+    def _peak_ratio(self, drop: int) -> float:
         """Return the logarithm of a drop's peak stiffness over that of the last drop."""
         return math.log(self._peak_modulus(drop) / self._peak_modulus(self.last))
 
@@ -228,6 +228,18 @@ class PointModel:
         ]
         return self._ground(by_effect.get(GROUND_EFFECT, {}), change), active
 
+    def changed_ground(self, values: FloatArray) -> Ground:
+        """Return the ground under the last drop, including layers and rock from effects."""
+        ground, active = self.ground_and_effects(values, self.last)
+        for effect, numbers in active:
+            ground = effect.ground(ground, numbers, self.context)
+        return ground
+
+    @property
+    def context(self) -> DropContext:
+        """What the effects know of the last drop."""
+        return self.point.drops[self.last].context
+
     def _by_effect(
         self, values: FloatArray, drop: int | None
     ) -> tuple[dict[str, dict[str, float]], float]:
@@ -276,7 +288,7 @@ class PointModel:
         if unknown.drop is None or unknown.name != STIFFNESS:
             return unknown.coordinate.start(variant)
         share = 1.0 if self.is_seating(unknown.drop) else _LATER_SHARE
-        return share * float(np.clip(self.peak_ratio(unknown.drop), *_STARTING_RATIOS))
+        return share * float(np.clip(self._peak_ratio(unknown.drop), *_STARTING_RATIOS))
 
     def take_off_speed(self, values: FloatArray, drop: int) -> float | None:
         """Return the upward speed at which the plate leaves the ground, m/s; None: it does not."""
@@ -346,18 +358,6 @@ class PointModel:
             else (effect, values)
             for effect, values in active
         ]
-
-    def modulus(self, values: FloatArray) -> float:
-        """Return the modulus under the last fitted drop, Pa."""
-        ground, _ = self.ground_and_effects(values, self.last)
-        return ground.modulus
-
-    def residual_over_peak(
-        self, values: FloatArray, drop: int, *, contact_only: bool = False
-    ) -> float:
-        """Return the root mean square residual of a fitted drop over the peak."""
-        model = self.point.drops[drop]
-        return model.residual_over_peak(self.predict(values, drop), contact_only=contact_only)
 
 
 def take_off_speed(

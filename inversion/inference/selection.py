@@ -415,7 +415,7 @@ def _select_promising(fits: list[PointFit], held: Collection[str] = ()) -> list[
 def is_sound(fit: Posterior) -> bool:
     """Return whether the values of each effect of a fit are plausible for that effect."""
     model = fit.model
-    context = model.point.drops[model.last].context
+    context = model.context
     ground = ground_of(fit)
     _, active = model.ground_and_effects(fit.values, model.last)
     return all(effect.is_sound(ground, values, context) for effect, values in active)

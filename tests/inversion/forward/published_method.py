@@ -29,7 +29,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.special import j0
 
 from inversion.arrays import ComplexArray, FloatArray
 
@@ -264,15 +263,14 @@ def published_transfer(
     plate_radius: float,
     bedrock_depth: float | None = None,
     *,
-    offset: float = 0.0,
     segments: int = DEFAULT_SEGMENTS,
     upper_limit: float | None = None,
 ) -> ComplexArray:
-    r"""Transfer function from mean pressure to surface displacement, Eq. 14.
+    r"""Transfer function from mean pressure to the displacement of the plate's centre, Eq. 14.
 
     .. math::
-        \frac{\bar w(r, 0, s)}{\bar p(s)} = \int_0^{x_s} \xi \, \tilde w(\xi, 0, s)
-        \, J_0(\xi r) \, d\xi \Big/ \bar p(s)
+        \frac{\bar w(0, 0, s)}{\bar p(s)} = \int_0^{x_s} \xi \, \tilde w(\xi, 0, s)
+        \, d\xi \Big/ \bar p(s)
 
     Parameters
     ----------
@@ -290,9 +288,6 @@ def published_transfer(
         a.
     bedrock_depth : float, m, or None
         None is the half-space.
-    offset : float, m
-        r, from the plate's centre. The error due to the upper limit is largest at the plate's edge
-        (5 % of the deflection; up to 1 % at 2 to 6 radii).
     segments : int
         Of 20 nodes each.
     upper_limit : float, 1/m, or None
@@ -309,7 +304,7 @@ def published_transfer(
     lame, shear = lame_parameters(modulus + viscosity * s, poisson_ratio)
     compliance = surface_compliance(xi, s, lame, shear, density, bedrock_depth)
     plate = plate_transform(xi, plate_radius)
-    transfer: ComplexArray = compliance @ (weights * xi * plate * j0(xi * offset))
+    transfer: ComplexArray = compliance @ (weights * xi * plate)
     return transfer
 
 
@@ -323,10 +318,8 @@ def published_displacement(
     pulse_duration: float,
     bedrock_depth: float | None = None,
     *,
-    offset: float = 0.0,
     total_time: float = DEFAULT_TOTAL_TIME,
     frequencies: int = DEFAULT_FREQUENCIES,
-    repeats: int = 0,
     a_t: float = DEFAULT_A_T,
     segments: int = DEFAULT_SEGMENTS,
     upper_limit: float | None = None,
@@ -334,7 +327,7 @@ def published_displacement(
     r"""Time and displacement of the ground surface under a half-sine drop, Eq. 1 to 15.
 
     The load is the contact force, its pressure that of a static rigid plate, the displacement that
-    of one point of the surface, in the paper the plate's centre. The plate's inertia and its
+    of the plate's centre. The plate's inertia and its
     dynamic contact are not in the model; its high-frequency stiffness is therefore twice too large.
 
     Parameters
@@ -355,15 +348,10 @@ def published_displacement(
         :math:`T_0`; the pulse begins at time 0.
     bedrock_depth : float, m, or None
         :math:`h_0`; None is the half-space.
-    offset : float, m
-        r, from the plate's centre.
     total_time : float, s
         T, the period of Eq. 15; the last quarter of it is not to be used.
     frequencies : int
-        N, points of the Laplace transform and time steps. (L + 1) N falls in the paper's range of
-        50 to 5000.
-    repeats : int
-        L, further blocks of N frequencies folded into the sum.
+        N, points of the Laplace transform and time steps. The paper's range is 50 to 5000.
     a_t : float
         a T.
     segments : int
@@ -377,9 +365,8 @@ def published_displacement(
     displacement : (frequencies,) ndarray of float, m
         Downward positive.
     """
-    points = np.arange((repeats + 1) * frequencies, dtype=np.float64)
-    s: ComplexArray = ((a_t + 2j * math.pi * points) / total_time).astype(np.complex128)
-    s = s.reshape(repeats + 1, frequencies)
+    points = np.arange(frequencies, dtype=np.float64)
+    s: ComplexArray = ((a_t + 2j * math.pi * points) / total_time)[None].astype(np.complex128)
     transfer = published_transfer(
         s,
         modulus,
@@ -388,7 +375,6 @@ def published_displacement(
         poisson_ratio,
         plate_radius,
         bedrock_depth,
-        offset=offset,
         segments=segments,
         upper_limit=upper_limit,
     )

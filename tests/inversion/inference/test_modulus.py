@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,6 +21,7 @@ from inversion.inference.modulus import (
     secant_estimate,
     secant_modulus,
 )
+from inversion.inference.point_model import PointModel
 from tests.inversion.effects.test_effects import context
 
 AREA = math.pi * 0.15**2
@@ -53,14 +55,15 @@ def posterior(*effects: tuple[str, dict[str, float]], **changes: Any) -> Any:
         ground = Ground(4e7 * math.exp(values[0]), 4e4, 1900.0, 0.0, 10.0)
         return ground, [(BY_NAME[name], numbers) for name, numbers in effects]
 
-    drops = [SimpleNamespace(context=context(**changes))]
     model = SimpleNamespace(
         ground_and_effects=ground_and_effects,
-        point=SimpleNamespace(drops=drops, modulus_error=0.03),
+        point=SimpleNamespace(modulus_error=0.03),
+        context=context(**changes),
         last=0,
         lower=np.array([-1.0, -1.0]),
         upper=np.array([1.0, 1.0]),
     )
+    model.changed_ground = partial(PointModel.changed_ground, model)  # type: ignore[arg-type]
     return SimpleNamespace(
         model=model, values=np.array([0.1, 0.0]), covariance=np.array([[4e-4, 1e-4], [1e-4, 1e-2]])
     )

@@ -14,7 +14,7 @@ from inversion.effects.catalogue import BY_NAME
 from inversion.forward.model import Instrument
 from inversion.inference.diagnose import fit_drops_of_selection
 from inversion.inference.instrument import choose_structure
-from inversion.inference.modulus import equivalent_modulus
+from inversion.inference.modulus import equivalent_modulus, ground_of
 from inversion.inference.point_model import PointModel
 from inversion.inference.population import InstrumentKnowledge
 from inversion.inference.selection import Selection
@@ -69,7 +69,7 @@ def test_rock_is_preferred_where_it_is(depth: float) -> None:
         return
     assert gain > 10.0
     assert with_rock.by_key["bedrock", "depth", None] == pytest.approx(1.0 / depth, rel=0.02)
-    assert with_rock.model.modulus(with_rock.values) == pytest.approx(MODULUS, rel=0.02)
+    assert ground_of(with_rock).modulus == pytest.approx(MODULUS, rel=0.02)
 
 
 @pytest.mark.parametrize("depth", [0.35, DEPTH])
@@ -103,7 +103,7 @@ def test_the_interval_of_the_modulus_holds_the_truth() -> None:
     assert fit is not None
     place = fit.model.keys.index(("", "modulus", None))
     deviation = float(np.sqrt(fit.covariance[place, place]))
-    error = np.log(fit.model.modulus(fit.values) / MODULUS)
+    error = np.log(ground_of(fit).modulus / MODULUS)
     # The model's own error of 1 % comes beside what noise and priors leave open.
     assert abs(error) < 2.0 * np.hypot(deviation, 0.01)
     assert 1e-3 < deviation < 0.1
@@ -166,7 +166,7 @@ def test_a_structure_whose_fit_of_all_drops_is_implausible_is_not_reported(
         assert selection._fit(structure) is not None
     assert selection.best == ALWAYS | {"bedrock"}
     fit, _ = fit_drops_of_selection(simulated, selection, known)
-    assert fit.model.modulus(fit.values) == pytest.approx(MODULUS, rel=0.02)
+    assert ground_of(fit).modulus == pytest.approx(MODULUS, rel=0.02)
     # Plausible in the selection, but no longer in the final fit.
     monkeypatch.setattr(type(BY_NAME["bedrock"]), "is_sound", lambda *_: False)
     fit, _ = fit_drops_of_selection(simulated, selection, known)
