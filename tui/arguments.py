@@ -125,8 +125,8 @@ def add_changed_calibration(parser: Arguments) -> None:
     )
 
 
-def add_job(parser: Arguments) -> None:
-    """Add the settings of a survey that ``live``, ``log`` and ``job`` can change."""
+def add_target(parser: Arguments) -> None:
+    """Add the option for the target of the points of a survey."""
     parser.add_argument(
         "--target",
         type=number,
@@ -134,6 +134,11 @@ def add_job(parser: Arguments) -> None:
         help="target of points without their own, in the unit of the procedure: MPa, or mm for a "
         "deflection",
     )
+
+
+def add_job(parser: Arguments) -> None:
+    """Add the settings of a survey that ``live``, ``log`` and ``job`` can change."""
+    add_target(parser)
     parser.add_argument(
         "--stations",
         metavar="FILE",

@@ -9,9 +9,11 @@ from typing import Any
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.results import DropAnalysis, DropResult
 from pfwd.export.json_text import json_text
+from pfwd.facts import fact_of_modulus, fact_of_value
 from pfwd.judging import Job, PointView, SurveyView
 from pfwd.judging.advice import advice_on_drop
 from pfwd.judging.job import target_text
+from pfwd.procedures import Verdict
 from pfwd.session.events import (
     DropAnalysed,
     DropNotPublished,
@@ -34,10 +36,10 @@ from pfwd.session.events import (
 )
 from pfwd.session.live_view import CompletePoints
 from pfwd.session.session import Ending
+from pfwd.units import SI
 from tui.diagnosis_lines import diagnosis_sentence
 from tui.format import drop_line
 from tui.output import clean, say
-from tui.point_lines import has_verdict_line, point_text
 
 log = logging.getLogger("pfwd.session")
 
@@ -87,8 +89,9 @@ class SessionLines:
         self._complete.rest()
 
     def _point(self, point: PointView) -> None:
-        if not has_verdict_line(point.progress):
-            return
+        progress = point.progress
+        if progress.measured_wanted is None and progress.verdict is Verdict.NONE:
+            return  # without a procedure or a target nothing is judged
         record = point.as_json()
         if point.progress.complete:
             text = point_text(point)
@@ -283,3 +286,27 @@ class SessionLines:
         if saved.spare is not None:
             line_text += "  IN THE SPARE FOLDER"
         print(line_text, flush=True)
+
+
+def point_text(point: PointView) -> str:
+    """Return a complete point as a line: judged value, interval, target, verdict, settlements."""
+    progress = point.progress
+    value = progress.value
+    text = "nothing to judge"
+    if value is not None:
+        text = f"{value.quantity.label} {SI.show(fact_of_value(value))}"
+    parts = [f"point {clean(point.shown_name)}: {text}"]
+    if value is not None and value.quantity.is_fitted and progress.modulus is not None:
+        unjudged = value.quantity.other_fitted
+        fact = fact_of_modulus(progress.modulus, unjudged)
+        if fact.value is not None:
+            parts.append(f"not judged: {unjudged.label} {SI.show(fact)}")
+    if progress.target is not None:
+        parts.append(f"target {target_text(progress.target)}")
+    if progress.verdict is not Verdict.NONE:
+        parts.append(f"{progress.verdict.value.upper()}: {progress.verdict_reason}")
+    used = [depth for number, _, depth in progress.compaction if number in progress.used]
+    if used:
+        listed = ", ".join(SI.text("settlement", depth) for depth in used)
+        parts.append(f"settlement {listed} {SI.unit('settlement')}")
+    return "  ".join(parts)

@@ -12,6 +12,7 @@ from tui.arguments import (
     add_options,
     add_seed,
     add_stored,
+    add_target,
     analysis_options,
     number,
     report_file,
@@ -56,13 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--procedure", metavar="NAME", help="judge by this procedure (default: that of the survey)"
     )
-    parser.add_argument(
-        "--target",
-        type=number,
-        metavar="V",
-        help="target of points without their own, in the unit of the procedure: MPa, or mm for a "
-        "deflection",
-    )
+    add_target(parser)
     parser.add_argument(
         "--diagnose",
         action=argparse.BooleanOptionalAction,
