@@ -33,7 +33,6 @@ from pfwd.files.header import PointSetup
             {"layers": 2, "thickness": (1e300,)},
             "--thickness: expected a list of numbers > 0 up to 10000",
         ),
-        ({"bedrock_depth": float("nan")}, "--bedrock-depth"),
         ({"seed": -1}, "--seed: expected a whole number >= 0, got -1"),
         ({"layers": 0}, "--layers: expected a whole number from 1 to 4, or auto, got 0"),
         ({"layers": 2.0}, "--layers: expected a whole number from 1 to 4, or auto, got 2.0"),
@@ -43,14 +42,6 @@ from pfwd.files.header import PointSetup
         (
             {"layers": 2, "thickness": (0.0,)},
             r"--thickness: expected a list of numbers > 0 up to 10000, in m, .*, got \(0.0,\)",
-        ),
-        (
-            {"layers": 2, "thickness": (float("nan"),)},
-            "--thickness: expected a list of numbers > 0",
-        ),
-        (
-            {"layers": 2, "thickness": (float("inf"),)},
-            "--thickness: expected a list of numbers > 0",
         ),
         (
             {"layers": 3, "thickness": (0.2,)},
@@ -226,12 +217,3 @@ def test_the_media_of_a_result_are_asked_for_again(
     assert with_layers_of(options, too_many) is options
     published = AnalysisOptions(published=True)
     assert with_layers_of(published, result) is published
-
-
-def test_labels_name_the_changed_options() -> None:
-    assert AnalysisOptions().label == "as declared"
-    assert AnalysisOptions(published=True).label == "published method"
-    options = AnalysisOptions(bedrock_depth=1.2, elastic=True, plate="rigid-smooth")
-    assert options.label == "bedrock 1.2 m, elastic, rigid-smooth plate"
-    assert AnalysisOptions(layers="auto").label == "auto layers"
-    assert AnalysisOptions(layers=2, elastic=True).label == "2 layers, elastic"
