@@ -15,7 +15,6 @@ import importlib.metadata
 import json
 import math
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -93,26 +92,17 @@ def stored_answer(drop: SurveyDrop, question: str) -> DropResult | None:
     return next((result for result in results if result.question == question), None)
 
 
-@dataclass(frozen=True, slots=True)
-class ResultToStore:
-    """Result that is to be stored with a drop of a survey."""
-
-    number: int
-    """Number of the drop within the survey."""
-    kind: ResultKind
-    result: dict[str, Any]
-    """Result as JSON."""
-
-
-def store_results(
-    folder: str, results: Sequence[ResultToStore], survey: Survey | None = None
+def _store(
+    folder: str,
+    results: Sequence[tuple[int, ResultKind, dict[str, Any]]],
+    survey: Survey | None = None,
 ) -> str | None:
-    """Store results with a survey.
+    """Store results with a survey, each by the number of its drop, its kind and its JSON.
 
     Parameters
     ----------
     folder : path of the survey
-    results : sequence of ResultToStore
+    results : sequence of tuple
     survey : Survey, optional
         The survey, if the caller has read it already.
 
@@ -126,8 +116,8 @@ def store_results(
         return None
     try:
         with open_for_edits(folder, survey) as writer:
-            for item in results:
-                writer.save_result(item.number, item.result, item.kind)
+            for number, kind, result in results:
+                writer.save_result(number, result, kind)
     except (RecordingError, SurveyError, OSError) as err:
         return f"results are not stored: {err}"
     return None
@@ -160,15 +150,15 @@ def store_drop_results(
         return None
     survey = read_survey(folder)
     by_number = {drop.number: drop for drop in survey.drops}
-    to_store = []
+    to_store: list[tuple[int, ResultKind, dict[str, Any]]] = []
     for number, result in new:
         if number not in by_number:
             continue
         is_in_force = counting or counts(by_number[number], result)
         label = None if is_in_force else result.settings or "other"
         plain = dataclasses.replace(result, refit=label, diagnosis=None)  # kept by itself
-        to_store.append(ResultToStore(number, "drop" if is_in_force else "trial", plain.to_json()))
-    return store_results(folder, to_store, survey)
+        to_store.append((number, "drop" if is_in_force else "trial", plain.to_json()))
+    return _store(folder, to_store, survey)
 
 
 def stored_results_text(folder: str, results: Sequence[DropResult]) -> str | None:
@@ -304,8 +294,11 @@ def store_diagnoses(folder: str, diagnoses: Sequence[tuple[int, DiagnosisResult]
     str or None
         Reason why they could not be stored; None: they are stored.
     """
-    new: list[ResultToStore] = []
-    for number, result in diagnoses:
-        if not result.stored:
-            new.append(ResultToStore(number, "diagnosis", result.to_stored()))
-    return store_results(folder, new)
+    return _store(
+        folder,
+        [
+            (number, "diagnosis", result.to_stored())
+            for number, result in diagnoses
+            if not result.stored
+        ],
+    )
