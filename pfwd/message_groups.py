@@ -99,7 +99,7 @@ def _joined(messages: Sequence[Notice]) -> Notice:
     return Notice(first.code, values)
 
 
-def as_ranges(chosen: Iterable[str], order: Sequence[str]) -> str:
+def as_ranges(chosen: Iterable[str], order: Sequence[str], to: str = "to") -> str:
     """Return names as text, with three or more consecutive ones as a range.
 
     Parameters
@@ -108,6 +108,8 @@ def as_ranges(chosen: Iterable[str], order: Sequence[str]) -> str:
         Names, in any order.
     order : sequence of str
         All names in their order, each once.
+    to : str
+        Word between the ends of a range.
 
     Examples
     --------
@@ -115,6 +117,17 @@ def as_ranges(chosen: Iterable[str], order: Sequence[str]) -> str:
     'A to C, E'
     >>> as_ranges(["A", "B"], ["A", "B", "C"])
     'A, B'
+    """
+    return ", ".join(f" {to} ".join(ends) for ends in ranges_of(chosen, order))
+
+
+def ranges_of(chosen: Iterable[str], order: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return names, with the first and the last of three or more consecutive ones as a pair.
+
+    Parameters
+    ----------
+    chosen, order
+        As for `as_ranges`.
     """
     chosen_names = set(chosen)
     runs: list[list[str]] = []
@@ -126,6 +139,8 @@ def as_ranges(chosen: Iterable[str], order: Sequence[str]) -> str:
             else:
                 runs.append([name])
             before = index
-    return ", ".join(
-        f"{run[0]} to {run[-1]}" if len(run) > MAX_LISTED_VALUES else ", ".join(run) for run in runs
-    )
+    return [
+        ends
+        for run in runs
+        for ends in ([(run[0], run[-1])] if len(run) > MAX_LISTED_VALUES else [(n,) for n in run])
+    ]

@@ -47,6 +47,7 @@ from pfwd.report.point_facts import (
     equivalent_text,
     is_response_declared,
     modulus_text,
+    names_text,
     points_text,
     shown_drops,
     target_notes,
@@ -162,9 +163,9 @@ def certificate_rows(report: Report, texts: Texts) -> tuple[tuple[str, str], ...
     key = "points_and_drop" if drops == 1 else "points_and_drops"
     counted = texts.say(key, points=len(points), drops=drops)
     return (
-        (texts["place"], _each(point.setup.site for point in points)),
+        (texts["place"], names_text(point.setup.site for point in points)),
         (texts["period"], _period(report, texts)),
-        (texts["operator"], _each(point.setup.operator for point in points)),
+        (texts["operator"], names_text(point.setup.operator for point in points)),
         (texts["instrument"], _device(report, points)),
         (texts["calibrated"], _calibration(report.instruments, texts)),
         (texts["plate_diameter"], ", ".join(declared(2e3 * r, texts, "mm") for r in radii)),
@@ -250,7 +251,7 @@ def _range(quantity: QuantityName, values: Sequence[float], texts: Texts) -> str
 def _conditions(points: Sequence[PointView], texts: Texts) -> str:
     """Return material, moisture and temperature, where they are declared."""
     conditions = []
-    materials = _each(point.setup.material for point in points)
+    materials = names_text(point.setup.material for point in points)
     if materials:
         conditions.append(f"{texts['material']}: {materials}")
     for key, unit in (("moisture", "%"), ("temperature", "°C")):
@@ -261,16 +262,12 @@ def _conditions(points: Sequence[PointView], texts: Texts) -> str:
     return "; ".join(conditions)
 
 
-def _each(values: Any) -> str:
-    return ", ".join(sorted({str(value) for value in values if value is not None}))
-
-
 def _device(report: Report, points: Sequence[PointView]) -> str:
     named = [
         f"{identity.get('model', '')} {identity.get('serial_number', '')}".strip()
         for identity in report.instruments
     ]
-    return ", ".join(filter(None, named)) or _each(point.setup.device for point in points)
+    return ", ".join(filter(None, named)) or names_text(point.setup.device for point in points)
 
 
 def _calibration(instruments: Sequence[Mapping[str, Any]], texts: Texts) -> str:

@@ -21,8 +21,8 @@ class Report:
     """Local time of the report, ISO 8601."""
     zone: str
     """Time zone of `made` as its offset, such as UTC+02:00."""
-    software: Mapping[str, str]
-    """Version of each package that made numbers or pictures, by its name."""
+    software: str
+    """Packages that made numbers or pictures, each with its version."""
     procedure: Procedure
     chosen: bool
     """True if a procedure was chosen; otherwise all measured drops are averaged."""

@@ -589,15 +589,27 @@ def _curves(points: Sequence[PointView]) -> list[JudgedDeflection]:
 
 def draw_signatures(figure: Any, labels: Sequence[str]) -> None:
     """Draw lines to sign on, each with its label below."""
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes = blank_axes(figure, 0.0)
+    wide = 1.0 / len(labels)
+    for number, label in enumerate(labels):
+        draw_signature(axes, number * wide, 0.34, 0.88 * wide, 0.26, label)
+
+
+def blank_axes(figure: Any, start: float) -> Any:
+    """Return axes from 0 to 1 without lines and numbers, from a place to the right edge."""
+    axes = figure.add_axes((start, 0.0, 1.0 - start, 1.0))
     axes.set_axis_off()
     axes.set_xlim(0, 1)
     axes.set_ylim(0, 1)
-    wide = 1.0 / len(labels)
-    for number, label in enumerate(labels):
-        start = number * wide
-        axes.plot([start, start + 0.88 * wide], [0.34, 0.34], color="0.2", linewidth=0.8)
-        axes.text(start, 0.08, label, fontsize=7.5, color="0.35", parse_math=False)
+    return axes
+
+
+def draw_signature(
+    axes: Any, left: float, height: float, wide: float, gap: float, label: str
+) -> None:
+    """Draw a line to sign on, with its label below."""
+    axes.plot([left, left + wide], [height, height], color="0.2", linewidth=0.8)
+    axes.text(left, height - gap, label, fontsize=7.5, color="0.35", parse_math=False)
 
 
 def draw_logo(figure: Any, image: Any) -> None:

@@ -245,7 +245,7 @@ def _report(
         survey_id=survey.survey_id,
         made=now.isoformat(timespec="seconds"),
         zone=str(datetime.timezone(now.utcoffset() or datetime.timedelta())),
-        software={name: _version(name) for name in PACKAGES},
+        software=", ".join(f"{name} {_version(name)}" for name in PACKAGES),
         procedure=job.procedure_in_force,
         chosen=job.procedure is not None,
         instruments=(),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import takewhile
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
@@ -116,9 +117,6 @@ def common_beginning(names: Sequence[str]) -> str:
     """
     if len(names) < 2:
         return ""
-    first, last = min(names), max(names)
-    same = 0
-    while same < min(len(first), len(last)) and first[same] == last[same]:
-        same += 1
-    cut = max(first.rfind(" ", 0, same), first.rfind("/", 0, same))
-    return first[: cut + 1]
+    alike = takewhile(lambda letters: len(set(letters)) == 1, zip(*names, strict=False))
+    same = "".join(letters[0] for letters in alike)
+    return same[: max(same.rfind(" "), same.rfind("/")) + 1]

@@ -5,6 +5,7 @@ from collections.abc import Collection, Hashable, Mapping
 from functools import partial
 from typing import Any
 
+from inversion.notices import RANGE_DASH
 from pfwd.analysis.results import DropResult
 from pfwd.facts import facts_of_drop
 from pfwd.files.photos import is_sound_photo, photos_of
@@ -177,7 +178,7 @@ def _excluded(point: PointView, texts: Texts) -> str:
     order = [str(drop.number) for drop in point.drops]
     excluded = [(str(drop.number), drop.reason) for drop in point.progress.excluded]
     return "; ".join(
-        f"{as_ranges(group.places, order).replace(' to ', ' – ')}: {texts.message(group.message)}"
+        f"{as_ranges(group.places, order, RANGE_DASH)}: {texts.message(group.message)}"
         for group in group_messages(excluded)
     )
 

@@ -4,13 +4,13 @@ import datetime
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from inversion.notices import without_drops
+from inversion.notices import RANGE_DASH, without_drops
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.facts import fact_of_modulus
 from pfwd.files.header import IMPORTED, declared_values
 from pfwd.judging import DropView, PointView
 from pfwd.judging.stations import chainage_of_point
-from pfwd.message_groups import MessageGroup, as_ranges, group_messages
+from pfwd.message_groups import MessageGroup, as_ranges, group_messages, ranges_of
 from pfwd.procedures import Kind, PointDrop, Quantity, Verdict
 from pfwd.report import formatting
 from pfwd.report.blocks import Block, Heading, Listing, Mark, Paragraph
@@ -147,6 +147,11 @@ def target_notes(report: Report, texts: Texts) -> list[Block]:
         Paragraph(f"{', '.join(dict.fromkeys(names))}: {note}", "small warning")
         for note, names in notes.items()
     ]
+
+
+def names_text(values: Iterable[object]) -> str:
+    """Return the different values as a text, sorted; empty: there is none."""
+    return ", ".join(sorted({str(value) for value in values if value is not None}))
 
 
 def is_response_declared(report: Report) -> bool:
@@ -291,7 +296,7 @@ def remarks_of(point: PointView, texts: Texts, common: Collection[Hashable]) -> 
 
 def drops_text(numbers: Collection[str], order: Sequence[str], texts: Texts) -> str:
     """Return the numbers of drops as ranges, after the word for them."""
-    ranges = as_ranges(numbers, order).replace(" to ", " – ")
+    ranges = as_ranges(numbers, order, RANGE_DASH)
     return f"{texts['drop' if len(numbers) == 1 else 'drops']} {ranges}"
 
 
@@ -315,9 +320,9 @@ def points_text(
     """
     if len(places) == len(order) > 1:
         return texts.say("all_points", count=len(order))
-    ranges = as_ranges(places, order).split(", ")
+    ranges = ranges_of(places, order)
     if len(ranges) > MAX_LISTED_RANGES:
         return texts.say("some_points", count=len(places), all=len(order))
-    listed = ", ".join(" – ".join(names[end] for end in part.split(" to ")) for part in ranges)
+    listed = ", ".join(f" {RANGE_DASH} ".join(names[end] for end in ends) for ends in ranges)
     key = "point_named" if len(places) == 1 else "points_named"
     return texts.say(key, count=len(places), names=listed)

@@ -169,7 +169,7 @@ def recompute_blocks(report: Report, texts: Texts) -> list[Block]:
     rows = (
         (texts["command"], report.command),
         (texts["survey"], f"{report.survey_name}, {report.survey_id}"),
-        (texts["software"], ", ".join(f"{n} {v}" for n, v in report.software.items())),
+        (texts["software"], report.software),
         (texts["settings"], "" if has_only_peaks(report) else settings),
     )
     blocks: list[Block] = [

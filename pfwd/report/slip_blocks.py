@@ -16,6 +16,7 @@ from pfwd.report.certificate_blocks import (
     unsupported_note,
 )
 from pfwd.report.content import Report
+from pfwd.report.drawing import blank_axes, draw_signature
 from pfwd.report.fonts import Letters
 from pfwd.report.formatting import Column, mean, number
 from pfwd.report.gathering import ReportOptions
@@ -203,13 +204,8 @@ def draw_code_and_signature(
     code.set_xlim(-quiet, len(rows) + quiet)
     code.set_ylim(len(rows) + quiet, -quiet)
     code.set_axis_off()
-    start = float(height / width) + 0.06
-    lines = figure.add_axes((start, 0.0, 1.0 - start, 1.0))
-    lines.set_axis_off()
-    lines.set_xlim(0, 1)
-    lines.set_ylim(0, 1)
+    lines = blank_axes(figure, float(height / width) + 0.06)
     for place, label in zip((0.66, 0.2), labels, strict=True):
-        lines.plot([0.0, 0.9], [place, place], color="0.2", linewidth=0.8)
-        lines.text(0.0, place - 0.1, label, fontsize=7.5, color="0.35", parse_math=False)
+        draw_signature(lines, 0.0, place, 0.9, 0.1, label)
     if signed is not None:
         lines.text(0.01, 0.24, signed, fontsize=13, style="italic", parse_math=False)

@@ -69,7 +69,7 @@ def _rows(report: Report, texts: Texts) -> tuple[tuple[str, str], ...]:
     return (
         (texts["survey"], report.survey_name),
         (texts["made"], f"{report.made[:MINUTE_LENGTH].replace('T', ' ')} {report.zone}"),
-        (texts["software"], ", ".join(f"{n} {v}" for n, v in report.software.items())),
+        (texts["software"], report.software),
     )
 
 

@@ -26,6 +26,7 @@ from pfwd.report.content import Report
 from pfwd.report.point_facts import (
     diagnosis_of,
     local_time,
+    names_text,
     time_of,
     used_drops,
     verdict_of,
@@ -253,17 +254,13 @@ def survey_values(report: Report) -> Values:
     calibrated = [str(c["calibrated"]) for c in channels if c.get("calibrated")]
     setups = [point.setup for point in report.points]
 
-    def each(name: str) -> str | None:
-        values = sorted({str(v) for s in setups if (v := getattr(s, name)) is not None})
-        return ", ".join(values) or None
-
     return {
         "title": report.title,
         "survey": report.survey_name,
         "survey_id": report.survey_id,
-        "site": each("site"),
-        "operator": each("operator"),
-        "device": each("device") or first.get("model"),
+        "site": names_text(setup.site for setup in setups) or None,
+        "operator": names_text(setup.operator for setup in setups) or None,
+        "device": names_text(setup.device for setup in setups) or first.get("model"),
         "serial_number": first.get("serial_number"),
         "calibrated": as_date(min(calibrated)) or min(calibrated) if calibrated else None,
         "procedure": None if procedure is None else procedure.name,
@@ -274,7 +271,7 @@ def survey_values(report: Report) -> Values:
         "first_time": as_date(times[0]) if times else None,
         "last_time": as_date(times[-1]) if times else None,
         "made": as_date(report.made),
-        "software": ", ".join(f"{name} {version}" for name, version in report.software.items()),
+        "software": report.software,
         "points_count": len(points),
         "drops_count": sum(len(point.drops) for point in points),
         "passed": counts["pass"],
