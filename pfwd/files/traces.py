@@ -77,34 +77,6 @@ _COLUMN_NAMES = (
 _FORMAT_LINE = re.compile(rf"#\s*{TRACES_FORMAT_KEY}\s*=")
 
 
-@dataclass(frozen=True, slots=True)
-class TraceColumn:
-    """Column with the trace of a sensor."""
-
-    index: int
-    """Index of the column, from 0."""
-    quantity: Measurand
-    """Measured quantity."""
-    offset: float
-    """Distance from the plate centre, m; negative: the other side of the plate."""
-
-
-@dataclass(frozen=True, slots=True)
-class Columns:
-    """Columns of a trace file, by their indices from 0."""
-
-    names: tuple[str, ...]
-    """Names of all columns, in the order of the file."""
-    drop: int | None
-    """Column with the drop numbers; None: all rows belong to drop 1."""
-    time: int
-    """Column with the time."""
-    load: int
-    """Column with the load."""
-    sensors: tuple[TraceColumn, ...]
-    """Columns with the traces of sensors, in the order of the file."""
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class TracePoint:
     """One test point: its declared setup and its drops."""
@@ -159,7 +131,7 @@ def read_traces(
         _check_file(file)
         with _open(file) as stream:
             top = _read_top(stream, file, foreign=foreign)
-            setup = setup_from(top.declarations | (declared or {}), _at(file, top.names_line))
+            setup = setup_from(top.declarations | (declared or {}), _at(file, top.line))
             table = _read_numbers(stream, file, top)
     except UnicodeDecodeError as err:
         raise TraceError(_no_text(file, "UTF-8 text", err.reason)) from err
@@ -233,12 +205,20 @@ def write_traces(path: str | os.PathLike[str], point: TracePoint) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Top:
-    """Declarations and column names above the numbers."""
+    """Declarations and columns, by their indices from 0, of a trace file."""
 
     declarations: Declarations
-    columns: Columns
-    names_line: int
+    line: int
     """Line with the column names, from 1; the numbers begin on the next."""
+    names: list[str]
+    """Names of all columns."""
+    sensors: list[tuple[int, Measurand, float]]
+    """Column, quantity and offset (m; negative: the other side of the plate) of each sensor."""
+
+    @property
+    def drop(self) -> int | None:
+        """Column with the drop numbers; None: all rows belong to drop 1."""
+        return self.names.index(DROP_COLUMN) if DROP_COLUMN in self.names else None
 
 
 def _at(file: str, line: int) -> str:
@@ -305,7 +285,7 @@ def _read_top(stream: TextIO, file: str, *, foreign: bool) -> _Top:
                     raise TraceError(refusal(where, "every key once", f"{quote(key)} again"))
                 declarations[key] = declaration
         elif text.strip():
-            return _Top(declarations, parse_columns(text, where), line)
+            return _Top(declarations, line, *_parse_columns(text, where))
     raise TraceError(refusal(file, "a row of column names", "the end of the file"))
 
 
@@ -335,7 +315,7 @@ def numbered_lines(stream: TextIO, file: str) -> Iterator[tuple[int, str]]:
 
 def _read_numbers(stream: TextIO, file: str, top: _Top) -> NDArray[np.float64]:
     """Return the numbers below the column names, (rows, columns); refuse NaN and infinity."""
-    width = len(top.columns.names)
+    width = len(top.names)
     refuse_long(file, width)
     try:
         with warnings.catch_warnings():
@@ -351,7 +331,7 @@ def _read_numbers(stream: TextIO, file: str, top: _Top) -> NDArray[np.float64]:
     finite = np.isfinite(table)
     if not finite.all():
         row, column = np.unravel_index(np.argmin(finite), table.shape)
-        name = top.columns.names[column]
+        name = top.names[column]
         where = _row_place(file, top, int(row))
         raise TraceError(refusal(where, f"a finite number in {name}", f"{table[row, column]}"))
     return table.reshape(-1, width)
@@ -388,7 +368,7 @@ def _data_lines(file: str, top: _Top) -> Iterator[tuple[int, str]]:
     """Yield line number and text of the rows of numbers; numpy skips the other lines."""
     with _open(file, errors="surrogateescape") as stream:
         for line, text in enumerate(stream, start=1):
-            if line > top.names_line and text != "\n":
+            if line > top.line and text != "\n":
                 yield line, text
 
 
@@ -406,7 +386,7 @@ def _find_bad_line(file: str, top: _Top) -> str | None:
         # numpy is thirty times as fast as a check of each number, of which there may be millions.
         try:
             table = np.loadtxt([text for _, text in block], delimiter=",", comments=None, ndmin=2)
-            if table.shape[1] == len(top.columns.names):
+            if table.shape[1] == len(top.names):
                 continue
         except ValueError:
             pass
@@ -416,7 +396,7 @@ def _find_bad_line(file: str, top: _Top) -> str | None:
 
 
 def _bad_line_of(lines: list[tuple[int, str]], file: str, top: _Top) -> str | None:
-    names = top.columns.names
+    names = top.names
     for line, text in lines:
         if "\0" in text or not text.isascii():
             return _no_text(_at(file, line), "a line of text", "bytes that are no digits")
@@ -441,21 +421,20 @@ def _is_number(cell: str) -> bool:
 def _split(table: NDArray[np.float64], file: str, top: _Top) -> tuple[Drop, ...]:
     """Return the drops of a table; refuse drops that are too short or have uneven time steps."""
     if table.shape[0] < MIN_SAMPLES:
-        raise TraceError(too_short(_at(file, top.names_line), table.shape[0]))
-    columns = top.columns
-    numbers = table[:, columns.drop] if columns.drop is not None else np.ones(table.shape[0])
+        raise TraceError(too_short(_at(file, top.line), table.shape[0]))
+    numbers = table[:, top.drop] if top.drop is not None else np.ones(table.shape[0])
+    time, load = top.names.index(TIME_COLUMN), top.names.index(LOAD_COLUMN)
     drops = []
     for number, start, end in split_drops(numbers, file, lambda row: _row_place(file, top, row)):
         if end - start < MIN_SAMPLES:
             where = _row_place(file, top, start)
             raise TraceError(too_short(where, end - start, f" in drop {number}"))
         rows = table[start:end]
-        _check_time(rows[:, columns.time], start, file, top)
+        _check_time(rows[:, time], start, file, top)
         channels = tuple(
-            Channel(sensor.offset, sensor.quantity, rows[:, sensor.index])
-            for sensor in columns.sensors
+            Channel(offset, quantity, rows[:, column]) for column, quantity, offset in top.sensors
         )
-        drops.append(Drop(number, rows[:, columns.time], rows[:, columns.load], channels))
+        drops.append(Drop(number, rows[:, time], rows[:, load], channels))
     return tuple(drops)
 
 
@@ -509,25 +488,14 @@ def _check_time(time: NDArray[np.float64], start: int, file: str, top: _Top) -> 
         row = int(np.argmax(uneven))
         actual = f"a step of {steps[row]:.6g} s"
         hint = ""
-        if steps[row] <= 0 and top.columns.drop is None:
+        if steps[row] <= 0 and top.drop is None:
             hint = "several drops in one file need a column drop"
         expected = f"even time steps, each within 1 % of {step:.6g} s"
         raise TraceError(refusal(_row_place(file, top, start + row + 1), expected, actual, hint))
 
 
-def parse_columns(row: str, where: str) -> Columns:
-    """Return the columns of a trace file from its line of column names.
-
-    Parameters
-    ----------
-    row : str
-        Line with the column names.
-    where : str
-        File and line, for messages.
-
-    Returns
-    -------
-    Columns
+def _parse_columns(row: str, where: str) -> tuple[list[str], list[tuple[int, Measurand, float]]]:
+    """Return the names of all columns, and column, quantity and offset of each sensor.
 
     Raises
     ------
@@ -536,21 +504,21 @@ def parse_columns(row: str, where: str) -> Columns:
     """
     names = [name.strip() for name in next(csv.reader([row.strip()]), [])]
     sensors = [
-        _parse_sensor(index, name, where)
-        for index, name in enumerate(names)
+        (column, *_parse_sensor(name, where))
+        for column, name in enumerate(names)
         if name not in (DROP_COLUMN, TIME_COLUMN, LOAD_COLUMN)
     ]
     for name in (TIME_COLUMN, LOAD_COLUMN):
         if name not in names:
             raise TraceError(refusal(where, f"a column {name}", f"columns {quote(row.strip())}"))
-    _refuse_twins(names, sensors, where)
-    return Columns(
-        names=tuple(names),
-        drop=names.index(DROP_COLUMN) if DROP_COLUMN in names else None,
-        time=names.index(TIME_COLUMN),
-        load=names.index(LOAD_COLUMN),
-        sensors=tuple(sensors),
-    )
+    # @0.3 and @0.30 are one sensor; a velocity and a displacement may share an offset.
+    keys: list[object] = list(names)
+    for column, *sensor in sensors:
+        keys[column] = tuple(sensor)
+    if len(set(keys)) < len(keys):
+        twin = next(name for n, name in enumerate(names) if keys[n] in keys[:n])
+        raise TraceError(refusal(where, "every column once", f"{quote(twin)} again"))
+    return names, sensors
 
 
 def sensor_name(quantity: Measurand, offset: float) -> str:
@@ -558,7 +526,7 @@ def sensor_name(quantity: Measurand, offset: float) -> str:
     return f"{quantity.column}@{offset!r}"
 
 
-def _parse_sensor(index: int, name: str, where: str) -> TraceColumn:
+def _parse_sensor(name: str, where: str) -> tuple[Measurand, float]:
     match = _SENSOR_NAME.fullmatch(name)
     offset = math.nan
     if match is not None:
@@ -569,15 +537,4 @@ def _parse_sensor(index: int, name: str, where: str) -> TraceColumn:
         if name in _SENSOR_COLUMNS:
             hint = f"the centre sensor is {name}@0.0000"
         raise TraceError(refusal(where, f"a column {_COLUMN_NAMES}", quote(name), hint))
-    return TraceColumn(index, _SENSOR_COLUMNS[match[1]], offset)
-
-
-def _refuse_twins(names: list[str], sensors: list[TraceColumn], where: str) -> None:
-    # @0.3 and @0.30 are one sensor; a velocity and a displacement may share an offset.
-    keys = {sensor.index: (sensor.quantity, sensor.offset) for sensor in sensors}
-    keys_before: set[object] = set()
-    for index, name in enumerate(names):
-        key = keys.get(index, name)
-        if key in keys_before:
-            raise TraceError(refusal(where, "every column once", f"{quote(name)} again"))
-        keys_before.add(key)
+    return _SENSOR_COLUMNS[match[1]], offset

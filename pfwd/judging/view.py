@@ -20,10 +20,9 @@ from pfwd.analysis.result_store import (
 )
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.errors import SurveyError
-from pfwd.files.editing import later_declarations
+from pfwd.files.editing import later_declarations, moved_to
 from pfwd.files.folders import is_survey, is_survey_file
 from pfwd.files.header import Declaration, PointSetup, setup_from
-from pfwd.files.moving import moved_to
 from pfwd.files.opening import survey_content
 from pfwd.judging.drops import RATE_DEVIATION, DropView, drop_from_traces
 from pfwd.judging.job import Job, job_of

@@ -1,7 +1,6 @@
 """Edits of a survey during its session, as the events that report them."""
 
-from pfwd.files.editing import Edit
-from pfwd.files.moving import MOVED_TO, move_with, point_called, restore_with
+from pfwd.files.editing import MOVED_TO, Edit, move_with, point_called, restore_with
 from pfwd.session.events import Edited
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.survey_reader import SurveyDrop

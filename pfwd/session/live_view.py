@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from pfwd.analysis.result_store import rests_on
-from pfwd.files.moving import moved_to
+from pfwd.files.editing import moved_to
 from pfwd.judging import DropView, PointView, SurveyView
 from pfwd.judging.drops import RATE_DEVIATION
 from pfwd.judging.places import place_in

@@ -68,8 +68,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from pfwd.files.editing import edit_survey, move_drop, overview_of, survey_overview
-    from pfwd.files.moving import moved_drops
+    from pfwd.files.editing import edit_survey, move_drop, moved_drops, overview_of, survey_overview
 
     edits = _edits(args)
     if args.move is not None:

@@ -319,16 +319,27 @@ def position_of(latitude: object, longitude: object) -> dict[str, float]:
     return {"latitude": north, "longitude": east} if is_position(north, east) else {}
 
 
-def celsius(fahrenheit: float) -> float:
-    """Convert degrees Fahrenheit to degrees Celsius."""
-    return (fahrenheit - 32.0) / 1.8
+def decoded(data: bytes) -> tuple[str, str]:
+    """Return a text and its encoding: UTF-8, else that of Windows."""
+    try:
+        return data.decode("utf-8-sig"), "utf-8-sig"
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace"), "cp1252"
 
 
-def temperature_of(value: object) -> float | None:
+def temperature_of(value: object, *, fahrenheit: bool = False) -> float | None:
     """Convert a number or its text to degrees Celsius; None: no number, or outside the range of
     ground.
+
+    Parameters
+    ----------
+    value : object
+    fahrenheit : bool
+        True: the number is in degrees Fahrenheit.
     """
     number = finite(value)
+    if number is not None and fahrenheit:
+        number = (number - 32.0) / 1.8
     return number if HEADER_KEYS["temperature_c"].value.accepts(number) else None
 
 

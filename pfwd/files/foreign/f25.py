@@ -35,7 +35,6 @@ from inversion.notices import Notice, Value
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.foreign.common import (
     Request,
-    celsius,
     finite,
     position_of,
     short_text,
@@ -188,7 +187,7 @@ class _Reader:
         for name, cell in zip(names, cells[2:5], strict=False):
             value = finite(cell)
             if value is not None:
-                noted[name] = temperature_of(value if in_celsius else celsius(value))
+                noted[name] = temperature_of(value, fahrenheit=not in_celsius)
 
     def _add_drop(self, fields: Sequence[str], line: int, where: str) -> None:
         cells = [field.strip() for field in fields]

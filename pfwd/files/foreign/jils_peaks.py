@@ -23,7 +23,6 @@ from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.foreign.common import (
     Request,
     Values,
-    celsius,
     distinct_sensors,
     finite,
     position_of,
@@ -154,7 +153,7 @@ def _add_facts(station: StationDrops, line: str) -> None:
 
 
 def _celsius(fahrenheit: float) -> float | None:
-    return temperature_of(round(celsius(fahrenheit), 2))
+    return temperature_of(round((fahrenheit - 32.0) / 1.8, 2))
 
 
 LOAD_ROUNDING_N = 0.006 * Measurand.LOAD.units["kip"]

@@ -14,6 +14,7 @@ from typing import Literal
 
 from pfwd.errors import TraceError, refusal
 from pfwd.files.foreign.column_map import COLUMN_UNITS, TextLayout
+from pfwd.files.foreign.common import decoded
 from pfwd.files.toml import toml_line
 from pfwd_plugins.quantities import MOTIONS, Measurand
 
@@ -123,12 +124,12 @@ def draft_map(file: str | os.PathLike[str]) -> MapDraft:
             raise TraceError(refusal(path, "a file", "a pipe or a device", hint))
         with open(path, "rb") as stream:
             data = stream.read(DRAFT_BYTES)
+            if len(data) == DRAFT_BYTES:
+                data = data[: data.rfind(b"\n") + 1]  # the limit cuts the last line off
     except OSError as err:
         raise TraceError(refusal(path, "a readable text", err.strerror or str(err))) from err
     text, encoding = _decoded(data, path)
     lines = text.splitlines()
-    if len(data) == DRAFT_BYTES:
-        lines = lines[:-1]  # the last line is cut off by the limit
     best: tuple[int, int, MapDraft] | None = None
     for delimiter in _TRIED_DELIMITERS:
         for decimal in (".", ","):
@@ -150,12 +151,7 @@ def _decoded(data: bytes, path: str) -> tuple[str, str]:
     if b"\0" in data:
         hint = "save a workbook as CSV first" if data[:2] == b"PK" else ""
         raise TraceError(refusal(path, "a text", "binary data", hint))
-    try:
-        return data.decode("utf-8-sig"), "utf-8-sig"
-    except UnicodeDecodeError as err:
-        if err.start > len(data) - 4:  # a character cut off at the end
-            return data.decode("utf-8-sig", "ignore"), "utf-8-sig"
-        return data.decode("cp1252", "replace"), "cp1252"
+    return decoded(data)
 
 
 def _as_table(

@@ -14,7 +14,6 @@ from inversion.notices import Notice, Value
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.foreign.common import (
     Request,
-    celsius,
     finite,
     position_of,
     short_text,
@@ -219,14 +218,14 @@ class _Reader:
     def _temperatures(self, section: Section) -> dict[str, float | None]:
         use = self._get("Device Configuration", "TemperatureSensorUse").lower()
         names = [name.strip() for name in use.split(self._delimiter)]
-        in_celsius = "fahr" not in self._get("Units", "TemperatureUnits").lower()
+        in_fahrenheit = "fahr" in self._get("Units", "TemperatureUnits").lower()
         temperatures = {}
         values = self._split(_plain(section, "TestTemperatures"))
         for name, text in zip(names, values, strict=False):
             value = finite(text)
             if name in PDDX_TEMPERATURE_KEYS and value is not None:
-                value = value if in_celsius else celsius(value)
-                temperatures[PDDX_TEMPERATURE_KEYS[name]] = temperature_of(value)
+                key = PDDX_TEMPERATURE_KEYS[name]
+                temperatures[key] = temperature_of(value, fahrenheit=in_fahrenheit)
         return temperatures
 
     def _moment(self, section: Section) -> str | None:

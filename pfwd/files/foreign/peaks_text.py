@@ -11,6 +11,7 @@ from inversion.notices import Notice
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.foreign.common import (
     Request,
+    decoded,
     distinct_names,
     distinct_sensors,
     finite,
@@ -61,12 +62,8 @@ def lines_of(file: str) -> Iterator[tuple[int, str]]:
         raise TraceError(refusal(file, f"at most {MAX_TEXT_BYTES // 10**6} MB of peaks", "more"))
     with open(file, "rb") as stream:
         data = stream.read(MAX_TEXT_BYTES + 1)
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = data.decode("cp1252", errors="replace")
     # DOS programs end a text with the control character 1A.
-    text = text.rstrip("\x1a\0\r\n")
+    text = decoded(data)[0].rstrip("\x1a\0\r\n")
     for number, line in enumerate(text.split("\n"), start=1):
         if len(line) > MAX_TEXT_LINE_CHARACTERS:
             actual = f"one of over {MAX_TEXT_LINE_CHARACTERS} characters"

@@ -9,7 +9,7 @@ from typing import Any
 
 from inversion.notices import Notice
 from pfwd.errors import TraceError, quote, refusal
-from pfwd.files.foreign.common import finite, short_text, temperature_of
+from pfwd.files.foreign.common import decoded, finite, short_text, temperature_of
 from pfwd.files.foreign.rincent_facts import (
     Facts,
     PointFacts,
@@ -51,12 +51,9 @@ def read_json(data: bytes, where: str) -> Facts:
     """
     if (problem := json_excess(data)) is not None:  # the largest known database has under 1 MB
         raise TraceError(f"{where}: {problem}")
-    remarks: tuple[Notice, ...] = ()
-    try:
-        text = data.decode("utf-8-sig")  # .NET writes a byte order mark
-    except UnicodeDecodeError:
-        text = data.decode("cp1252", errors="replace")
-        remarks = (Notice("json-not-utf-8", {"file": where}),)
+    text, encoding = decoded(data)
+    is_utf_8 = encoding == "utf-8-sig"
+    remarks = () if is_utf_8 else (Notice("json-not-utf-8", {"file": where}),)
     try:
         # strict=False accepts comments of users with line ends in them.
         database = json.loads(text, strict=False)

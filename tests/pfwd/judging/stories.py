@@ -11,8 +11,8 @@ from benchmarks.scale import UnsyncedStorage
 from pfwd.analysis.result_store import basis_of
 from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
 from pfwd.analysis.screening.drops import compare
+from pfwd.files.editing import MOVED_TO, move_with
 from pfwd.files.header import declared_values
-from pfwd.files.moving import MOVED_TO, move_with
 from pfwd.judging import (
     JobRequest,
     PointView,

@@ -10,7 +10,7 @@ import pytest
 from textual.widgets import Input, Label, Select
 
 from pfwd.analysis.results import DiagnosisResult
-from pfwd.files.moving import MOVED_TO
+from pfwd.files.editing import MOVED_TO
 from pfwd.jobs import Jobs, Task, TaskProgress
 from pfwd.judging import Job, PointView, Station
 from pfwd.procedures import find_procedure, plain_procedure
