@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from pfwd.digits import MISSING, declared
 from pfwd.facts import fact_of_value
@@ -65,7 +66,7 @@ FULL_WIDTH, FULL_HEIGHT = 100, 30
 """Smallest terminal that shows everything at once, columns and rows."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class MeasureView:
     """All that the measure page shows: the session, units, and what the operator chose."""
 
@@ -93,12 +94,12 @@ class MeasureView:
     coordinates: tuple[float, float] | None = None
     """Present latitude and longitude, degrees."""
 
-    @property
+    @cached_property
     def drops(self) -> dict[int, ScreenDrop]:
         """Drops of the current point by their number."""
         return self.state.current_drops
 
-    @property
+    @cached_property
     def drop(self) -> ScreenDrop | None:
         """Drop on the page: the chosen one, else the newest."""
         if self.chosen is not None:
@@ -580,7 +581,7 @@ def model_line(drop: ScreenDrop | None, view: MeasureView, width: int) -> Line:
 
 def drop_table(view: MeasureView, width: int, rows: int) -> list[Line]:
     """Return the table of the drops of the point, newest last."""
-    drops = [view.drops[number] for number in sorted(view.drops)]
+    drops = [drop for _, drop in sorted(view.drops.items())]
     place = next((at for at, drop in enumerate(drops) if drop.number == view.chosen), None)
     table = [
         drop_row(view.state, drops[at], view.units, chosen=drops[at].number == view.chosen)

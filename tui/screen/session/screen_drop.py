@@ -70,8 +70,7 @@ class ScreenDrop:
     @property
     def status(self) -> str:
         """Measured, seating or rejected, by the procedure of the point."""
-        kinds = self.owner.progress.kinds
-        kind = next((kind for number, kind in kinds if number == self.number), Kind.MEASURED)
+        kind = dict(self.owner.progress.kinds).get(self.number, Kind.MEASURED)
         return (Kind.MEASURED if kind is Kind.DISCARDED else kind).value
 
     @property
@@ -79,7 +78,8 @@ class ScreenDrop:
         """Reason why it is rejected or not on the disk; empty: neither, or no reason is known."""
         if self.unsafe is not None:
             return self.unsafe
-        facts = next((fact for fact in self.owner.facts if fact.number == self.number), None)
+        number = self.number
+        facts = next((fact for fact in self.owner.facts if fact.number == number), None)
         if facts is None or facts.kind is not Kind.REJECTED:
             return ""
         return facts.reason or ""
@@ -89,8 +89,8 @@ class ScreenDrop:
         """Reason why a measured drop is excluded from the mean of its point; empty: it is not."""
         if self.status != Kind.MEASURED.value or self.discarded:
             return ""
-        excluded = self.owner.progress.excluded
-        return next((drop.reason for drop in excluded if drop.number == self.number), "")
+        number, excluded = self.number, self.owner.progress.excluded
+        return next((drop.reason for drop in excluded if drop.number == number), "")
 
     @property
     def discarded(self) -> bool:

@@ -155,7 +155,7 @@ def _next_action(state: SessionState, coordinates: tuple[float, float] | None) -
     device = state.device
     if state.recorded:
         return StatusWord("REPLAY", "the next recorded drop follows", "busy")
-    if state.progress.next_kind is None and state.current_drops:
+    if state.progress.next_kind is None and state.current.drops:
         return StatusWord("POINT DONE", _where_next(state, coordinates), "ready")
     if state.building is not None:
         part = f"{100 * state.building.fraction:.0f} %"
