@@ -142,8 +142,6 @@ def _draw(
                 pace.go_on()
             else:
                 await _wait(pilot, lambda: app.state.ended is not None)
-                app.read_contents()
-                await pilot.pause(0.5)
             if keys:
                 await pilot.press(*keys)
                 await pilot.pause(0.3)

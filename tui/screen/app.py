@@ -61,8 +61,6 @@ from tui.screen.session.sources import (
     SessionSource,
     change_speed,
     pace_text,
-    pause_or_go_on,
-    step_drop,
 )
 from tui.screen.session.state import SessionState
 from tui.screen.session.stations import ReceiverStatus
@@ -157,7 +155,6 @@ class PfwdApp(App[int]):
         self._leaving = False
         self._asking = False
         self._message = ("", 0.0)
-        self._unsafe: set[tuple[str, int]] = set()
         self._open_calibration: CalibrationChanged | None = None
         self._sounded: dict[str, str] = {}
         self._drawn_for: tuple[Any, ...] = ()
@@ -246,27 +243,22 @@ class PfwdApp(App[int]):
             loop.add_signal_handler(signal.SIGTERM, self._end_by_signal)
 
     def _begin(self) -> None:
-        self.read_contents()
+        """Start the session, and read the points of the survey in a thread.
+
+        In a replay the session reports them one by one.
+        """
+        folder = self.source.survey
+        if folder is not None and folder.is_dir() and self.source.writes:
+            self._in_thread(partial(self._read, folder), "contents")
         self.runner.start()
+
+    def _read(self, folder: Path) -> None:
+        # The session reports a survey that cannot be read.
+        with contextlib.suppress(SurveyError, DeviceError, OSError):
+            self.runner.report(SurveyRead(read_points(folder)))
 
     def _end_by_signal(self) -> None:
         self.run_worker(self._leave(), exclusive=True, group="leave")
-
-    def read_contents(self) -> None:
-        """Read the stored points and drops in a thread; they come as `SurveyRead`.
-
-        In a replay they come one by one.
-        """
-        folder = self.source.survey
-        if folder is None or not folder.is_dir() or not self.source.writes:
-            return
-
-        def read() -> None:
-            # The session reports a survey that cannot be read.
-            with contextlib.suppress(SurveyError, DeviceError, OSError):
-                self.runner.report(SurveyRead(read_points(folder)))
-
-        self._in_thread(read, "contents")
 
     def _in_thread(self, work: Callable[[], ScreenEvent | None], group: str) -> None:
         """Run slow work in a thread, and take the event that it returns, or its error."""
@@ -301,16 +293,15 @@ class PfwdApp(App[int]):
             page.draw()
 
     def _take(self, event: ScreenEvent) -> None:
+        unsafe = {*self.state.unsafe}
         self.state.take(event)
         match event:
             case DropSaved(saved):
                 self._ring(2 if saved.screening.status == "rejected" else 1)
-                if (saved.point, saved.number) in self._unsafe:
-                    self._unsafe.discard((saved.point, saved.number))
+                if (saved.point, saved.number) in unsafe:
                     self.show_message(f"drop {saved.number} is safe now")
-            case DropNotSaved(point, number, reason):
+            case DropNotSaved(_, number, reason):
                 self._ring(2)
-                self._unsafe.add((point, number))
                 self.show_message(f"drop {number} is NOT SAFE: {reason}")
             case SurveyFilesChanged(text):
                 self._ring(2)
@@ -492,14 +483,19 @@ class PfwdApp(App[int]):
 
     def action_pause(self) -> None:
         """Pause a replay, or continue it."""
-        if self.source.pace is not None:
-            pause_or_go_on(self.source.pace)
+        if (pace := self.source.pace) is not None:
+            if pace.paused:
+                pace.go_on()
+            else:
+                pace.pause()
             self.redraw()
 
     def action_step(self) -> None:
         """Replay one more drop."""
-        if self.source.pace is not None:
-            step_drop(self.source.pace)
+        if (pace := self.source.pace) is not None:
+            if not pace.paused:
+                pace.pause()
+            pace.step()
             self.redraw()
 
     def action_speed(self, step: int) -> None:

@@ -40,7 +40,6 @@ from tests.tui.screen.scripted import (
     ready,
     report,
     result,
-    samples,
     saved,
     status,
     stored_drop,
@@ -113,38 +112,6 @@ def test_a_drop_without_a_modulus_is_repeated_where_moduli_are_judged() -> None:
     assert word(state) == "REPEAT"
     state = state_after(*events, JobReported(Job(procedure=find_procedure("mndot"))))
     assert word(state) != "REPEAT", "its deflection is as good as any"
-
-
-def test_the_modulus_of_a_point_is_of_the_measured_drops_that_count() -> None:
-    state = state_after(*complete_point())
-    modulus = state.progress.modulus
-    assert modulus is not None
-    assert modulus.value == pytest.approx(47.5e6, rel=1e-4)
-    report(state, Edited("discard", None, None, 6))
-    modulus = state.progress.modulus
-    assert modulus is not None
-    assert modulus.value == pytest.approx(47.45e6, rel=1e-4)
-
-
-def test_the_target_is_met_only_by_the_full_interval() -> None:
-    assert state_after(*complete_point(), target=40e6).progress.verdict is Verdict.PASS
-    assert state_after(*complete_point(), target=60e6).progress.verdict is Verdict.FAIL
-    assert state_after(*complete_point(), target=47.5e6).progress.verdict is Verdict.UNDECIDED
-
-
-def test_the_target_of_the_point_wins() -> None:
-    state = state_after(*complete_point(), Edited("target", 60e6, "7", None), target=40e6)
-    assert state.progress.target == 60e6
-
-
-def test_a_chosen_procedure_judges() -> None:
-    state = SessionState(find_procedure("tp-bf-stb-b8.3"), clock=Clock())
-    report(state, SessionStarted(Session(), "7"))
-    for event in complete_point():
-        report(state, event)
-    value = state.progress.value
-    assert value is not None
-    assert value.quantity.value == "E_vd"
 
 
 def test_rebounds_notes_marks_and_names_are_stored() -> None:
@@ -298,13 +265,6 @@ def test_the_table_is_awaited() -> None:
 )
 def test_every_end_has_its_word(ended: SessionEnded, expected: str) -> None:
     assert word(state_after(ready(), ended)) == expected
-
-
-def test_samples_do_not_change_the_state() -> None:
-    state = state_after(ready())
-    before = dataclasses.asdict(state.device)
-    report(state, samples(9000.0))
-    assert dataclasses.asdict(state.device) == before
 
 
 def test_the_diagnosis_of_a_measured_point_gives_advice() -> None:

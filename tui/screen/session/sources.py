@@ -216,21 +216,6 @@ def pace_text(pace: Pace | None) -> str:
     return f"PAUSED ({speed})" if pace.paused else f"speed {speed}"
 
 
-def pause_or_go_on(pace: Pace) -> None:
-    """Pause a replay, or continue it."""
-    if pace.paused:
-        pace.go_on()
-    else:
-        pace.pause()
-
-
-def step_drop(pace: Pace) -> None:
-    """Replay one more drop, then pause."""
-    if not pace.paused:
-        pace.pause()
-    pace.step()
-
-
 def change_speed(pace: Pace, step: int) -> None:
     """Change the speed of a replay by steps of `REPLAY_SPEEDS`."""
     speed = pace.speed or REPLAY_SPEEDS[-1]
