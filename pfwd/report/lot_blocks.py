@@ -8,10 +8,10 @@ from pfwd.digits import significant
 from pfwd.judging import PointView
 from pfwd.procedures import Quantity
 from pfwd.report import formatting
-from pfwd.report.blocks import Block, Heading, Pairs, Paragraph, Picture, Table, Together
+from pfwd.report.blocks import Block, Heading, Pairs, Paragraph, Picture, Together
 from pfwd.report.content import Report
 from pfwd.report.drawing import draw_correlation, draw_lot
-from pfwd.report.formatting import mean, number
+from pfwd.report.formatting import NO_VALUE, Column, mean, number
 from pfwd.report.lot import Lot, line_through, lot_of
 from pfwd.report.point_facts import verdict_of
 from pfwd.report.texts import Texts
@@ -78,7 +78,7 @@ def _rows(
             f"n = {len(lot.values)}",
         ),
         (texts["characteristic"], _characteristic(lot, unit, texts)),
-        (texts["outliers"], outliers or formatting.NO_VALUE),
+        (texts["outliers"], outliers or NO_VALUE),
         (texts["passed"], _passed(points, texts)),
         (
             texts["lot_excluded"],
@@ -118,34 +118,30 @@ def _zones(
     zones: dict[str, list[PointView]] = {}
     for point in points:
         zone = point.setup.site if point.setup.zone is None else point.setup.zone
-        zones.setdefault(formatting.NO_VALUE if zone is None else str(zone), []).append(point)
+        zones.setdefault(NO_VALUE if zone is None else str(zone), []).append(point)
     if len(zones) < 2:
         return []
-    rows = []
-    for name, some in zones.items():
-        values = [p.progress.value.value / scale for p in some if p.progress.value is not None]
-        lot = _lot(report, some, scale)
-        rows.append(
-            (
-                name,
-                str(len(values)),
-                mean(Unit(unit, 1.0), values, texts),
-                formatting.NO_VALUE if lot is None else _rough(lot.deviation, texts),
-                formatting.NO_VALUE if lot is None else _characteristic(lot, "", texts).strip(),
-                _extremes(values, texts),
-                _passed(some, texts),
-            )
-        )
-    columns = (
-        texts["zone"],
-        "n",
-        f"{texts['mean']}, {unit}",
-        f"s, {unit}",
-        f"{texts['characteristic_short']}, {unit}",
-        f"min – max, {unit}",
-        texts["passed"],
+    lots = [_lot(report, some, scale) for some in zones.values()]
+    values = [
+        [p.progress.value.value / scale for p in some if p.progress.value is not None]
+        for some in zones.values()
+    ]
+    deviations = [NO_VALUE if lot is None else _rough(lot.deviation, texts) for lot in lots]
+    fractiles = [
+        NO_VALUE if lot is None else _characteristic(lot, "", texts).strip() for lot in lots
+    ]
+    means = [mean(Unit(unit, 1.0), of_zone, texts) for of_zone in values]
+    extremes = [_extremes(of_zone, texts) for of_zone in values]
+    table = formatting.table(
+        Column(texts["zone"], list(zones), right=False),
+        Column("n", [str(len(of_zone)) for of_zone in values]),
+        Column(f"{texts['mean']}, {unit}", means),
+        Column(f"s, {unit}", deviations),
+        Column(f"{texts['characteristic_short']}, {unit}", fractiles),
+        Column(f"min – max, {unit}", extremes, right=False),
+        Column(texts["passed"], [_passed(some, texts) for some in zones.values()], right=False),
     )
-    return [Heading(texts["zones"], 3), Table(columns, tuple(rows), (1, 2, 3, 4))]
+    return [Heading(texts["zones"], 3), table]
 
 
 def _correlation(

@@ -419,21 +419,6 @@ def test_a_chainage_is_that_of_the_station_or_of_the_name(judged: Path, tmp_path
     assert first["chainage_m"] == "12321.5"
 
 
-def test_the_job_of_the_survey_judges_its_points(judged: Path, tmp_path: Path) -> None:
-    """The same function as screen, log and report."""
-    from pfwd.files.opening import survey_content
-    from pfwd.judging import point_views
-
-    with SurveyWriter.open(judged) as writer:
-        writer.edit("target", None, point="A/1")
-        writer.note_event("job", {"target": 60e6})
-    first, _ = points_of(judged, tmp_path / "p.csv")
-    point = next(iter(point_views(survey_content(judged))))
-    assert first["verdict"] == point.progress.verdict == "fail"
-    assert float(first["target"]) == 60e6
-    assert float(first["value"]) == point.progress.value.value
-
-
 @pytest.mark.parametrize(("name", "form"), [("p.gpkg", "gpkg"), ("p.XLSX", "xlsx")])
 def test_the_ending_names_the_format(name: str, form: str, judged: Path, tmp_path: Path) -> None:
     assert export_survey(judged, None, tmp_path / name).format == form

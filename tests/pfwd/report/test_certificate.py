@@ -19,7 +19,6 @@ from pfwd.report.blocks import Pairs, Paragraph, Picture
 from pfwd.report.certificate_blocks import certificate_blocks, points_table, verdict_reasons
 from pfwd.report.composing import compose
 from pfwd.report.content import Report
-from pfwd.report.drawing import curves_height
 from pfwd.report.fonts import Letters
 from pfwd.report.gathering import ReportOptions, gather
 from pfwd.report.point_facts import time_with_zone
@@ -115,12 +114,6 @@ def test_loads_pressures_and_conditions_are_said(survey: Path) -> None:
     dry = declared(second, moisture=4.0, material="gravel")
     said = rows_of(replace(report, points=(wet, dry)))["Conditions"]
     assert said == "Material: gravel; Moisture: 4 – 5.5 %; Temperature: 12 °C"
-
-
-def test_names_of_documents_keep_their_points(survey: Path) -> None:
-    report = gather(survey, ReportOptions(procedure="tp-bf-stb-b8.3"))
-    said = [b.text for b in compose(report, DE, Letters()) if isinstance(b, Paragraph)]
-    assert any(text.endswith("TP BF-StB Teil B 8.3") for text in said)
 
 
 def drawn_curves(points: list[PointView]) -> list[Any]:
@@ -261,10 +254,3 @@ def test_a_chainage_has_a_column(survey: Path) -> None:
     assert table.columns[:2] == ("Point", "Chainage,\N{NO-BREAK SPACE}m")
     assert [row[1] for row in table.rows] == ["8827.75", "12320"]
     assert 1 in table.right
-
-
-def test_pictures_of_curves_have_room_below(survey: Path) -> None:
-    points = gather(survey).points
-    assert curves_height(points[:1]) == 62.0
-    assert curves_height(points) == 33.0 + 8.0
-    assert curves_height([*points] * 6) == 2 * 30.0 + 8.0  # six side by side
