@@ -419,7 +419,7 @@ def move_with(writer: SurveyWriter, drop: SurveyDrop, to: str) -> int:
         record.rebounds,
     )
     saved = writer.save_drop(moved)
-    result = drop.read_last_result()
+    result = next(drop.readable_results(dict), None)
     if result is not None:
         writer.save_result(saved, {**result, "drop": number})
     writer.edit("discard", {MOVED_TO: {"point": to, "drop": number}}, number=drop.number)

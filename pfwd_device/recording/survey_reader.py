@@ -174,14 +174,6 @@ class SurveyDrop:
         paths = reversed(self._result_paths())
         return next((damaged[path] for path in paths if path in damaged), None)
 
-    def read_last_result(self) -> Result | None:
-        """Read the valid result of the drop; None without a stored result.
-
-        The errors are those of `read_results`.
-        """
-        paths = self._result_paths()
-        return self._survey._read_result(paths[-1], dict) if paths else None
-
     def read_diagnosis(self, decode: Callable[[Result], _T]) -> _T | None:
         """Read the latest diagnosis of the point that was stored with this drop; None without one.
 

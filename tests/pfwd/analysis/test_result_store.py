@@ -177,7 +177,7 @@ def test_the_diagnosis_of_a_drop_is_none_of_its_results(survey: Path) -> None:
     assert first.read_diagnosis(dict) is None
     assert last.read_diagnosis(dict) == {"verdict": "explained"}
     assert last.result_count == 1
-    assert last.read_last_result() == {"modulus_pa": 5e7}
+    assert next(last.readable_results(dict)) == {"modulus_pa": 5e7}
 
 
 def record() -> Record:

@@ -16,6 +16,7 @@ from hypothesis import Phase, given, settings
 from pfwd.export.export import export_survey
 from pfwd.export.maps import GPX_NAMESPACE
 from pfwd.export.registry import BUILT_IN_FORMATS
+from pfwd.facts import fact_of_value
 from pfwd.files.opening import survey_content
 from pfwd.judging import JobRequest, PointView, point_views
 from pfwd.judging.job import target_text
@@ -28,6 +29,7 @@ from pfwd.report.texts import load_texts
 from pfwd.session.events import SurveyChanged
 from pfwd.session.live_view import CompletePoints
 from pfwd.session.measure import replay
+from pfwd.units import SI
 from pfwd_device.recording import read_survey
 from tests.pfwd.judging import stories
 from tests.pfwd.judging.stories import Told, whole
@@ -299,8 +301,7 @@ def _check_gpx(path: Path, known: Mapping[str, PointView]) -> None:
         if progress.target is not None:
             assert f"target {target_text(progress.target)}" in words
         if progress.value is not None:
-            scale = 1e3 if progress.value.unit == "m" else 1e-6
-            assert f" = {progress.value.value * scale:.4g} " in words
+            assert f" = {SI.show(fact_of_value(progress.value))}" in words
 
 
 def _check_pddx(path: Path, known: Mapping[str, PointView]) -> None:

@@ -135,7 +135,7 @@ def raw_drop(drop: SurveyDrop) -> RawDrop:
         drop.drop,
         float(np.max(record.load)),
         float(np.max(record.channels[0].values)),
-        drop.read_last_result(),
+        next(drop.readable_results(dict), None),
     )
     for edit in drop.edits:
         if edit["what"] == "discard":

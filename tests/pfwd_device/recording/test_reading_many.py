@@ -293,8 +293,8 @@ def test_the_last_of_many_results_is_the_one_written_last(
     first, second, _ = read_survey(tmp_path / "s").drops
     assert len(first.results) == 11
     assert first.results[-1] == tmp_path / "s/results/drop-000001-11.json"
-    assert first.read_last_result() == {"seed": 11} == first.read_results()[-1]
-    assert (second.results, second.read_results(), second.read_last_result()) == ((), (), None)
+    assert first.read_results()[-1] == {"seed": 11}
+    assert (second.results, second.read_results()) == ((), ())
     assert (first.result_count, second.result_count) == (11, 0)
 
 
@@ -315,7 +315,7 @@ def test_a_changed_result_does_not_count_and_is_reported_once(
     survey = read_survey(tmp_path / "s")
     drop = survey.drops[0]
     assert survey.damage == ()
-    for read in (drop.read_last_result, drop.read_results, lambda: drop.read_diagnosis(dict)) * 2:
+    for read in (drop.read_results, lambda: drop.read_diagnosis(dict)) * 2:
         with pytest.raises(RecordingError, match=r"-[12]\.json is damaged: expected the stored .*"):
             read()
     assert list(drop.readable_results(dict)) == [{"seed": 1}]
@@ -323,4 +323,4 @@ def test_a_changed_result_does_not_count_and_is_reported_once(
     assert [text.split(" is damaged")[0] for text in survey.damage] == names
     assert recover(tmp_path / "s").ok
     assert path.read_bytes() == content
-    assert read_survey(tmp_path / "s").drops[0].read_last_result() == {"seed": 2}
+    assert read_survey(tmp_path / "s").drops[0].read_results()[-1] == {"seed": 2}
