@@ -20,6 +20,7 @@ import time
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent import futures
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass
 from typing import IO, Any, TypeVar
@@ -217,6 +218,10 @@ class Jobs:
                 yield tasks.popleft().result()
 
         return results()
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait until all calls are finished, at most for this time, s."""
+        futures.wait([*self._open], timeout_s)
 
     def stop(self, task: Task[Any]) -> None:
         """Withdraw a call; one that runs is ended with its process."""

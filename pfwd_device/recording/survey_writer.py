@@ -11,7 +11,6 @@ import logging
 import os
 import queue
 from collections.abc import Mapping
-from concurrent.futures import wait
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -82,7 +81,7 @@ class SurveyWriter:
         self._index = index
         self._lock = log.lock
         self._jobs = jobs
-        self._publishing: dict[int, Task[dict[str, Any]]] = {}
+        self._requested: set[int] = set()
         self._unlisted: list[dict[str, Any]] = []
         self._captures: list[CaptureWriter] = []
         self._drop_bytes = DEFAULT_DROP_BYTES
@@ -443,10 +442,11 @@ class SurveyWriter:
         """
         with self._lock:
             drop = self._drop(number)
-            is_requested = number in self._publishing
+            is_requested = number in self._requested
             if self._jobs is None or is_requested or self._records.part is not None:
                 return
-            self._publishing[number] = self._jobs.submit(
+            self._requested.add(number)
+            self._jobs.submit(
                 publish,
                 self._layout,
                 drop.places,
@@ -530,7 +530,7 @@ class SurveyWriter:
             if self._layout.drop_file_name(number) not in self._index.files:
                 self.publish(number)
         if self._jobs is not None:
-            wait(self._publishing.values(), timeout)
+            self._jobs.wait(timeout)
             self._jobs.close()  # when it returns, all results are listed
         for listed in self._unlisted:
             self._write(RecordKind.FILE, listed)
