@@ -81,27 +81,25 @@ def check(folder: str | os.PathLike[str], *, spare: SpareFolder | None = None) -
 
 def _check_journal(layout: Layout, index: Index, damaged: list[str], unfinished: list[str]) -> None:
     covered = [(e.segment, e.offset) for e in index.lost.values() if e.sequence in index.settled]
-    for stretch in index.damage:
-        where = f"{layout.relative(layout.segment(stretch.segment))}, byte {stretch.damage.offset}"
+    for segment, damage in index.damage:
+        where = f"{layout.relative(layout.segment(segment))}, byte {damage.offset}"
         try:
-            is_handled = damage_key(layout, stretch) in index.handled_damage
+            is_handled = damage_key(layout, segment, damage) in index.handled_damage
         except OSError:
             is_handled = False
         if is_handled:
             continue
-        text = f"{where}: {stretch.damage.length} bytes are damaged"
+        text = f"{where}: {damage.length} bytes are damaged"
         inside = [
             entry.name
             for entry in index.lost.values()
-            if entry.segment == stretch.segment
-            and stretch.damage.offset - entry.length
-            < entry.offset
-            < stretch.damage.offset + stretch.damage.length
+            if entry.segment == segment
+            and damage.offset - entry.length < entry.offset < damage.offset + damage.length
             and (entry.segment, entry.offset) not in covered
         ]
         if inside:
             text += f" ({', '.join(inside)})"
-        if stretch.damage.at_end and not inside:
+        if damage.at_end and not inside:
             unfinished.append(f"{text}, an unfinished record: {_HINT}")
         else:
             damaged.append(f"{text}: {_HINT}")

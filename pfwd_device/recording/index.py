@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.files import chunks
-from pfwd_device.recording.framing import Frame, RecordKind
-from pfwd_device.recording.journal import Located, Stretch, read_record, scan_journal
+from pfwd_device.recording.framing import Damage, Frame, RecordKind
+from pfwd_device.recording.journal import read_record, scan_journal
 from pfwd_device.recording.layout import FORMAT_VERSION, Layout
 from pfwd_device.recording.ledger import (
     Entry,
@@ -138,8 +138,8 @@ class Index:
     """Sequence numbers that neither journal nor ledger contains."""
     unacknowledged: list[int] = field(default_factory=list)
     """Sequence numbers of undamaged records without a line in the ledger."""
-    damage: list[Stretch] = field(default_factory=list)
-    """Damaged parts of the journal."""
+    damage: list[tuple[int, Damage]] = field(default_factory=list)
+    """Damaged parts of the journal with the numbers of their files (segments)."""
     strange: list[tuple[Entry, str]] = field(default_factory=list)
     """Undamaged records that do not belong to this survey, and the reason."""
     settled: set[int] = field(default_factory=set)
@@ -453,39 +453,37 @@ def complete_keys(layout: Layout, index: Index) -> None:
     index.has_all_keys = True
 
 
-def damage_key(layout: Layout, stretch: Stretch) -> tuple[int, int, int, int]:
+def damage_key(layout: Layout, segment: int, damage: Damage) -> tuple[int, int, int, int]:
     """Return the values that identify a damaged part of the journal.
 
     They are the number of the file, the position and the length (bytes), and the CRC-32 of the
     damaged bytes.
     """
     crc = 0
-    offset, length = stretch.damage.offset, stretch.damage.length
-    for chunk in chunks(layout.segment(stretch.segment), offset, length):
+    for chunk in chunks(layout.segment(segment), damage.offset, damage.length):
         crc = zlib.crc32(chunk, crc)
-    return stretch.segment, offset, length, crc
+    return segment, damage.offset, damage.length, crc
 
 
 def _scan(layout: Layout, index: Index, lines: Mapping[int, Entry]) -> list[_ParsedRecord]:
     """Return the records of the journal; drops in these lines of the ledger are not parsed."""
     records = []
-    for item in scan_journal(layout):
-        if isinstance(item, Stretch):
-            index.damage.append(item)
+    for segment, frame in scan_journal(layout):
+        if isinstance(frame, Damage):
+            index.damage.append((segment, frame))
             continue
-        frame = item.frame
         line = lines.get(frame.sequence) if frame.kind == RecordKind.DROP else None
         about = None if line is None else line.drop
-        if line is not None and about is not None and line == _entry(item, line.about):
+        if line is not None and about is not None and line == _entry(segment, frame, line.about):
             data: dict[str, Any] = dict(zip(("number", "point", "drop"), about, strict=True))
             records.append(_ParsedRecord(line, frame.identity, data))
             continue
         try:
             data = _indexed_data(frame.kind, frame.payload)
-            entry = _entry(item, about_of(frame.kind, data))
+            entry = _entry(segment, frame, about_of(frame.kind, data))
             records.append(_ParsedRecord(entry, frame.identity, data))
         except RecordingError as err:
-            index.strange.append((_entry(item, "-"), str(err)))
+            index.strange.append((_entry(segment, frame, "-"), str(err)))
     return records
 
 
@@ -509,10 +507,9 @@ def about_of(kind: int, data: Mapping[str, Any]) -> str:
     return "-"
 
 
-def _entry(item: Located, about: str) -> Entry:
-    frame = item.frame
+def _entry(segment: int, frame: Frame, about: str) -> Entry:
     return Entry(
-        frame.sequence, frame.kind, item.segment, frame.offset, frame.length, frame.check, about
+        frame.sequence, frame.kind, segment, frame.offset, frame.length, frame.check, about
     )
 
 

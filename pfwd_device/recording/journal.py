@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 from pfwd_device.errors import RecordingError, SurveyLocked
 from pfwd_device.recording.framing import Damage, Frame, read_frame, scan
@@ -297,23 +296,8 @@ class JournalWriter:
         return self._current
 
 
-class Located(NamedTuple):
-    """Record of the journal with the number of its file (segment)."""
-
-    segment: int
-    frame: Frame
-
-
-@dataclass(frozen=True, slots=True)
-class Stretch:
-    """Damaged part of the journal with the number of its file (segment)."""
-
-    segment: int
-    damage: Damage
-
-
-def scan_journal(layout: Layout) -> Iterator[Located | Stretch]:
-    """Yield the records and the damaged parts of the journal of a survey, in order.
+def scan_journal(layout: Layout) -> Iterator[tuple[int, Frame | Damage]]:
+    """Yield the records and the damaged parts of a journal in order, with the file (segment).
 
     One record is in memory at a time.
 
@@ -327,10 +311,7 @@ def scan_journal(layout: Layout) -> Iterator[Located | Stretch]:
         try:
             with path.open("rb") as stream:
                 for item in scan(stream):
-                    if isinstance(item, Frame):
-                        yield Located(segment, item)
-                    else:
-                        yield Stretch(segment, item)
+                    yield segment, item
         except FileNotFoundError:
             continue
         except OSError as err:

@@ -260,9 +260,9 @@ def _begin(
     index = read(layout)
     if index.survey is None:
         index.survey = _survey_of_files(layout, jobs) or identity or uuid.uuid4().bytes
-    for stretch in index.damage:
-        if stretch.damage.at_end:
-            _cut(layout, storage, stretch.segment, stretch.damage.offset, stretch.damage.length)
+    for segment, damage in index.damage:
+        if damage.at_end:
+            _cut(layout, storage, segment, damage.offset, damage.length)
     # Only when the records of a killed program are on the disk may the ledger list them, and may
     # further records follow them.
     segments = {index.entries[number].segment for number in index.unacknowledged}
@@ -503,11 +503,9 @@ def _settle(log: RecordLog, index: Index, *, files_listed: bool, restored: set[i
         for number, entry in index.lost.items()
         if (entry.kind in replaced or number in restored) and number not in index.settled
     )
-    damage = [
-        damage_key(log.layout, stretch) for stretch in index.damage if not stretch.damage.at_end
-    ]
-    damage += [(e.segment, e.offset, e.length, e.check) for e, _ in index.strange]
-    fresh = [list(key) for key in damage if key not in index.handled_damage]
+    keys = [damage_key(log.layout, *part) for part in index.damage if not part[1].at_end]
+    keys += [(e.segment, e.offset, e.length, e.check) for e, _ in index.strange]
+    fresh = [list(key) for key in keys if key not in index.handled_damage]
     if settled or fresh:
         data = {"event": "recovery", "settled": settled, "damage": fresh, "time_utc": now()}
         index.add(log.append(RecordKind.EVENT, data), data)
