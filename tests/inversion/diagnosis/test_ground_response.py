@@ -181,9 +181,9 @@ def test_a_medium_like_the_ground_below_is_that_ground(response: GroundResponse)
 
 
 def test_what_is_remembered_is_bounded(response: GroundResponse) -> None:
-    for number in range(module._MAX_CACHED + 20):
+    for number in range(44):
         response.compliance(replace(BELOW, modulus=4e7 + number), S)
-    assert len(response._cache) == module._MAX_CACHED
+    assert len(response._cache) == 24
 
 
 def test_another_record_length_is_another_response(response: GroundResponse) -> None:
