@@ -26,7 +26,7 @@ EXPIRES_SOON = datetime.timedelta(days=30)
 
 
 def to_si(
-    counts: NDArray[np.int32], channel: ChannelIdentity, volts_per_count: float
+    counts: NDArray[np.int32], channel: ChannelIdentity, identity: Identity
 ) -> NDArray[np.float64]:
     """Return the calibrated values of one channel, in N, m/s or m.
 
@@ -37,21 +37,22 @@ def to_si(
     counts : (n,) ndarray of int
         Output of the analogue-to-digital converter.
     channel : ChannelIdentity
-        Sensitivity and voltage at rest of the channel.
-    volts_per_count : float, V
+        Sensitivity, voltage at rest and range of the channel.
+    identity : Identity
+        Bits and range of the converter.
 
     Returns
     -------
     (n,) ndarray of float, N, m/s or m
         Downward positive.
     """
-    volts = counts.astype(np.float64) * volts_per_count
+    volts = counts.astype(np.float64) * identity.volts_per_count(channel)
     return (volts - channel.zero) / channel.sensitivity
 
 
 def counts_per_unit(channel: ChannelIdentity, identity: Identity) -> float:
     """Return the counts per N, m/s or m; negative for a sensor that is mounted upside down."""
-    return channel.sensitivity / identity.volts_per_count
+    return channel.sensitivity / identity.volts_per_count(channel)
 
 
 def load_channel(identity: Identity) -> int:
@@ -121,13 +122,12 @@ def calibrate(
     SetupError
         If the instrument has no load cell or no sensor of motion.
     """
-    scale = identity.volts_per_count
     is_missing = np.zeros(len(counts), bool)
     for start, length in missing:
         is_missing[start : start + length] = True
 
     def values(index: int) -> NDArray[np.float64]:
-        calibrated = to_si(counts[:, index], identity.channels[index], scale)
+        calibrated = to_si(counts[:, index], identity.channels[index], identity)
         calibrated[is_missing] = np.nan
         return calibrated
 

@@ -47,6 +47,11 @@ class ChannelIdentity:
     """Date of the calibration."""
     due: datetime.date | None = None
     """Date on which the calibration expires."""
+    adc_range: float | None = None
+    """Volts at full scale of this channel, > 0; None: that of the converter."""
+    delay: float = 0.0
+    """Time of its sample after the start of the scan, s, >= 0, for a converter that samples one
+    channel after the other."""
 
     @property
     def is_used(self) -> bool:
@@ -61,7 +66,7 @@ class ChannelIdentity:
         sound = self.sensitivity != 0 and math.isfinite(self.sensitivity)
         _require(sound, where, "a finite sensitivity other than 0", self.sensitivity)
         _require(math.isfinite(self.zero), where, "a finite zero, V", self.zero)
-        for name in ("natural_frequency", "damping", "shunt"):
+        for name in ("natural_frequency", "damping", "shunt", "adc_range"):
             value = getattr(self, name)
             sound = value is None or (value > 0 and math.isfinite(value))
             _require(sound, where, f"{name} > 0", value)
@@ -126,10 +131,10 @@ class Identity:
         seat = self.centre_sensor
         _require(seat in ("plate", "ground"), where, 'centre_sensor "plate" or "ground"', seat)
 
-    @property
-    def volts_per_count(self) -> float:
-        """Voltage that corresponds to one count of the converter, V."""
-        return self.adc_range / (1 << (self.adc_bits - 1))
+    def volts_per_count(self, channel: ChannelIdentity) -> float:
+        """Return the voltage that corresponds to one count of a channel, V."""
+        full_scale = self.adc_range if channel.adc_range is None else channel.adc_range
+        return full_scale / (1 << (self.adc_bits - 1))
 
     @property
     def keeps_drops(self) -> bool:

@@ -74,6 +74,12 @@ CHANNEL_KEYS = {
     ),
     "role": Key(Choice(QUANTITY_BY_ROLE), "quantity", "Measured quantity."),
     "column": Key(Integer(1, MAX_COLUMNS), meaning="Column of the ASCII lines, from 1."),
+    "input": Key(Integer(0, 255), meaning="Number of the input of a logger, as printed on it."),
+    "range_v": Key(
+        Number("V", above=0),
+        "adc_range",
+        "Full scale of the input of a logger: it covers -range to +range.",
+    ),
     "resolution": Key(_POSITIVE, meaning="Value of one count of the ASCII lines."),
     "offset_m": Key(
         Number("m"),
@@ -208,10 +214,15 @@ class DeviceSetup:
         entry = self._entry
         identity = self.declared_identity() if self.needs_identity else None
         columns: list[int] = []
+        inputs: list[int] = []
         if entry.needs_columns:
             columns = [channel["column"] - 1 for channel in self.channels]
+        if entry.needs_inputs:
+            inputs = [channel["input"] for channel in self.channels]
         resolution = [channel.get("resolution", 1.0) for channel in self.channels]
-        return entry.make(DeclaredLink(identity, tuple(columns), tuple(resolution), first_stream))
+        return entry.make(
+            DeclaredLink(identity, tuple(columns), tuple(inputs), tuple(resolution), first_stream)
+        )
 
     def declared_identity(self) -> Identity:
         """Return the declared identity of an instrument that does not report one.
@@ -221,8 +232,10 @@ class DeviceSetup:
         SetupError
             If the file does not declare each value that this needs; the message names the key.
         """
-        title = self._entry.title
-        required = ("column", "quantity", "sensitivity")[0 if self._entry.needs_columns else 1 :]
+        entry, title = self._entry, self._entry.title
+        required = ["quantity", "sensitivity"]
+        if entry.needs_columns or entry.needs_inputs:
+            required.insert(0, "column" if entry.needs_columns else "input")
         if self.sampling_rate is None:
             raise SetupError(_missing("link: sampling_rate_hz", title))
         if not self.channels:
@@ -232,8 +245,9 @@ class DeviceSetup:
             for key in required:
                 if key not in channel:
                     raise SetupError(_missing(f"{where}: {key.replace('quantity', 'role')}", title))
+        converter = {"adc_bits": 16, "adc_range": 10.0} if entry.needs_inputs else {}
         for key in ("adc_bits", "adc_range"):
-            if key not in self.instrument:
+            if key not in converter and key not in self.instrument:
                 raise SetupError(_missing(f"instrument: {key.replace('range', 'range_v')}", title))
         identities = [
             ChannelIdentity(
@@ -243,7 +257,7 @@ class DeviceSetup:
         ]
         defaults = {"serial_number": "unknown", "model": title, "firmware": ""}
         identity = Identity(
-            **{**defaults, **self.instrument},
+            **{**defaults, **converter, **self.instrument},
             sampling_rate=self.sampling_rate,
             channels=tuple(identities),
         )
@@ -275,7 +289,7 @@ def read_device_setup(table: Mapping[str, Any], where: str) -> DeviceSetup:
     for channel in channels:
         if "quantity" in channel:
             channel["quantity"] = QUANTITY_BY_ROLE[channel["quantity"]]
-    for key in ("name", "column"):
+    for key in ("name", "column", "input"):
         values_of_key = [channel.get(key) for channel in channels]
         for value in values_of_key:
             if value is not None and values_of_key.count(value) > 1:

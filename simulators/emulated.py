@@ -141,7 +141,7 @@ def table_text(played: Played, drop_samples: int = EMULATED_DROP_SAMPLES) -> str
     """
     identity, counts = played.identity, played.counts
     shunts = [
-        (number, channel.sensitivity * channel.shunt / identity.volts_per_count)
+        (number, channel.sensitivity * channel.shunt / identity.volts_per_count(channel))
         for number, channel in enumerate(identity.channels)
         if channel.shunt is not None
     ]

@@ -322,7 +322,7 @@ def identity_text(
     if shunts:
         number, channel = shunts[0]
         volts = channel.sensitivity * (channel.shunt or 0.0)
-        counts = round(volts / identity.volts_per_count)
+        counts = round(volts / identity.volts_per_count(channel))
     alternative_rates = [rate for rate in rates if rate != identity.sampling_rate]
     lines = [
         f"serial_number={identity.serial_number}",

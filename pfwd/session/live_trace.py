@@ -78,9 +78,7 @@ class LiveTrace:
         starts = np.flatnonzero(np.diff(index, prepend=index[0] - 1))
         rows = np.empty((len(starts), 4))
         for place, channel in ((0, load), (2, sensor)):
-            values = to_si(
-                samples.counts[:, channel], identity.channels[channel], identity.volts_per_count
-            )
+            values = to_si(samples.counts[:, channel], identity.channels[channel], identity)
             rows[:, place] = np.minimum.reduceat(values, starts)
             rows[:, place + 1] = np.maximum.reduceat(values, starts)
         first = int(index[0])

@@ -180,18 +180,17 @@ class SensorChecker:
     def _result(self) -> Finding:
         identity = self._identity
         counts = np.concatenate(self._rest)
-        scale = identity.volts_per_count
         index = self._load_index
         load = identity.channels[index]
         # The median, on which a short disturbance has no influence.
-        zero = float(np.median(to_si(counts[:, index], load, scale)))
+        zero = float(np.median(to_si(counts[:, index], load, identity)))
         ratio = None
         faults = _zero_faults(zero, identity)
         if self._has_shunt and _length(self._shunted) < (SETTLING + SHUNTED) * self._rate:
             faults.append(Notice("span-not-checked"))
         elif load.shunt is not None:
             shunted = np.concatenate(self._shunted)[round(SETTLING * self._rate) :]
-            values = to_si(shunted[:, index], load, scale)
+            values = to_si(shunted[:, index], load, identity)
             reading = float(np.median(values)) - zero
             ratio = reading / load.shunt
             if not abs(ratio - 1) <= SPAN_TOLERANCE:
@@ -201,7 +200,7 @@ class SensorChecker:
             faults.append(Notice("shunt-stays-on", {"limit_s": SHUNT_ANSWER}))
         channels = []
         for channel, column in zip(identity.channels, counts.T, strict=True):
-            noise = float(to_si(column, channel, scale).std())
+            noise = float(to_si(column, channel, identity).std())
             channels.append({"name": channel.name, "noise": noise, "unit": channel.quantity.unit})
             if channel.is_used and np.ptp(column) == 0:
                 constant: dict[str, Value] = {"channel": channel.name, "value": int(column[0])}

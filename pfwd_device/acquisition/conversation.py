@@ -226,7 +226,7 @@ class Conversation:
                 return self._receive_identity(message, now)
             case Status():
                 return self._receive_status(message, now)
-            case Event(kind=EventKind.BOOT):
+            case Event(kind=EventKind.BOOT | EventKind.STOPPED):
                 self._forget_samples()
                 self._sampling = False
                 self._greet(now)
@@ -326,6 +326,9 @@ class Conversation:
             Stage.CONFIGURING: f"a sampling rate of {self._rate} Hz; request another one or none",
             Stage.STARTING: "to send samples; see its manual",
         }.get(self.stage)
+        if refusal.code == RefusalCode.UNSUITABLE:
+            self.failure = Failure(refusal.text, refused=True)
+            return
         # During the greeting the instrument may have taken noise on the line for a command. So
         # only a refusal of the version is final then.
         final = refusal.code in (

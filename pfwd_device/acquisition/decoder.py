@@ -142,7 +142,7 @@ class Decoder:
                 return self._assembler.mark_unavailable(message)
             case Armed() | Refusal():
                 self.transfers.take(message, received, None)
-            case Event(kind=EventKind.BOOT):
+            case Event(kind=EventKind.BOOT | EventKind.STOPPED):
                 self.counters.instrument_resets += 1
                 self.clock.restart()
                 self._overruns = 0

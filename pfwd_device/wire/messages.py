@@ -205,6 +205,9 @@ class EventKind(IntEnum):
     """End of the data of a replayed or simulated instrument."""
     SHUNT_ON = 5
     SHUNT_OFF = 6
+    STOPPED = 256
+    """The instrument stopped by itself, or its samples are out of order; it is started again. No
+    instrument sends this number: a dialect concludes it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,6 +235,9 @@ class RefusalCode(IntEnum):
     """The command is not possible at present."""
     FAULT = 5
     """The instrument has a fault."""
+    UNSUITABLE = 256
+    """The setup asks for what this instrument does not have. No instrument sends this number: a
+    dialect concludes it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ import pfwd_plugins
 from pfwd_device.identity import Identity
 from pfwd_device.wire.ascii_lines import AsciiDialect, looks_like_lines
 from pfwd_device.wire.binary import BinaryDialect
+from pfwd_device.wire.dataq import DataqDialect
 from pfwd_device.wire.dialect import Dialect
 
 
@@ -24,6 +25,9 @@ class DeclaredLink:
     """Declared identity of the instrument; None if the instrument reports it."""
     columns: tuple[int, ...] = ()
     """Column of each channel, 0 is the first; empty unless the dialect needs columns."""
+    inputs: tuple[int, ...] = ()
+    """Number of the input of each channel as printed on a logger; empty unless the dialect needs
+    it."""
     resolution: tuple[float, ...] = ()
     """Printed value of one count, for each channel."""
     first_stream: int = 0
@@ -44,6 +48,9 @@ class DialectEntry:
     """True if the instrument reports no identity, so that the setup file has to declare it."""
     needs_columns: bool = False
     """True if each channel has to be declared with its column."""
+    needs_inputs: bool = False
+    """True for a logger, which reports its converter, but each of whose channels has to be declared
+    with the number of its input."""
     recognises: Callable[[bytes], bool] | None = None
     """Function that returns True if bytes that arrived without a request belong to this dialect;
     None if an instrument of this dialect replies to a request for its identity."""
@@ -59,6 +66,11 @@ def _ascii(declared: DeclaredLink) -> Dialect:
     )
 
 
+def _dataq(declared: DeclaredLink) -> Dialect:
+    assert declared.identity is not None  # needs_identity
+    return DataqDialect(declared.identity, declared.inputs, declared.first_stream)
+
+
 BUILT_IN: Mapping[str, DialectEntry] = MappingProxyType(
     {
         entry.name: entry
@@ -72,6 +84,7 @@ BUILT_IN: Mapping[str, DialectEntry] = MappingProxyType(
                 needs_columns=True,
                 recognises=looks_like_lines,
             ),
+            DialectEntry("dataq", "DATAQ logger", _dataq, needs_identity=True, needs_inputs=True),
         )
     }
 )

@@ -87,5 +87,6 @@ def test_the_extremes_are_allowed() -> None:
 
 
 def test_volts_per_count() -> None:
-    assert identity(adc_bits=24, adc_range=2.5).volts_per_count == 2.5 / 8_388_608
-    assert identity(adc_bits=8, adc_range=1.28).volts_per_count == 0.01
+    for bits, volts, expected in ((24, 2.5, 2.5 / 8_388_608), (8, 1.28, 0.01)):
+        converter = identity(adc_bits=bits, adc_range=volts)
+        assert converter.volts_per_count(converter.channels[0]) == expected

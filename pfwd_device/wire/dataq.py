@@ -1,0 +1,372 @@
+"""Dialect of the data loggers DATAQ DI-1100 to DI-4718B, at their serial port.
+
+Commands are lines of text that end with a carriage return, and the logger repeats each of them.
+Samples are words of 16 bits without any frame, counter or check sum. Page numbers in this module
+are those of the maker's document "Data Acquisition Instrument Command Protocol", 1 August 2019.
+
+The stream itself does not show a loss of bytes. So the scan list ends with the digital inputs where
+the model has them: seven bits of their word are always zero, and a scan in which they are not shows
+that words are out of order. Any irregularity ends the run; the host starts the logger again, and
+the samples in between are missing.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import Enum, auto
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfwd_device.errors import SetupError, refusal
+from pfwd_device.identity import ChannelIdentity, Identity
+from pfwd_device.wire.dialect import LinkCounters
+from pfwd_device.wire.messages import (
+    Configure,
+    Event,
+    EventKind,
+    Hello,
+    HostMessage,
+    InstrumentMessage,
+    Refusal,
+    RefusalCode,
+    SampleBlock,
+    Start,
+    Status,
+    Stop,
+)
+
+VENDOR_ID = 0x0683
+"""USB vendor number (page 8)."""
+_END = b"\r"
+"""End of a command and of its answer (page 21)."""
+_OVERFLOW = b"stop 01"
+"""Last bytes of a logger that stopped because its buffer was full (page 50)."""
+_QUESTIONS = ("0", "1", "2", "6")
+"""Arguments of `info` for maker, model, firmware and serial number (page 20)."""
+_MAX_ANSWER_BYTES = 256
+_DIGITAL_INPUTS = 8
+"""Word of the scan list for the digital inputs (pages 41 to 46)."""
+_MARK_ZERO_BITS = 0x80FC
+"""Bits of the word of the digital inputs that are always zero (pages 63 to 69)."""
+_FIRST_WORD_ZERO_BITS = 0x000C
+"""Bits of the first word of a DI-1100 that are always zero; two digital inputs are below (page 61).
+"""
+_WAITING_SCANS = 64
+"""Number of latest scans that wait. A quiet channel can look like the digital inputs for some scans
+after channels have changed their order, but not for so many."""
+_LARGEST_DIVISOR = 65_535
+"""Largest argument of `srate` (page 48)."""
+_RATE_TOLERANCE = 0.01
+"""Largest relative deviation of the nearest possible sampling rate from the requested one."""
+_PACKET_TIME_S = 0.01
+"""Longest time that samples wait in the logger until a packet is full, s."""
+_PACKET_SIZES = tuple(16 << code for code in range(8))
+"""Bytes of a packet by the argument of `ps` (page 20)."""
+
+
+class _Stage(Enum):
+    """State of the dialogue with the logger."""
+
+    STOPPING = auto()
+    """Waiting for the answer to `stop`; samples may come before it."""
+    TALKING = auto()
+    """Answers are expected."""
+    STREAMING = auto()
+    """Samples are expected."""
+
+
+@dataclass(frozen=True, slots=True)
+class DataqModel:
+    """Model of a logger, with what its document states about it."""
+
+    bits: int
+    """Bits of a sample, which fill a word of 16 bits from the top (pages 61 to 70)."""
+    ranges: tuple[float, ...]
+    """Full scale by the range code of the scan list, V (page 45); one for a fixed range."""
+    inputs: int = 8
+    """Number of analogue inputs (pages 40 to 46)."""
+    divisor: int = 375
+    """Smallest argument of `srate` (page 48)."""
+    dividend: float = 60e6
+    """Sampling rate times the argument of `srate`, Hz (page 48)."""
+    is_shared: bool = False
+    """True if the rate is that of all words together, not of each channel (page 49)."""
+    has_mark: bool = True
+    """True if the word of the digital inputs has bits that are always zero."""
+    product_id: int | None = None
+    """USB product number in the mode with a serial port (page 8)."""
+
+    def smallest_divisor(self, channels: int) -> int:
+        """Return the smallest argument of `srate` for a number of analogue channels (page 48)."""
+        return self.divisor if self.divisor else 1000 + 500 * channels
+
+
+_TO_10_V = 10.0, 5.0, 2.0, 1.0, 0.5, 0.2
+_TO_100_V = tuple(10 * volts for volts in _TO_10_V)
+MODELS = {
+    "1100": DataqModel(12, (10.0,), 4, divisor=0, has_mark=False, product_id=0x1101),
+    "1110": DataqModel(12, (10.0,), product_id=0x1111),
+    "1120": DataqModel(14, _TO_100_V, 4, product_id=0x1121),
+    "2108": DataqModel(16, (10.0,), product_id=0x2107),
+    "2108P": DataqModel(16, (10.0, 5.0, 2.5), divisor=750, dividend=120e6, is_shared=True),
+    "4108": DataqModel(16, _TO_10_V, product_id=0x4109),
+    "4208": DataqModel(16, _TO_100_V, product_id=0x4209),
+    "4718B": DataqModel(16, (5.0,), product_id=0x4719),
+}
+"""Models by the answer to `info 1`. The DI-2008 is not among them: it samples at most 8 kHz."""
+
+
+class DataqDialect:
+    """Decoder of the samples of a DATAQ logger, and encoder of its commands.
+
+    Parameters
+    ----------
+    identity : Identity
+        Declared channels, plate and sampling rate.
+    inputs : sequence of int
+        Number of the input of each channel as printed on the logger, from 1.
+    first_stream : int
+        Number of the first stream (run of samples); each start adds one.
+    """
+
+    name = "dataq"
+
+    def __init__(self, identity: Identity, inputs: Sequence[int], first_stream: int = 0) -> None:
+        self.counters = LinkCounters()
+        self._declared, self._inputs = identity, tuple(inputs)
+        self._rate = identity.sampling_rate
+        self._answers: dict[str, str] = {}
+        self._model: DataqModel | None = None
+        self._stage = _Stage.TALKING
+        self._echoes: list[str] = []
+        """Commands of the start that the logger has not repeated yet."""
+        self._stream, self._index = first_stream, 0
+        self._zero_bits = np.zeros(0, np.uint16)
+        self._data = b""
+
+    def feed(self, data: bytes) -> list[InstrumentMessage]:
+        """Return the identity, samples, stops and refusals that these bytes complete."""
+        self.counters.bytes_received += len(data)
+        self._data += data
+        messages: list[InstrumentMessage] = []
+        while self._stage is not _Stage.STREAMING:
+            line = self._next_line()
+            if line is None:
+                return messages
+            messages += self._take_line(line)
+        return messages + self._take_samples()
+
+    def encode(self, message: HostMessage) -> bytes:
+        """Return the lines of a command; empty for one that a logger lacks.
+
+        Each begins with `stop`, so that no sample is between it and its answer.
+        """
+        commands: list[str] = []
+        match message:
+            case Hello() | Configure():
+                if isinstance(message, Configure):
+                    self._rate = message.sampling_rate
+                self._answers.clear()
+                commands = [f"info {number}" for number in _QUESTIONS]
+            case Start() if self._model is not None:
+                self._echoes = self._set_up(self._model)
+                commands = [*self._echoes, "start 0"]
+            case Stop():
+                pass
+            case _:
+                return b""
+        self._stage = _Stage.STOPPING
+        return b"".join(command.encode() + _END for command in ("stop", *commands))
+
+    def reset(self) -> None:
+        """Discard what was received after the link was cut; the next start is a new stream."""
+        self._discard(len(self._data))
+        self._echoes.clear()
+        self._stage = _Stage.TALKING
+
+    def _discard(self, count: int) -> None:
+        """Remove and count the first bytes of those that were received."""
+        self.counters.bytes_discarded += count
+        self._data = self._data[count:]
+
+    def _next_line(self) -> str | None:
+        """Remove and return the next answer; None without a complete one."""
+        if self._stage is _Stage.STOPPING:
+            start = self._data.find(b"stop")
+            if start < 0:
+                self._discard(max(0, len(self._data) - len(b"sto")))
+                return None
+            self._discard(start)
+        line, end, rest = self._data.partition(_END)
+        if end:
+            self._data = rest
+            return line.decode("latin-1").strip()
+        if len(line) > _MAX_ANSWER_BYTES:
+            self.counters.frames_damaged += 1
+            self._discard(len(line))
+        return None
+
+    def _take_line(self, line: str) -> list[InstrumentMessage]:
+        """Process one answer of the logger."""
+        if self._stage is _Stage.STOPPING:
+            if line in ("stop", _OVERFLOW.decode()):
+                self._stage = _Stage.TALKING
+                return [Status(0, None, None, 0, sampling=False)]
+            self.counters.bytes_discarded += len(line) + 1
+            return []
+        self.counters.frames_good += 1
+        if self._echoes:
+            expected = self._echoes.pop(0)
+            if line == expected:
+                self._start_stream()
+                return []
+            self._echoes.clear()
+            text = f"expected the answer {expected!r}, got {line[:60]!r}; update its firmware"
+            return [Refusal(RefusalCode.ARGUMENT, text)]
+        match = re.fullmatch(r"info ([0-9]) +(\S.*)", line)
+        if match is not None:
+            self._answers[match[1]] = match[2]
+            if self._answers.keys() == set(_QUESTIONS):
+                return [self._introduce()]
+        return []
+
+    def _introduce(self) -> Identity | Refusal:
+        """Return the identity of the logger, or the reason why it cannot be used."""
+        maker, number, firmware, serial_number = (self._answers[key] for key in _QUESTIONS)
+        self._model = model = MODELS.get(number) if maker == "DATAQ" else None
+        where = f"logger {maker} DI-{number}"
+        try:
+            if model is None:
+                raise SetupError(refusal(where, f"one of the models {', '.join(MODELS)}", number))
+            self._rate = self._sampling_rate(model)
+            channels = tuple(
+                replace(channel, adc_range=model.ranges[_range_code(model, channel)])
+                for channel in self._declared.channels
+            )
+            for number_on_case in self._inputs:
+                if not 1 <= number_on_case <= model.inputs:
+                    expected = f"an input from 1 to {model.inputs}"
+                    raise SetupError(refusal(where, expected, str(number_on_case)))
+            return replace(
+                self._declared,
+                serial_number=serial_number,
+                model=f"DATAQ DI-{number}",
+                firmware=f"{int(firmware, 16) / 100:.2f}" if _is_hex(firmware) else firmware[:32],
+                sampling_rate=self._rate,
+                adc_bits=model.bits,
+                adc_range=model.ranges[0],
+                channels=channels,
+            )
+        except SetupError as err:
+            return Refusal(RefusalCode.UNSUITABLE, str(err))
+
+    def _divisor(self, model: DataqModel) -> int:
+        """Return the argument of `srate` for the nearest possible sampling rate (page 48)."""
+        words = len(self._inputs) + model.has_mark if model.is_shared else 1
+        smallest = model.smallest_divisor(len(self._inputs))
+        wanted = round(model.dividend / (self._rate * words))
+        return min(max(wanted, smallest), _LARGEST_DIVISOR)
+
+    def _sampling_rate(self, model: DataqModel) -> float:
+        """Return the sampling rate of each channel that the logger will have, Hz (page 48).
+
+        Raises
+        ------
+        SetupError
+            If the requested rate cannot be reached within 1 %.
+        """
+        words = len(self._inputs) + model.has_mark if model.is_shared else 1
+        rate = model.dividend / (self._divisor(model) * words)
+        if abs(rate / self._rate - 1) > _RATE_TOLERANCE:
+            smallest = model.smallest_divisor(len(self._inputs))
+            slowest, fastest = (
+                model.dividend / (divisor * words) for divisor in (_LARGEST_DIVISOR, smallest)
+            )
+            expected = f"sampling_rate_hz from {slowest:.0f} to {fastest:.0f}"
+            raise SetupError(refusal("setup, link", expected, f"{self._rate:g} Hz"))
+        return rate
+
+    def _set_up(self, model: DataqModel) -> list[str]:
+        """Return the commands that set coding, packet size, scan list and rate (pages 20 to 49)."""
+        words = [
+            _range_code(model, channel) << 8 | number - 1
+            for channel, number in zip(self._declared.channels, self._inputs, strict=True)
+        ]
+        spare = (1 << 16 - model.bits) - 1
+        zero_bits = [spare] * len(words)
+        if model.bits == 12 and not model.has_mark:
+            zero_bits[0] = _FIRST_WORD_ZERO_BITS
+        if model.has_mark:
+            words.append(_DIGITAL_INPUTS)
+            zero_bits.append(_MARK_ZERO_BITS)
+        self._zero_bits = np.array(zero_bits, np.uint16)
+        bytes_in_time = _PACKET_TIME_S * self._rate * 2 * len(words)
+        size = sum(bytes_in_time >= bound for bound in _PACKET_SIZES[1:])
+        return [
+            "encode 0",
+            f"ps {size}",
+            *(f"slist {at} {word}" for at, word in enumerate(words)),
+            f"srate {self._divisor(model)}",
+        ]
+
+    def _start_stream(self) -> None:
+        """Begin the decoding of samples if the logger has repeated all commands of the start."""
+        if not self._echoes:
+            self._stage = _Stage.STREAMING
+            self._stream, self._index = self._stream + 1, 0
+
+    def _take_samples(self) -> list[InstrumentMessage]:
+        """Return the samples that are in order, and the end of the run if there is one.
+
+        The latest scans wait, because scans before the first that shows a fault may have it too.
+        """
+        has_ended = self._data.rstrip(_END).endswith(_OVERFLOW)
+        size = 2 * len(self._zero_bits)
+        scans = (len(self._data) - len(_OVERFLOW) - len(_END)) // size
+        if scans <= 0 and not has_ended:
+            return []
+        raw = np.frombuffer(self._data[: max(0, scans) * size], "<u2").reshape(-1, size // 2)
+        faults = np.flatnonzero((raw & self._zero_bits).any(axis=1))
+        end = int(faults[0]) if len(faults) else len(raw)
+        messages = self._block(raw[: max(0, end - _WAITING_SCANS)])
+        if len(faults) or has_ended:
+            self._discard(len(self._data))
+            self._stage = _Stage.STOPPING
+            text = "its buffer was full" if has_ended else "the order of its channels was wrong"
+            messages.append(Event(EventKind.STOPPED, 0, text))
+        return messages
+
+    def _block(self, raw: NDArray[np.uint16]) -> list[InstrumentMessage]:
+        """Remove scans from the received bytes and return them as a block of samples."""
+        if not len(raw) or self._model is None:
+            return []
+        self._data = self._data[raw.nbytes :]
+        self.counters.frames_good += len(raw)
+        words = raw[:, : len(self._inputs)].view(np.int16).astype(np.int32)
+        first, self._index = self._index, self._index + len(raw)
+        return [SampleBlock(self._stream, first, None, words >> 16 - self._model.bits)]
+
+
+def looks_like_dataq(data: bytes) -> bool:
+    """Return True if bytes contain the answer of a DATAQ logger to `info 0` (page 20)."""
+    return b"info 0 DATAQ" in data
+
+
+def _range_code(model: DataqModel, channel: ChannelIdentity) -> int:
+    """Return the range code of a channel in the scan list (page 45).
+
+    Raises
+    ------
+    SetupError
+        If the model does not have the declared range.
+    """
+    full_scale = model.ranges[0] if channel.adc_range is None else channel.adc_range
+    if full_scale not in model.ranges:
+        expected = f"range_v, one of {', '.join(f'{volts:g}' for volts in model.ranges)}"
+        raise SetupError(refusal(f"setup, channel {channel.name!r}", expected, f"{full_scale:g}"))
+    return model.ranges.index(full_scale)
+
+
+def _is_hex(text: str) -> bool:
+    return re.fullmatch(r"[0-9A-Fa-f]{1,8}", text) is not None
