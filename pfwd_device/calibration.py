@@ -11,6 +11,7 @@ the model instead of correcting the record.
 """
 
 import datetime
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -127,9 +128,10 @@ def calibrate(
         is_missing[start : start + length] = True
 
     def values(index: int) -> NDArray[np.float64]:
-        calibrated = to_si(counts[:, index], identity.channels[index], identity)
+        channel = identity.channels[index]
+        calibrated = to_si(counts[:, index], channel, identity)
         calibrated[is_missing] = np.nan
-        return calibrated
+        return at_scan(calibrated, channel.delay * identity.sampling_rate)
 
     return Drop(
         number,
@@ -144,6 +146,40 @@ def calibrate(
             for i in sensor_channels(identity)
         ),
     )
+
+
+def at_scan(values: NDArray[np.float64], delay: float) -> NDArray[np.float64]:
+    r"""Return the values of a channel at the times of the scans instead of its own samples.
+
+    .. math::
+        x_i = \sum_k c_k \, y_{i+k}, \quad
+        c_k = \prod_{j \ne k} \frac{-\delta - j}{k - j}, \quad k, j = -3 \ldots 2
+
+    That is the polynomial of degree 5 through six samples; its error at 500 Hz and 10 kHz is below
+    1e-5 of the value.
+
+    Parameters
+    ----------
+    values : (n,) ndarray of float
+        Values at the times :math:`i + \delta`, in sampling steps; NaN where they are missing.
+    delay : float
+        Time :math:`\delta` of a sample after the start of its scan, sampling steps.
+
+    Returns
+    -------
+    (n,) ndarray of float
+        NaN where one of the six samples is missing; at the ends the first and last values count as
+        repeated.
+    """
+    if not delay:
+        return values
+    steps = range(-3, 3)
+    padded = np.pad(values, 3, mode="edge")
+    shifted = np.zeros_like(values)
+    for k in steps:
+        factor = math.prod((-delay - j) / (k - j) for j in steps if j != k)
+        shifted += factor * padded[3 + k : 3 + k + len(values)]
+    return shifted
 
 
 def calibration_warnings(identity: Identity, today: datetime.date) -> list[str]:

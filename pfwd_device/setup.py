@@ -80,6 +80,12 @@ CHANNEL_KEYS = {
         "adc_range",
         "Full scale of the input of a logger: it covers -range to +range.",
     ),
+    "delay_s": Key(
+        Number("s", minimum=0, maximum=0.01),
+        "delay",
+        "Time of its sample after the start of the scan, if the converter samples one channel "
+        "after the other.",
+    ),
     "resolution": Key(_POSITIVE, meaning="Value of one count of the ASCII lines."),
     "offset_m": Key(
         Number("m"),

@@ -5,6 +5,7 @@ from typing import Any
 from pfwd_device.errors import PortError
 from pfwd_device.transport import ports
 from pfwd_device.transport.base import WRITE_TIMEOUT_S, Transport
+from pfwd_device.transport.labjack import SCHEME, open_labjack
 from pfwd_device.transport.serial_port import SerialTransport, open_serial
 from pfwd_device.transport.tcp import SCHEMES, open_tcp
 
@@ -20,8 +21,8 @@ def open_transport(
     Parameters
     ----------
     port : str, or an open port
-        A URL: /dev/ttyUSB0, COM3, socket://host:port, tcp://host:port, rfc2217://host:port,
-        loop:// or any other that pyserial can open; or an open port of pyserial or an equivalent
+        A URL: /dev/ttyUSB0, COM3, socket://host:port, tcp://host:port, labjack://host,
+        rfc2217://host:port, loop:// or any other that pyserial can open; or an open port of pyserial or an equivalent
         object; or a `Transport`, which is returned unchanged.
     baud_rate : int
         Baud rate of a serial port.
@@ -46,8 +47,11 @@ def open_transport(
     >>> transport.close()
     """
     if isinstance(port, str):
-        if port.partition("://")[0].lower() in SCHEMES:
+        scheme = port.partition("://")[0].lower()
+        if scheme in SCHEMES:
             return open_tcp(port, write_timeout)
+        if scheme == SCHEME:
+            return open_labjack(port, write_timeout)
         return open_serial(port, baud_rate, write_timeout)
     if hasattr(port, "in_waiting"):
         return SerialTransport(port)

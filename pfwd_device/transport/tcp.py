@@ -40,6 +40,10 @@ class TcpTransport(LockedTransport):
         self._outgoing = connection.dup()
         self._outgoing.settimeout(write_timeout)
 
+    def fileno(self) -> int:
+        """Return the number of the file descriptor, so that `select` can wait for bytes."""
+        return self._incoming.fileno()
+
     def _read(self, timeout: float) -> bytes:
         try:
             self._incoming.settimeout(timeout)
@@ -94,7 +98,7 @@ def open_tcp(
     PortError
         If the connection fails; the message has the cause and a remedy.
     """
-    host, port = _address(url)
+    host, port = address_of(url)
     try:
         connection = socket.create_connection((host, port), connect_timeout)
     except OSError as err:
@@ -114,11 +118,18 @@ def open_tcp(
         raise PortError(f"{url}: expected a connection, got {err}; try again") from err
 
 
-def _address(url: str) -> tuple[str, int]:
-    expected = f"{url}: expected {SCHEMES[0]}://host:port"
+def address_of(url: str, default_port: int | None = None) -> tuple[str, int]:
+    """Return host and port of a URL.
+
+    Raises
+    ------
+    PortError
+        If one of them is missing or invalid.
+    """
+    expected = f"{url}: expected {url.partition('://')[0]}://host:port"
     try:
         parts = urlsplit(url)
-        host, port = parts.hostname, parts.port
+        host, port = parts.hostname, parts.port or default_port
     except ValueError as err:
         raise PortError(f"{expected}, got {err}; check the spelling") from err
     if not host or not port:

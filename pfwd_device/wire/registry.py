@@ -15,6 +15,7 @@ from pfwd_device.wire.ascii_lines import AsciiDialect, looks_like_lines
 from pfwd_device.wire.binary import BinaryDialect
 from pfwd_device.wire.dataq import DataqDialect
 from pfwd_device.wire.dialect import Dialect
+from pfwd_device.wire.labjack import LabjackDialect
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +67,11 @@ def _ascii(declared: DeclaredLink) -> Dialect:
     )
 
 
+def _labjack(declared: DeclaredLink) -> Dialect:
+    assert declared.identity is not None  # needs_identity
+    return LabjackDialect(declared.identity, declared.inputs, declared.first_stream)
+
+
 def _dataq(declared: DeclaredLink) -> Dialect:
     assert declared.identity is not None  # needs_identity
     return DataqDialect(declared.identity, declared.inputs, declared.first_stream)
@@ -83,6 +89,9 @@ BUILT_IN: Mapping[str, DialectEntry] = MappingProxyType(
                 needs_identity=True,
                 needs_columns=True,
                 recognises=looks_like_lines,
+            ),
+            DialectEntry(
+                "labjack", "LabJack logger", _labjack, needs_identity=True, needs_inputs=True
             ),
             DialectEntry("dataq", "DATAQ logger", _dataq, needs_identity=True, needs_inputs=True),
         )
