@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from enum import StrEnum
 from typing import Any, Literal, NamedTuple, Self
 
-MotionName = Literal["velocity", "displacement"]
+MotionName = Literal["velocity", "displacement", "acceleration"]
 """Names of `MOTIONS`, for the types of arguments."""
 
 POUND_FORCE_N = 4.4482216152605
@@ -28,6 +28,7 @@ _FORCE_UNITS = {
     "kip": 1e3 * POUND_FORCE_N,
 }
 _VELOCITY_UNITS = {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6, "in/s": INCH_M}
+_ACCELERATION_UNITS = {"m/s2": 1.0, "g": 9.80665, "mg": 9.80665e-3, "mm/s2": 1e-3}
 _DISPLACEMENT_UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": INCH_M, "mil": 1e-3 * INCH_M}
 
 
@@ -83,6 +84,11 @@ class Measurand(StrEnum):
         *(_DISPLACEMENT_UNITS, Unit("µm", 1e-6), Unit("mil", 1e-3 * INCH_M), 1.0),
     )
     """Displacement, as of an integrated accelerometer or a laser."""
+    ACCELERATION = (
+        *("acceleration", "m/s²", "accelerometer", 4, "acceleration_m_s2", 2),
+        *(_ACCELERATION_UNITS, Unit("g", 9.80665), Unit("g", 9.80665), 1.0),
+    )
+    """Acceleration, without the gravity of the earth."""
     VOLTAGE = (
         *("voltage", "V", "unused", 0, "", -1),
         *({"V": 1.0}, Unit("V", 1.0), Unit("V", 1.0), 1.0),

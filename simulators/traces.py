@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 
 from pfwd_plugins.quantities import Measurand, MotionName, motion
@@ -122,10 +123,18 @@ def record_drop(
     """
     time_step = float(drop.time[1] - drop.time[0])
     wait = round(recording.pre_trigger / time_step)
-    signals = drop.ground_velocity
-    if not motion(recording.quantity).integrations:
-        require(recording.geophone is None, "geophone", "velocity channels", recording.quantity)
-        signals = drop.ground_displacement
+    quantity = motion(recording.quantity)
+    is_velocity = quantity is Measurand.VELOCITY
+    require(
+        is_velocity or recording.geophone is None, "geophone", "velocity channels", quantity.value
+    )
+    match quantity:
+        case Measurand.DISPLACEMENT:
+            signals = drop.ground_displacement
+        case Measurand.ACCELERATION:
+            signals = CubicSpline(drop.time, drop.ground_velocity, axis=1).derivative()(drop.time)
+        case _:
+            signals = drop.ground_velocity
     sensors = np.pad(signals, ((0, 0), (wait, 0)))
     load = np.pad(drop.load, (wait, 0))
     if recording.geophone is not None:

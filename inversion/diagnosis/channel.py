@@ -33,18 +33,19 @@ class MotionChannel:
         self._noise = noise
         self._time = step * (samples - first)
         weights = np.zeros((samples.size, int(samples[-1]) + 1))
-        if sensor.quantity.integrations:
-            weights[:] = _integral(samples, weights.shape[1], step)
-            weights -= _integral(np.array([first]), weights.shape[1], step)
+        weights[np.arange(samples.size), samples] = 1.0
+        self._integrations = sensor.quantity.integrations
+        if self._integrations:
+            for _ in range(self._integrations):
+                weights = _integral_weights(weights, first, step)
             before = noise.baseline_samples
             if before:
-                weights[:, :before] -= self._time[:, None] / before
+                weights[:, :before] -= weights.sum(axis=1, keepdims=True) / before
             # Each sample represents the interval from half a step before it to half a step after
             # it.
             self._rest_interval = step * (np.array([-0.5, max(before, 1) - 0.5]) - first)
             self.ramps = before > 1
         else:
-            weights[np.arange(samples.size), samples] = 1.0
             settled = max(noise.baseline_samples, 1)
             begin = first - settled if first >= settled else first
             weights[:, begin : begin + settled] -= 1.0 / settled
@@ -67,18 +68,25 @@ class MotionChannel:
     def _offset_estimator(self) -> tuple[NDArray[np.intp], FloatArray]:
         """Return samples (k,) and weights (k, m) for the offset before the pulse.
 
-        For an integrated velocity the offset is a ramp that is zero where the pulse begins.
+        For an integrated velocity the offset is a ramp that is zero where the pulse begins, for a
+        twice integrated acceleration also a parabola.
         """
-        begin, end = self._rest_interval
-        moments = [_nearest_samples(self._time, float(time)) for time in (begin, end, 0.0)]
-        removed = np.full((2, self._time.size), 0.5)
-        if self.ramps:
-            slope = self._time / (end - begin)
-            removed = np.stack([-slope, slope, np.ones_like(slope)])
+        begin, end = map(float, self._rest_interval)
+        time, one = self._time, np.ones_like(self._time)
+        parts: list[tuple[float, int, FloatArray]]  # moment, derivative there, factor
+        if not self.ramps:
+            parts = [(begin, 0, one / 2), (end, 0, one / 2)]
+        elif self._integrations == 1:
+            slope = time / (end - begin)
+            parts = [(begin, 0, -slope), (end, 0, slope), (0.0, 0, one)]
+        else:
+            half = time**2 / (2 * (end - begin))
+            parts = [(begin, 1, -half), (end, 1, half), (0.0, 1, time), (0.0, 0, one)]
         samples, weights = [], []
-        for (nearest, shares), part in zip(moments, removed, strict=False):
+        for moment, derivative, factor in parts:
+            nearest, shares = _nearest_samples(time, moment, derivative)
             samples += list(nearest)
-            weights += [share * part for share in shares]
+            weights += [share * factor for share in shares]
         return np.array(samples), np.stack(weights)
 
     def noise_covariance(self, part: slice, steady: FloatArray) -> FloatArray:
@@ -96,32 +104,32 @@ class MotionChannel:
         return covariance
 
 
-def _nearest_samples(times: FloatArray, time: float) -> tuple[NDArray[np.intp], FloatArray]:
-    """Return the three samples nearest to a time, and their weights in parabolic interpolation."""
+def _nearest_samples(
+    times: FloatArray, time: float, derivative: int = 0
+) -> tuple[NDArray[np.intp], FloatArray]:
+    """Return the three samples nearest to a time, and their weights in parabolic interpolation.
+
+    With ``derivative`` = 1 the weights are those of the slope of the parabola.
+    """
     centre = int(np.clip(np.argmin(np.abs(times - time)), 1, times.size - 2))
     nearest = np.arange(centre - 1, centre + 2)
-    time_before, centre_time, time_after = times[nearest]
-    shares = np.array(
-        [
-            (time - centre_time)
-            * (time - time_after)
-            / ((time_before - centre_time) * (time_before - time_after)),
-            (time - time_before)
-            * (time - time_after)
-            / ((centre_time - time_before) * (centre_time - time_after)),
-            (time - time_before)
-            * (time - centre_time)
-            / ((time_after - time_before) * (time_after - centre_time)),
-        ]
-    )
-    return nearest, shares
+    # Lagrange polynomials through the three times, around the time itself.
+    powers = np.vander(times[nearest] - time, increasing=True)
+    return nearest, np.linalg.inv(powers)[derivative]
 
 
-def _integral(samples: np.ndarray, count: int, step: float) -> FloatArray:
-    """Return the weights (m, count) of the trapezoidal integral from sample 0 to given samples."""
-    index = np.arange(count)
-    weights = np.where(index[None, :] < samples[:, None], step, 0.0)
-    weights[:, 0] *= 0.5
-    inside = (samples > 0) & (samples < count)
-    weights[np.flatnonzero(inside), samples[inside]] = 0.5 * step
-    return weights
+def _integral_weights(weights: FloatArray, first: int, step: float) -> FloatArray:
+    """Return weights (m, count) on samples, from weights on their trapezoidal integral.
+
+    The integral is zero at sample ``first``.
+    """
+    later = np.cumsum(weights[:, ::-1], axis=1)[:, ::-1]
+    result = step * (later - 0.5 * weights)
+    result[:, 0] = 0.5 * step * (later[:, 0] - weights[:, 0])
+    # The integral from sample 0 to `first` is subtracted from all.
+    total = weights.sum(axis=1) * step
+    result[:, :first] -= total[:, None]
+    result[:, 0] += 0.5 * total * (first > 0)
+    if first > 0:
+        result[:, first] -= 0.5 * total
+    return np.asarray(result)

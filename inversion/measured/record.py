@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -319,9 +320,8 @@ def prepare(record: Record) -> PreparedDrop:
     )
     noise = np.array([displacement_rms(c, count, step) for c in channels])
     quantum = np.array(
-        [_quantum(s.values) * (np.sqrt(count) * step / 2 if s.quantity.integrations else 1.0)
-         for s in record.sensors]
-    )  # fmt: skip
+        [_quantum(s.values) * _growth(s.quantity.integrations, count, step) for s in record.sensors]
+    )
     return PreparedDrop(
         time=drop_time,
         start=float(time[first]),
@@ -484,6 +484,17 @@ def noise_before(quiet: FloatArray) -> NoiseModel:
 def _autoregressive(variance: float, correlation: float, samples: int) -> NoiseModel:
     lags = 1 if correlation == 0.0 else 1 + int(np.ceil(np.log(1e-3) / np.log(correlation)))
     return NoiseModel(variance * correlation ** np.arange(lags), samples)
+
+
+def _growth(integrations: int, count: int, step: float) -> float:
+    """Return the factor from independent errors of the samples to those of the displacement.
+
+    It is above the root mean square over ``count`` samples.
+    """
+    if not integrations:
+        return 1.0
+    once = math.sqrt(count) * step / 2
+    return once * (step * count / math.sqrt(6)) ** (integrations - 1)
 
 
 def _quantum(values: FloatArray) -> float:
