@@ -30,7 +30,9 @@ from pfwd_device.schema import (
     Text,
     TomlTable,
 )
+from pfwd_device.wire.ascii_lines import LineLayout
 from pfwd_device.wire.dialect import Dialect
+from pfwd_device.wire.fixed_frames import CHECKSUMS, MAX_FRAME_BYTES, NUMBER_TYPES, FrameLayout
 from pfwd_device.wire.registry import (
     DEFAULT,
     DeclaredLink,
@@ -57,6 +59,36 @@ LINK_KEYS = {
         "Sampling rate requested of the instrument; with ASCII lines the rate that it has.",
     ),
 }
+_TIME_UNITS = {"us": 1e-6, "ms": 1e-3, "s": 1.0}
+LOGGER_KEYS = {
+    "start": Key(Text(256), meaning="Command after which the logger sends, with its line end."),
+    "stop": Key(Text(256), meaning="Command after which the logger stops."),
+    "separator": Key(
+        Choice((",", ";", " ", "\t")), meaning="Sign between two values of a line (dialect ascii)."
+    ),
+    "time_column": Key(
+        Integer(0, MAX_COLUMNS), meaning="Column of the time in a line, from 1; 0: there is none."
+    ),
+    "time_unit": Key(Choice(_TIME_UNITS), meaning="Unit of the time in a line."),
+    "counter_column": Key(
+        Integer(1, MAX_COLUMNS), meaning="Column of the number of the sample, instead of a time."
+    ),
+    "counter_bits": Key(Integer(4, 63), meaning="Bits of the number of the sample in a line."),
+    "head": Key(
+        Text(32, min_length=2), meaning="First bytes of each frame as hexadecimal digits: AA55."
+    ),
+    "frame_bytes": Key(Integer(2, MAX_FRAME_BYTES), meaning="Length of a frame (dialect frames)."),
+    "counter_byte": Key(
+        Integer(0, MAX_FRAME_BYTES), meaning="Place of the number of the sample in a frame, from 0."
+    ),
+    "counter_type": Key(
+        Choice([kind for kind in NUMBER_TYPES if kind.startswith("u")]),
+        meaning="Type of the number of the sample in a frame.",
+    ),
+    "checksum": Key(
+        Choice(CHECKSUMS), meaning="Checksum at the end of a frame, of all bytes before it."
+    ),
+}
 INSTRUMENT_KEYS = {
     "serial_number": Key(_NAME, meaning="Serial number of the instrument."),
     "model": Key(_NAME, meaning="Product name of the instrument."),
@@ -74,6 +106,11 @@ CHANNEL_KEYS = {
     ),
     "role": Key(Choice(QUANTITY_BY_ROLE), "quantity", "Measured quantity."),
     "column": Key(Integer(1, MAX_COLUMNS), meaning="Column of the ASCII lines, from 1."),
+    "byte": Key(Integer(0, MAX_FRAME_BYTES), meaning="Place in the frame of a logger, from 0."),
+    "type": Key(
+        Choice([kind for kind in NUMBER_TYPES if not kind.startswith("u32")]),
+        meaning="Type of the number in the frame of a logger.",
+    ),
     "input": Key(Integer(0, 255), meaning="Number of the input of a logger, as printed on it."),
     "range_v": Key(
         Number("V", above=0),
@@ -134,6 +171,7 @@ DETECTION_KEYS = {
 }
 TABLES = {
     "link": Key(TomlTable(LINK_KEYS), meaning="Link to the instrument."),
+    "logger": Key(TomlTable(LOGGER_KEYS), meaning="Lines or frames of a logger without a driver."),
     "instrument": Key(TomlTable(INSTRUMENT_KEYS), meaning="Instrument."),
     "channels": Key(Array(TomlTable(CHANNEL_KEYS)), meaning="Channels, one table each."),
     "detection": Key(TomlTable(DETECTION_KEYS), meaning="Detection of drops."),
@@ -154,6 +192,8 @@ class DeviceSetup:
     """Speed of a serial port; a USB port with its own protocol ignores it."""
     sampling_rate: float | None = None
     """Requested rate, Hz; with ASCII lines the rate that the instrument has."""
+    logger: Mapping[str, Any] = field(default_factory=dict)
+    """Values of `LOGGER_KEYS`."""
     instrument: Mapping[str, Any] = field(default_factory=dict)
     """Fields of `Identity` that override those of the instrument."""
     channels: tuple[Mapping[str, Any], ...] = ()
@@ -226,8 +266,59 @@ class DeviceSetup:
         if entry.needs_inputs:
             inputs = [channel["input"] for channel in self.channels]
         resolution = [channel.get("resolution", 1.0) for channel in self.channels]
+        numbers: list[tuple[int, str]] = []
+        if entry.needs_frames:
+            numbers = [(channel["byte"], channel["type"]) for channel in self.channels]
         return entry.make(
-            DeclaredLink(identity, tuple(columns), tuple(inputs), tuple(resolution), first_stream)
+            DeclaredLink(
+                identity,
+                tuple(columns),
+                tuple(inputs),
+                tuple(resolution),
+                self._line_layout() if entry.needs_columns else None,
+                self._frame_layout() if entry.needs_frames else None,
+                tuple(numbers),
+                first_stream,
+            )
+        )
+
+    def _line_layout(self) -> LineLayout:
+        declared = self.logger
+        counter, time = declared.get("counter_column"), declared.get("time_column", 1)
+        return LineLayout(
+            declared.get("separator", ","),
+            counter or time or None,
+            None if counter else _TIME_UNITS[declared.get("time_unit", "us")],
+            declared.get("counter_bits", 32),
+            declared.get("start", "").encode(),
+            declared.get("stop", "").encode(),
+        )
+
+    def _frame_layout(self) -> FrameLayout:
+        """Return the declared layout of frames.
+
+        Raises
+        ------
+        SetupError
+            If a value is missing, or the head has no hexadecimal digits.
+        """
+        declared = self.logger
+        for key in ("head", "frame_bytes"):
+            if key not in declared:
+                raise SetupError(_missing(f"logger: {key}", self._entry.title))
+        try:
+            head = bytes.fromhex(declared["head"])
+        except ValueError:
+            expected = "pairs of hexadecimal digits, as in AA55"
+            raise SetupError(refusal("logger: head", expected, quote(declared["head"]))) from None
+        place = declared.get("counter_byte")
+        return FrameLayout(
+            head,
+            declared["frame_bytes"],
+            None if place is None else (place, declared.get("counter_type", "u16le")),
+            declared.get("checksum"),
+            declared.get("start", "").encode(),
+            declared.get("stop", "").encode(),
         )
 
     def declared_identity(self) -> Identity:
@@ -242,6 +333,8 @@ class DeviceSetup:
         required = ["quantity", "sensitivity"]
         if entry.needs_columns or entry.needs_inputs:
             required.insert(0, "column" if entry.needs_columns else "input")
+        if entry.needs_frames:
+            required = ["byte", "type", *required]
         if self.sampling_rate is None:
             raise SetupError(_missing("link: sampling_rate_hz", title))
         if not self.channels:
@@ -305,6 +398,7 @@ def read_device_setup(table: Mapping[str, Any], where: str) -> DeviceSetup:
         detection = DetectionSettings(**values.get("detection", {}))
         setup = DeviceSetup(
             **values.get("link", {}),
+            logger=values.get("logger", {}),
             instrument=values.get("instrument", {}),
             channels=channels,
             detection=detection,

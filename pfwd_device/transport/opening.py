@@ -22,8 +22,8 @@ def open_transport(
     ----------
     port : str, or an open port
         A URL: /dev/ttyUSB0, COM3, socket://host:port, tcp://host:port, labjack://host,
-        rfc2217://host:port, loop:// or any other that pyserial can open; or an open port of pyserial or an equivalent
-        object; or a `Transport`, which is returned unchanged.
+        rfc2217://host:port, loop:// or any other that pyserial can open; or an open port of
+        pyserial or an equivalent object; or a `Transport`, which is returned unchanged.
     baud_rate : int
         Baud rate of a serial port.
     write_timeout : float, s

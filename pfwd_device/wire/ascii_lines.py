@@ -7,7 +7,7 @@ sample that cannot be recognised. The binary protocol avoids this.
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,11 +18,14 @@ from pfwd_device.identity import Identity
 from pfwd_device.wire.dialect import LinkCounters
 from pfwd_device.wire.framing import Cutter
 from pfwd_device.wire.messages import (
+    Hello,
     HostMessage,
     InstrumentMessage,
     Refusal,
     RefusalCode,
     SampleBlock,
+    Start,
+    Stop,
 )
 from pfwd_device.wire.sample_clock import PlacedLines, SampleClock
 
@@ -56,6 +59,25 @@ _RATE_TOLERANCE = 0.01
 differ by less, two settings of the sampling rate by more."""
 
 
+@dataclass(frozen=True, slots=True)
+class LineLayout:
+    """Layout of the lines of an instrument, if it is not `t_us,v1,v2,...`."""
+
+    separator: str = ","
+    """Sign between two values; a blank stands for any number of blanks and tabulators."""
+    place: int | None = 1
+    """Column of the time or of the number of the sample, from 1; None: the lines have neither, and
+    a lost line is not noticed."""
+    time_unit: float | None = 1e-6
+    """Unit of the time, s; None: the column is the number of the sample."""
+    counter_bits: int = 32
+    """Bits of the number of the sample, after which it begins again with 0."""
+    start: bytes = b""
+    """Command after which the instrument sends lines; empty: it always sends."""
+    stop: bytes = b""
+    """Command after which it sends no lines."""
+
+
 class _Line(NamedTuple):
     """Line that has the form of a sample."""
 
@@ -79,6 +101,8 @@ class AsciiDialect:
         printed values are counts.
     first_stream : int
         Number of the first stream (run of samples); each restart of the instrument adds one.
+    layout : LineLayout
+        Layout of the lines.
 
     Raises
     ------
@@ -95,8 +119,13 @@ class AsciiDialect:
         *,
         resolution: Sequence[float] | None = None,
         first_stream: int = 0,
+        layout: LineLayout | None = None,
     ) -> None:
         channels = len(identity.channels)
+        self._layout = layout or LineLayout()
+        self._counter: int | None = None
+        self._numbered_lines = 0
+        self._stopped = False
         _check_columns(columns, channels)
         if resolution is not None:
             _check_resolution(resolution, channels)
@@ -108,7 +137,10 @@ class AsciiDialect:
         self._line = _line_pattern(value, max(columns) + 1)
         self._width: int | None = None
         self._candidate_width, self._votes = 0, 0
-        self._clock = SampleClock(identity.sampling_rate, first_stream)
+        # Numbers of samples take the place of times in units of the sampling step.
+        timed = self._layout.place is not None and self._layout.time_unit is not None
+        self._clock = SampleClock(identity.sampling_rate if timed else 1e6, first_stream)
+        self._is_timed = timed
         self._introduced = False
         self._cutter = Cutter(b"\n", MAX_LINE_BYTES, self.counters)
         self._held: list[_Line] = []
@@ -140,7 +172,16 @@ class AsciiDialect:
         return messages
 
     def encode(self, message: HostMessage) -> bytes:
-        """Return no bytes, because the instrument receives no commands."""
+        """Return the command that starts or stops the lines; empty if the instrument lacks it."""
+        match message:
+            case Hello():
+                return self._layout.start
+            case Start() if self._stopped:
+                self._stopped = False
+                return self._layout.start
+            case Stop():
+                self._stopped = True
+                return self._layout.stop
         return b""
 
     def reset(self) -> None:
@@ -157,12 +198,40 @@ class AsciiDialect:
     def _good_lines(self, data: bytes) -> list[_Line]:
         good = []
         for line in self._cutter.feed(data):
-            match = self._line.fullmatch(line)
+            match = self._line.fullmatch(self._arranged(line))
             if match is not None and self._has_width(line.count(b",")):
                 good.append(_Line(match[1], len(line) + 1))
             else:
                 self._count_rejected(line)
         return good
+
+    def _arranged(self, line: bytes) -> bytes:
+        """Return a line in the layout `time,v1,v2,...`."""
+        layout = self._layout
+        if layout.separator == "," and layout.place == 1 and layout.time_unit == 1e-6:
+            return line
+        fields = line.split(layout.separator.encode() if layout.separator != " " else None)
+        if layout.place is None:
+            time = self._numbered_lines
+            self._numbered_lines += 1
+        else:
+            if len(fields) < layout.place:
+                return line
+            try:
+                number = float(fields.pop(layout.place - 1))
+                time = round(number * (layout.time_unit or 0.0) * 1e6)
+                if layout.time_unit is None:
+                    time = self._unwrapped(int(number))
+            except (ValueError, OverflowError):
+                return line
+        return b",".join([b"%d" % time, *fields])
+
+    def _unwrapped(self, number: int) -> int:
+        """Return the number of a sample without the wrap-around of its counter."""
+        if self._counter is None:
+            self._counter = number
+        self._counter += (number - self._counter) % (1 << self._layout.counter_bits)
+        return self._counter
 
     def _has_width(self, width: int) -> bool:
         """Return True if a line has the usual number of values.
@@ -215,7 +284,8 @@ class AsciiDialect:
         messages: list[InstrumentMessage] = []
         start = 0
         for last in np.flatnonzero(ends).tolist():
-            first = int(stream[start]), int(index[start]), int(clock[start])
+            time = int(clock[start]) if self._is_timed else None
+            first = int(stream[start]), int(index[start]), time
             messages.append(SampleBlock(*first, counts[start : last + 1]))
             if refusal is not None and last == where:
                 messages.append(refusal)
@@ -230,7 +300,7 @@ class AsciiDialect:
         Return the position of the first sample at which they differ too much, and the refusal to
         report; 0 and None if they agree or the refusal was reported before.
         """
-        if self._rate_refused:
+        if self._rate_refused or not self._is_timed:
             return 0, None
         for at in np.flatnonzero(index % _RATE_WINDOW_SAMPLES == 0).tolist():
             earlier = self._mark

@@ -34,7 +34,7 @@ from pfwd_device.wire.messages import (
 )
 
 HEAD = struct.Struct(">HHHBB")
-"""Head of a Modbus TCP message: transaction, 0, number of bytes behind these six, unit, function."""
+"""Head of a Modbus TCP message: transaction, 0, bytes behind these six, unit, function."""
 _PACKET = struct.Struct(">BBHHH")
 """Head of a packet of samples, behind `HEAD`: type, 0, bytes that wait, status, scans skipped."""
 READ, WRITE, STREAM = 3, 16, 76

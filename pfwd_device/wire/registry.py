@@ -11,10 +11,11 @@ from types import MappingProxyType
 
 import pfwd_plugins
 from pfwd_device.identity import Identity
-from pfwd_device.wire.ascii_lines import AsciiDialect, looks_like_lines
+from pfwd_device.wire.ascii_lines import AsciiDialect, LineLayout, looks_like_lines
 from pfwd_device.wire.binary import BinaryDialect
 from pfwd_device.wire.dataq import DataqDialect
 from pfwd_device.wire.dialect import Dialect
+from pfwd_device.wire.fixed_frames import FrameDialect, FrameLayout
 from pfwd_device.wire.labjack import LabjackDialect
 
 
@@ -31,6 +32,12 @@ class DeclaredLink:
     it."""
     resolution: tuple[float, ...] = ()
     """Printed value of one count, for each channel."""
+    line_layout: LineLayout | None = None
+    """Layout of lines; None: that of docs/protocol.md."""
+    frame_layout: FrameLayout | None = None
+    """Layout of frames of fixed length; None unless the dialect needs it."""
+    numbers: tuple[tuple[int, str], ...] = ()
+    """Place in the frame and type of each channel; empty unless the dialect needs them."""
     first_stream: int = 0
     """Number of the first stream (run of samples) of an instrument that does not number them."""
 
@@ -52,6 +59,8 @@ class DialectEntry:
     needs_inputs: bool = False
     """True for a logger, which reports its converter, but each of whose channels has to be declared
     with the number of its input."""
+    needs_frames: bool = False
+    """True if frames and the place of each channel in them have to be declared."""
     recognises: Callable[[bytes], bool] | None = None
     """Function that returns True if bytes that arrived without a request belong to this dialect;
     None if an instrument of this dialect replies to a request for its identity."""
@@ -64,6 +73,15 @@ def _ascii(declared: DeclaredLink) -> Dialect:
         declared.columns,
         resolution=declared.resolution,
         first_stream=declared.first_stream,
+        layout=declared.line_layout,
+    )
+
+
+def _frames(declared: DeclaredLink) -> Dialect:
+    assert declared.identity is not None  # needs_identity
+    assert declared.frame_layout is not None  # needs_frames
+    return FrameDialect(
+        declared.identity, declared.frame_layout, declared.numbers, declared.first_stream
     )
 
 
@@ -90,6 +108,7 @@ BUILT_IN: Mapping[str, DialectEntry] = MappingProxyType(
                 needs_columns=True,
                 recognises=looks_like_lines,
             ),
+            DialectEntry("frames", "fixed frames", _frames, needs_identity=True, needs_frames=True),
             DialectEntry(
                 "labjack", "LabJack logger", _labjack, needs_identity=True, needs_inputs=True
             ),
