@@ -15,6 +15,7 @@ the search; c, d, a and b follow by linear least squares.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -87,7 +88,7 @@ def decays(time: FloatArray, values: FloatArray) -> list[Decay]:
     edges = np.linspace(start, len(time), count + 1).round().astype(int)
     noise = whole_noise(values[edges[-2] :])
     parts = []
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in pairwise(edges):
         part = _fit(time[first:last], values[first:last], whole)
         if part.amplitude > _END_OVER_NOISE * noise or not parts:
             parts.append(_accepted(part))

@@ -1,6 +1,7 @@
-"""``pfwd calibrate``: calibrate load cell and geophone by drops on a rig of known stiffness."""
+"""``pfwd calibrate``: calibrate load cell and geophone on springs, by momentum, by a release."""
 
 import argparse
+import dataclasses
 import os
 
 from pfwd.errors import OptionError, refusal
@@ -14,7 +15,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Fits gain, natural frequency, damping and delay to drops on a rig of springs, with their "
         "intervals, or says why the drops do not repeat. A spring determines only the ratio of the "
-        "gains of load cell and geophone, so the gain of one of them is assumed to be correct."
+        "gains of load cell and geophone, so the gain of one of them is assumed to be correct. "
+        "--momentum finds the gain of the load cell from a hammer of known mass, --ring natural "
+        "frequency and damping of a geophone from its decay after a release."
+    )
+    way = parser.add_mutually_exclusive_group()
+    way.add_argument(
+        "--momentum",
+        action="store_true",
+        help="gain of the load cell from --mass and --height; the record reaches a second contact",
+    )
+    way.add_argument(
+        "--ring",
+        action="store_true",
+        help="natural frequency and damping from a decay: records of a drop file, or a text file "
+        "with columns of numbers and --column",
+    )
+    parser.add_argument("--mass", type=number, metavar="kg", help="mass of the hammer (--momentum)")
+    parser.add_argument("--height", type=number, metavar="m", help="height of fall (--momentum)")
+    parser.add_argument(
+        "--friction",
+        type=number,
+        default=0.0,
+        metavar="SHARE",
+        help="largest friction of the guide over the weight, such as 0.03 (--momentum; default: 0)",
+    )
+    parser.add_argument("--column", metavar="NAME", help="column of the text file (--ring)")
+    parser.add_argument(
+        "--time-column",
+        metavar="NAME",
+        help="column of the times in s (--ring; default: the first)",
     )
     parser.add_argument("files", nargs="+", metavar="FILE", help="survey, drop or trace file")
     parser.add_argument(
@@ -52,6 +82,8 @@ def run(args: argparse.Namespace) -> int:
         raise OptionError(refusal(f"--header {args.header}", "a TOML file", "no such file"))
     if args.stiffness is not None and not args.stiffness > 0:
         raise OptionError(refusal("--stiffness", "a number > 0, in N/m", f"{args.stiffness:g}"))
+    if args.momentum or args.ring:
+        return _without_rig(args)
     from pfwd.analysis.calibrating import calibrate_files, write_calibration
     from pfwd.files.output_path import require_writable
 
@@ -90,3 +122,48 @@ def run(args: argparse.Namespace) -> int:
     elif args.output is not None:
         say(f"calibrate: {args.output} was not written, because the drops do not repeat")
     return 1 if calibration.reasons else 0
+
+
+def _without_rig(args: argparse.Namespace) -> int:
+    """Calibrate by momentum or by a decay, and print the result."""
+    from pfwd.analysis.sensor_calibration import decays_of_file, gain_of_files
+
+    if args.output is not None:
+        hint = "write the printed values into the setup file or into the instrument"
+        raise OptionError(refusal("--output", "springs with --stiffness", "another way", hint))
+    if args.momentum:
+        for name in ("mass", "height"):
+            value = getattr(args, name)
+            if value is None or not value > 0:
+                got = "none" if value is None else f"{value:g}"
+                raise OptionError(refusal(f"--{name}", "a number > 0", got))
+        if not 0 <= args.friction < 0.5:
+            raise OptionError(refusal("--friction", "from 0 to 0.5", f"{args.friction:g}"))
+        gain, warnings = gain_of_files(
+            args.files, args.mass, args.height, args.friction, point=args.point, header=args.header
+        )
+        for warning in warnings:
+            say(f"calibrate: {warning}")
+        if args.json:
+            print(json_text({"files": args.files} | dataclasses.asdict(gain)), flush=True)
+            return 0
+        low, high = gain.interval
+        print(f"gain of the load cell {gain.value:.4g} (95 %: {low:.4g} to {high:.4g}), ", end="")
+        print(f"{gain.drops} drops: multiply its sensitivity by this")
+        return 0
+    for file in args.files:
+        for name, parts in decays_of_file(file, args.column, args.time_column, args.header):
+            if args.json:
+                windows = [dataclasses.asdict(part) for part in parts]
+                print(json_text({"file": file, "record": name, "windows": windows}), flush=True)
+                continue
+            print(clean(f"{file}, {name}"))
+            for part in parts:
+                frequency, damping = part.natural_frequency_interval, part.damping_interval
+                print(
+                    f"  {part.start:.2f} to {part.end:.2f} s, amplitude {part.amplitude:.3g}: "
+                    f"natural frequency {part.natural_frequency:.4g} Hz "
+                    f"(95 %: {frequency[0]:.4g} to {frequency[1]:.4g}), "
+                    f"damping {part.damping:.3g} ({damping[0]:.3g} to {damping[1]:.3g})"
+                )
+    return 0

@@ -1,0 +1,134 @@
+"""Calibration of a load cell by the momentum of a hammer, and of a geophone by its decay."""
+
+import csv
+import os
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from inversion import InversionError
+from inversion.arrays import FloatArray
+from inversion.momentum import Contact, MomentumGain, contact_of, gain_by_momentum
+from inversion.ring_down import Decay, decays
+from pfwd.errors import SurveyError, refusal
+from pfwd.files.reading import read_points
+
+MAX_TEXT_BYTES = 200_000_000
+"""Largest text file with the decay of a geophone."""
+
+
+def gain_of_files(
+    files: Sequence[str],
+    mass: float,
+    height: float,
+    friction: float,
+    *,
+    point: str | None = None,
+    header: str | None = None,
+) -> tuple[MomentumGain, list[str]]:
+    """Return the gain of the load cell from drops of a hammer, and reasons for unused drops.
+
+    Parameters
+    ----------
+    files : sequence of str
+    mass : float, kg
+    height : float, m
+        Height of fall.
+    friction : float
+        Largest friction of the guide over the weight.
+    point : str, optional
+        Only points whose names begin with this text are used.
+    header : path of a TOML file, optional
+        Declarations for all files.
+
+    Raises
+    ------
+    SurveyError
+        If a file is not valid, or no drop reaches a second contact.
+    """
+    contacts: list[Contact] = []
+    unused: list[str] = []
+    for file in files:
+        for traces in read_points(file, header):
+            name = str(traces.setup.point or os.path.basename(file))
+            if point is not None and not name.startswith(point):
+                continue
+            for drop in traces.drops:
+                try:
+                    contacts.append(contact_of(drop.time, drop.load))
+                except InversionError as err:
+                    unused.append(f"{name}, drop {drop.number}: {err}")
+    if not contacts:
+        hint = "record longer: post_trigger_s = 1.0 in [detection] of the setup file"
+        got = unused[0] if unused else "none"
+        raise SurveyError(refusal(", ".join(files), "drops up to the second contact", got, hint))
+    return gain_by_momentum(contacts, mass, height, friction), unused
+
+
+def decays_of_file(
+    file: str, column: str | None, time_column: str | None = None, header: str | None = None
+) -> Iterator[tuple[str, list[Decay]]]:
+    """Yield the name of each record of a file and the windows of its decay.
+
+    Parameters
+    ----------
+    file : str
+        File of drops, whose sensors are used; or a text file with a head line of names.
+    column, time_column : str, optional
+        Columns of a text file: the values, and the times in s. Without ``column`` the file is one
+        of drops.
+    header : path of a TOML file, optional
+        Declarations for a file of drops.
+
+    Raises
+    ------
+    SurveyError
+        If the file is not valid, or a record has no decaying oscillation.
+    """
+    if column is not None:
+        time, values = _columns(file, column, time_column)
+        yield column, _decays(file, time, values)
+        return
+    for traces in read_points(file, header):
+        for drop in traces.drops:
+            for channel in drop.channels:
+                name = f"drop {drop.number}, sensor at {channel.offset:g} m"
+                yield name, _decays(f"{file}, {name}", drop.time, channel.values)
+
+
+def _decays(where: str, time: FloatArray, values: FloatArray) -> list[Decay]:
+    try:
+        return decays(time, values)
+    except InversionError as err:
+        raise SurveyError(f"{where}: {err}") from err
+
+
+def _columns(file: str, column: str, time_column: str | None) -> tuple[FloatArray, FloatArray]:
+    """Return the times, from 0, and the values of a column of a text file."""
+    try:
+        if os.path.getsize(file) > MAX_TEXT_BYTES:
+            raise SurveyError(refusal(file, f"at most {MAX_TEXT_BYTES / 1e6:.0f} MB", "more"))
+        with open(file, encoding="utf-8-sig", errors="replace", newline="") as stream:
+            first = stream.readline()
+            sign = max(",;\t", key=first.count)
+            names = [name.strip() for name in next(csv.reader([first], delimiter=sign), [])]
+            rows = list(csv.reader(stream, delimiter=sign))
+    except OSError as err:
+        raise SurveyError(f"{file}: {err.strerror or err}") from err
+    places = []
+    for name in (time_column or names[0] if names else "", column):
+        if name not in names:
+            raise SurveyError(refusal(file, f"one of the columns {', '.join(names)}", name))
+        places.append(names.index(name))
+    numbers = []
+    for line, row in enumerate(rows, start=2):
+        if not row:
+            continue
+        try:
+            numbers.append([float(row[place]) for place in places])
+        except (IndexError, ValueError):
+            raise SurveyError(
+                refusal(f"{file}, line {line}", "two numbers", f"{row}"[:60])
+            ) from None
+    table = np.array(numbers).reshape(-1, 2)
+    return table[:, 0] - (table[0, 0] if len(table) else 0.0), table[:, 1]
