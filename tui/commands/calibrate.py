@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     way.add_argument(
         "--momentum",
         action="store_true",
-        help="gain of the load cell from --mass and --height; the record reaches a second contact",
+        help="gain of the load cell from --mass and --height; up to the second contact",
     )
     way.add_argument(
         "--ring",
