@@ -87,7 +87,7 @@ def decays(time: FloatArray, values: FloatArray) -> list[Decay]:
     count = min(MAX_WINDOWS, n_windows)
     edges = np.linspace(start, len(time), count + 1).round().astype(int)
     noise = whole_noise(values[edges[-2] :])
-    parts = []
+    parts: list[Decay] = []
     for first, last in pairwise(edges):
         part = _fit(time[first:last], values[first:last], whole)
         if part.amplitude > _END_OVER_NOISE * noise or not parts:

@@ -32,7 +32,7 @@ class MotionChannel:
     ) -> None:
         self._noise = noise
         self._time = step * (samples - first)
-        weights = np.zeros((samples.size, int(samples[-1]) + 1))
+        weights: FloatArray = np.zeros((samples.size, int(samples[-1]) + 1))
         weights[np.arange(samples.size), samples] = 1.0
         self._integrations = sensor.quantity.integrations
         if self._integrations:

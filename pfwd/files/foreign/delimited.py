@@ -10,6 +10,12 @@ import numpy as np
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.foreign.column_map import Column, ColumnMap, read_map
 from pfwd.files.foreign.common import Request, Values, even_time, make_drop, point_of
+from pfwd.files.foreign.laboratory import (
+    RECOGNITION_BYTES,
+    LaboratoryFormat,
+    laboratory_format,
+    read_laboratory,
+)
 from pfwd.files.plausible_units import refuse_wrong_units
 from pfwd.files.traces import TracePoint, numbered_lines, refuse_long, split_drops
 from pfwd_device import Drop
@@ -36,12 +42,23 @@ def read(file: str, request: Request) -> list[TracePoint]:
     if request.column_map is None:
         raise TraceError(refusal(file, "a column map", "none", "give --map FILE.toml"))
     columns = read_map(request.column_map)
+    with open(file, "rb") as stream_of_bytes:
+        form = laboratory_format(stream_of_bytes.read(RECOGNITION_BYTES))
+    if form is not None:
+        table, lines = _channels(file, form, columns)
+        return [_point(table, lines, file, columns, request)]
     try:
         with open(file, encoding=columns.encoding, newline=None) as stream:
             table, lines = _numbers(stream, file, columns)
     except UnicodeError as err:
         hint = f"declare text.encoding in {columns.file}"
         raise TraceError(refusal(file, f"text in {columns.encoding}", str(err), hint)) from err
+    return [_point(table, lines, file, columns, request)]
+
+
+def _point(
+    table: Values, lines: Sequence[int], file: str, columns: ColumnMap, request: Request
+) -> TracePoint:
     drops = _drops(table, lines, file, columns)
     merged = Request(
         columns.declarations | request.declarations, request.channels, request.column_map
@@ -49,7 +66,30 @@ def read(file: str, request: Request) -> list[TracePoint]:
     point = point_of(file, {}, drops, merged)
     hint = f"are the units of time, load and sensors in {columns.file} those of the columns?"
     refuse_wrong_units(drops, point.setup, file, hint)
-    return [point]
+    return point
+
+
+def _channels(
+    file: str, form: LaboratoryFormat, columns: ColumnMap
+) -> tuple[Values, Sequence[int]]:
+    """Return the columns of the map from a laboratory file; as `_numbers`."""
+    channels = read_laboratory(file, form)
+    parts = _parts(columns)
+    positions = [_place(part, [channel.name for channel in channels], file) for part in parts]
+    if max(positions) >= len(channels):
+        expected = f"at least {max(positions) + 1} channels"
+        raise TraceError(refusal(file, expected, str(len(channels))))
+    table = np.stack([channels[position].values for position in positions], axis=1)
+    return table * np.array([part.factor for part in parts]), range(1, len(table) + 1)
+
+
+def _parts(columns: ColumnMap) -> list[Column]:
+    """Return the columns that a map uses, in the order time, load, sensors, drop number."""
+    parts = [part for part in (columns.time, columns.load) if part is not None]
+    parts += [sensor.where for sensor in columns.sensors]
+    if columns.drop is not None:
+        parts.append(Column(columns.drop, 1.0))
+    return parts
 
 
 def _numbers(stream: TextIO, file: str, columns: ColumnMap) -> tuple[Values, Sequence[int]]:
@@ -72,10 +112,7 @@ def _numbers(stream: TextIO, file: str, columns: ColumnMap) -> tuple[Values, Seq
             next(lines, None)
         if not number:
             raise TraceError(refusal(file, "a line with names", "the end of the file"))
-    parts = [part for part in (columns.time, columns.load) if part is not None]
-    parts += [sensor.where for sensor in columns.sensors]
-    if columns.drop is not None:
-        parts.append(Column(columns.drop, 1.0))
+    parts = _parts(columns)
     positions = [_place(part, names, file) for part in parts]
     refuse_long(file, len(positions))
     table, line_numbers = array("d"), array("q")  # lists would take six times the memory

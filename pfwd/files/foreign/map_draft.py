@@ -12,9 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
 from pfwd.errors import TraceError, refusal
 from pfwd.files.foreign.column_map import COLUMN_UNITS, TextLayout
 from pfwd.files.foreign.common import decoded
+from pfwd.files.foreign.laboratory import NamedColumn, laboratory_format, read_laboratory
 from pfwd.files.toml import toml_line
 from pfwd_plugins.quantities import MOTIONS, Measurand
 
@@ -84,6 +87,8 @@ class MapDraft(TextLayout):
     columns: tuple[DraftColumn, ...]
     plate_radius: float | None = None
     """Plate radius, m, entered by the user; None: not entered. The texts do not state it."""
+    trigger: float = 0.0
+    """Time of the trigger by the clock of the file, s."""
 
     def with_column(self, column: DraftColumn) -> "MapDraft":
         """Return the draft with the description of one column replaced."""
@@ -128,6 +133,14 @@ def draft_map(file: str | os.PathLike[str]) -> MapDraft:
                 data = data[: data.rfind(b"\n") + 1]  # the limit cuts the last line off
     except OSError as err:
         raise TraceError(refusal(path, "a readable text", err.strerror or str(err))) from err
+    form = laboratory_format(data)
+    if form is not None:
+        channels = read_laboratory(path, form)
+        columns: list[DraftColumn] = []
+        for position, channel in enumerate(channels, start=1):
+            columns.append(_column(position, channel.name, channel.unit, columns))
+        trigger = _trigger(channels, columns)
+        return MapDraft(path, ",", ".", "utf-8", 0, True, False, tuple(columns), trigger=trigger)
     text, encoding = _decoded(data, path)
     lines = text.splitlines()
     best: tuple[int, int, MapDraft] | None = None
@@ -143,6 +156,18 @@ def draft_map(file: str | os.PathLike[str]) -> MapDraft:
         hint = "save a workbook as CSV first" if data[:2] == b"PK" else ""
         raise TraceError(refusal(path, "rows of two or more numbers", "none", hint))
     return best[2]
+
+
+def _trigger(channels: Sequence[NamedColumn], columns: Sequence[DraftColumn]) -> float:
+    """Return the time at which the load first exceeds a tenth of its peak; 0 without a load."""
+    places = {column.role: column.position - 1 for column in columns}
+    if "load" not in places or "time" not in places:
+        return 0.0
+    load = channels[places["load"]].values
+    load = load - np.median(load)
+    first = int(np.argmax(np.abs(load) > 0.1 * np.abs(load).max()))
+    unit = COLUMN_UNITS["time"][columns[places["time"]].unit or "s"]
+    return float(channels[places["time"]].values[first]) * unit
 
 
 def _decoded(data: bytes, path: str) -> tuple[str, str]:
@@ -285,6 +310,8 @@ def map_text(draft: MapDraft) -> str:
             lines += ["", f"# column {column.position} ({_plain(title)}) is not used"]
         else:
             lines += ["", *_column_lines(column)]
+        if column.role == "time" and draft.trigger:
+            lines.append(toml_line("trigger_s", round(draft.trigger, 9)))
     return "\n".join(lines) + "\n"
 
 

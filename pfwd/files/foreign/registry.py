@@ -16,6 +16,7 @@ from pathlib import Path
 import pfwd_plugins
 from pfwd.errors import SurveyError, TraceError, refusal
 from pfwd.files.foreign.common import Request
+from pfwd.files.foreign.laboratory import laboratory_format
 from pfwd.files.traces import MAX_FILE_BYTES, TracePoint, is_trace_file
 
 RECOGNITION_BYTES = 4096
@@ -90,6 +91,12 @@ FOREIGN_FORMATS = (
     ),
 )
 
+LABORATORY_FILE = Format(
+    "laboratory file with a column map",
+    (),
+    f"{_PACKAGE}.delimited:read",
+    lambda head: laboratory_format(head) is not None,
+)
 DELIMITED_TEXT = Format(
     "delimited text with a column map", (), f"{_PACKAGE}.delimited:read", lambda head: False
 )
@@ -115,7 +122,7 @@ def find_format(file: str) -> Format | None:
             head = stream.read(RECOGNITION_BYTES)
     except OSError:
         return None
-    built_in = _select(FOREIGN_FORMATS, file, head)
+    built_in = _select((*FOREIGN_FORMATS, LABORATORY_FILE), file, head)
     # Trace files of this program are never offered to plug-ins.
     if built_in is not None or is_trace_file(file):
         return built_in
