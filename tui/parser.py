@@ -34,8 +34,9 @@ COMMANDS = {
     "more": {
         "job": "show or set procedure, targets and stations of a survey",
         "procedures": "list the measuring procedures, with their sources",
+        "setup": "write the setup file of a logger, question by question",
         "map": "describe the columns of a text file, for import",
-        "calibrate": "calibrate load cell and geophone on a rig of springs",
+        "calibrate": "calibrate load cell and geophone: springs, momentum, decay",
         "replay": "detect and invert recorded drops again",
         "recover": "repair a survey after a crash, as check --repair",
         "schema": "print the JSON Schema of a file, for an editor",

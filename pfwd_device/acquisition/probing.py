@@ -72,6 +72,9 @@ def probe(
 def _request(
     transport: Transport, url: str, entries: Sequence[DialectEntry], timeout: float
 ) -> Probe:
+    # What other dialects send could confuse an instrument whose link belongs to one of them.
+    own = [entry for entry in entries if entry.scheme and url.startswith(entry.scheme)]
+    entries = own or [entry for entry in entries if not entry.scheme]
     # A dialect that needs a declared identity cannot decode before a setup file declares it.
     dialects = [entry.make(DeclaredLink()) for entry in entries if not entry.needs_identity]
     received = b""
@@ -80,6 +83,9 @@ def _request(
     while now < end:
         if now >= next_request:
             next_request = now + _PROBE_INTERVAL_S
+            for entry in entries:
+                if entry.question:
+                    transport.write(entry.question)
             for dialect in dialects:
                 if request := dialect.encode(Hello()):
                     transport.write(request)
@@ -92,7 +98,7 @@ def _request(
                     return Probe(url, dialect.name, message, reason)
         for entry in entries:
             if entry.recognises is not None and entry.recognises(received):
-                reason = f"sends {entry.title}; declare the instrument in a setup file"
+                reason = f"is a source of {entry.title}; declare it in a setup file (pfwd setup)"
                 return Probe(url, entry.name, None, reason)
         now = time.monotonic()
     if received:

@@ -73,6 +73,10 @@ _BITS = 24
 """Bits of the counts: a sample of 16 bits times the ratio of two slopes needs fractions."""
 
 
+PRODUCT_QUESTION = HEAD.pack(1, 0, 6, 1, READ) + struct.pack(">HH", _PRODUCT_ID, 2)
+"""Message that requests the number of the product."""
+
+
 class _Calibration(NamedTuple):
     """Calibration of one range, as the logger keeps it."""
 
@@ -363,6 +367,15 @@ class LabjackDialect:
             return []
         self._streaming = False
         return [Event(EventKind.STOPPED, 0, reason)]
+
+
+def looks_like_labjack(data: bytes) -> bool:
+    """Return True if bytes are the answer of a LabJack T-series logger to `PRODUCT_QUESTION`."""
+    if len(data) < HEAD.size + 5:
+        return False
+    _, protocol, length, _, function = HEAD.unpack_from(data)
+    (product,) = struct.unpack_from(">f", data, HEAD.size + 1)
+    return (protocol, length, function) == (0, 7, READ) and product in (4.0, 7.0, 8.0)
 
 
 def _range_code(channel: ChannelIdentity) -> int:

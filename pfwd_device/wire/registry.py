@@ -13,10 +13,10 @@ import pfwd_plugins
 from pfwd_device.identity import Identity
 from pfwd_device.wire.ascii_lines import AsciiDialect, LineLayout, looks_like_lines
 from pfwd_device.wire.binary import BinaryDialect
-from pfwd_device.wire.dataq import DataqDialect
+from pfwd_device.wire.dataq import DataqDialect, looks_like_dataq
 from pfwd_device.wire.dialect import Dialect
 from pfwd_device.wire.fixed_frames import FrameDialect, FrameLayout
-from pfwd_device.wire.labjack import LabjackDialect
+from pfwd_device.wire.labjack import PRODUCT_QUESTION, LabjackDialect, looks_like_labjack
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +62,12 @@ class DialectEntry:
     needs_frames: bool = False
     """True if frames and the place of each channel in them have to be declared."""
     recognises: Callable[[bytes], bool] | None = None
-    """Function that returns True if bytes that arrived without a request belong to this dialect;
-    None if an instrument of this dialect replies to a request for its identity."""
+    """Function that returns True if received bytes belong to this dialect; None if an instrument of
+    this dialect replies to a request for its identity."""
+    question: bytes = b""
+    """Bytes to which an instrument of this dialect answers; empty: it sends without a request."""
+    scheme: str = ""
+    """Beginning of the URLs of its ports, to which alone the question is sent; empty: any port."""
 
 
 def _ascii(declared: DeclaredLink) -> Dialect:
@@ -110,9 +114,24 @@ BUILT_IN: Mapping[str, DialectEntry] = MappingProxyType(
             ),
             DialectEntry("frames", "fixed frames", _frames, needs_identity=True, needs_frames=True),
             DialectEntry(
-                "labjack", "LabJack logger", _labjack, needs_identity=True, needs_inputs=True
+                "dataq",
+                "DATAQ logger",
+                _dataq,
+                needs_identity=True,
+                needs_inputs=True,
+                recognises=looks_like_dataq,
+                question=b"info 0\r",
             ),
-            DialectEntry("dataq", "DATAQ logger", _dataq, needs_identity=True, needs_inputs=True),
+            DialectEntry(
+                "labjack",
+                "LabJack logger",
+                _labjack,
+                needs_identity=True,
+                needs_inputs=True,
+                recognises=looks_like_labjack,
+                question=PRODUCT_QUESTION,
+                scheme="labjack",
+            ),
         )
     }
 )

@@ -5,12 +5,12 @@ answers.
 import argparse
 import os
 import sys
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from pfwd.errors import OptionError, refusal
 from tui.output import clean, quoted, say
+from tui.questions import ask_choice, ask_optional_number
 
 if TYPE_CHECKING:
     from pfwd.files.foreign.map_draft import DraftColumn, MapDraft
@@ -86,7 +86,7 @@ def _description(draft: "MapDraft") -> list[str]:
 def _ask(draft: "MapDraft") -> "MapDraft":
     """Return the draft with the user's answers; an empty answer keeps the value."""
     say("map: Enter accepts the value in brackets")
-    radius = _number("plate radius in m", draft.plate_radius)
+    radius = ask_optional_number("plate radius in m", draft.plate_radius)
     draft = replace(draft, plate_radius=radius)
     for column in draft.columns:
         draft = draft.with_column(_ask_about(column))
@@ -98,43 +98,17 @@ def _ask_about(column: "DraftColumn") -> "DraftColumn":
     from pfwd_plugins.quantities import MOTIONS, motion
 
     name = clean(column.name or f"column {column.position}")
-    role = _choice(f"{name}: {', '.join(ROLES)}", ROLES, column.role)
+    role = ask_choice(f"{name}: {', '.join(ROLES)}", ROLES, column.role)
     answer = replace(column, role=role)  # type: ignore[arg-type]
     if role == "sensor":
-        quantity = motion(_choice(f"{name}: {' or '.join(MOTIONS)}", MOTIONS, column.quantity))
-        offset = _number(f"{name}: distance from the centre of the plate in m", column.offset)
+        quantity = motion(ask_choice(f"{name}: {' or '.join(MOTIONS)}", MOTIONS, column.quantity))
+        offset = ask_optional_number(
+            f"{name}: distance from the centre of the plate in m", column.offset
+        )
         answer = replace(answer, quantity=quantity, offset=offset)
     if role in ("time", "load", "sensor"):
         units = tuple(COLUMN_UNITS[answer.quantity if role == "sensor" else role])
         default = answer.unit if answer.unit in units else None
-        unit = _choice(f"{name}: unit, {', '.join(units)}", units, default)
+        unit = ask_choice(f"{name}: unit, {', '.join(units)}", units, default)
         answer = replace(answer, unit=unit)
     return answer
-
-
-def _choice(question: str, choices: Sequence[str], default: str | None) -> str:
-    while True:
-        answer = _answer(question, default)
-        if answer in choices:
-            return answer
-        say(f"map: expected one of {', '.join(choices)}, got {clean(answer) or 'nothing'}")
-
-
-def _number(question: str, default: float | None) -> float | None:
-    while True:
-        answer = _answer(question, None if default is None else f"{default:g}").replace(",", ".")
-        if not answer:
-            return None
-        try:
-            return float(answer)
-        except ValueError:
-            say(f"map: expected a number, got {clean(answer)}")
-
-
-def _answer(question: str, default: str | None) -> str:
-    print(f"{question} [{default or ''}]: ", end="", file=sys.stderr, flush=True)
-    try:
-        answer = input().strip()
-    except EOFError:
-        raise KeyboardInterrupt from None
-    return answer or default or ""
