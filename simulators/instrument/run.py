@@ -19,6 +19,7 @@ from simulators.instrument.device import PortlessInstrument
 from simulators.instrument.endpoint import Endpoint, EndpointError, TcpEndpoint
 from simulators.instrument.scenario import ScenarioError, load_scenario
 from simulators.instrument.server import Server
+from simulators.loggers import DataqLogger, LabjackEndpoint, LabjackLogger, PortlessLogger
 from simulators.mesh import SimulationError
 
 HAS_PTY = os.name == "posix"
@@ -44,6 +45,8 @@ class SimulateOptions:
     """Seed of the random numbers."""
     rate: float = 1.0
     """Speed relative to real time; 0: as fast as the host reads."""
+    logger: str | None = None
+    """Name of a data logger that measures the drops; None: an instrument with its own protocol."""
     truth: str | None = None
     """JSON file to which the true values are written at the end; None: no file."""
 
@@ -111,14 +114,22 @@ def simulate(
     if options.drops is not None and options.drops < 1:
         raise ScenarioError(f"drops: expected a whole number >= 1, got {options.drops}")
     scenario = load_scenario(options.scenario)
-    with closing(open_endpoint(options.listen)) as endpoint:
-        instrument = PortlessInstrument(
-            scenario,
-            options.seed,
-            options.drops,
-            overruns=options.rate == 1,
-            power_on=secrets.randbits(32),
-        )
+    endpoint: Endpoint
+    instrument: PortlessInstrument | PortlessLogger
+    of_logger = options.logger == "labjack"
+    endpoint = LabjackEndpoint() if of_logger else open_endpoint(options.listen)
+    with closing(endpoint):
+        if options.logger is not None:
+            kind = LabjackLogger if options.logger == "labjack" else DataqLogger
+            instrument = kind(scenario, options.seed, options.drops)
+        else:
+            instrument = PortlessInstrument(
+                scenario,
+                options.seed,
+                options.drops,
+                overruns=options.rate == 1,
+                power_on=secrets.randbits(32),
+            )
         try:
             announce(endpoint.url)
             Server(instrument, endpoint, options.rate, stopped).run()
@@ -251,6 +262,7 @@ def serve(
     drops: int | None = None,
     seed: int = 0,
     rate: float = 1.0,
+    logger: str | None = None,
 ) -> SimulatedInstrument:
     """Start a simulated instrument in another process; a host opens its `url`.
 
@@ -267,13 +279,15 @@ def serve(
         Seed of the random numbers.
     rate : float
         Speed relative to real time; 0: as fast as the host reads.
+    logger : "dataq" or "labjack", optional
+        Data logger that measures the drops.
 
     Examples
     --------
     >>> with serve("soft", drops=3) as instrument:  # doctest: +SKIP
     ...     port = serial.Serial(instrument.url)
     """
-    return SimulatedInstrument(SimulateOptions(listen, scenario, drops, seed, rate))
+    return SimulatedInstrument(SimulateOptions(listen, scenario, drops, seed, rate, logger))
 
 
 def main(settings: str) -> int:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from simulators.instrument.device import PortlessInstrument
 from simulators.instrument.endpoint import Endpoint
+from simulators.loggers import PortlessLogger
 
 TICK_S = 0.01
 """Longest time between two readings of the clock, s."""
@@ -30,7 +31,7 @@ class Server:
 
     Parameters
     ----------
-    instrument : PortlessInstrument
+    instrument : PortlessInstrument or PortlessLogger
     endpoint : Endpoint
         Port to which a host connects.
     rate : float
@@ -43,7 +44,7 @@ class Server:
 
     def __init__(
         self,
-        instrument: PortlessInstrument,
+        instrument: PortlessInstrument | PortlessLogger,
         endpoint: Endpoint,
         rate: float = 1.0,
         stopped: Callable[[], bool] = lambda: False,

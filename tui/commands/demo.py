@@ -14,8 +14,10 @@ from tui.output import next_commands, on_terminal, say
 if TYPE_CHECKING:
     from pfwd.procedures import Procedure
     from pfwd.session.session import SessionPlan
+    from pfwd.session.setup_file import MeasuringSetup
     from simulators.firmware import Played
     from simulators.instrument import SimulatedInstrument
+    from simulators.loggers import LoggerName
 
 DROPS, RATE = 6, 3.0
 """Number of drops, and speed over real time, if lines are printed: a point takes ten seconds."""
@@ -69,6 +71,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     expert.add_argument(
         "--play", metavar="FILE", help="with --firmware: trace file whose drops are played"
     )
+    expert.add_argument(
+        "--logger",
+        choices=("dataq", "labjack"),
+        help="measure with a simulated data logger and a setup file, line by line, in real time",
+    )
     add_seed(expert)
 
 
@@ -91,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
         return 2
     if args.output:
         try_output(args.output)
-    if not (args.json or args.lines or args.play) and on_terminal():
+    if not (args.json or args.lines or args.play or args.logger) and on_terminal():
         return _on_screen(args)
     if args.plot:
         require_writable(args.plot, "--plot")
@@ -100,22 +107,28 @@ def run(args: argparse.Namespace) -> int:
     scenario = _scenario(args)
     drops = args.drops or DROPS
     rate = RATE if args.rate is None else args.rate
+    setup = None
+    if args.logger:  # a logger has no means to say that it is not in real time
+        rate, setup = 1.0, _logger_setup(scenario, args.logger)
     instrument: SimulatedInstrument | HostBoard
     try:
         if args.play:
             played = _played(args.play, args.drops)
             drops = drops if args.drops else len(played.truth)
             instrument = HostBoard(played, BoardOptions(speed=rate))
+        elif args.firmware:
+            instrument = serve_firmware(scenario, drops=drops, seed=args.seed, rate=rate)
         else:
-            start = serve_firmware if args.firmware else serve
-            instrument = start(scenario, drops=drops, seed=args.seed, rate=rate)
+            instrument = serve(scenario, drops=drops, seed=args.seed, rate=rate, logger=args.logger)
     except SimulationError as err:
         say(f"demo: {err}")
         return 2
     lines = SessionLines(as_json=args.json, analysed=True, bell=False)
     plan = replace(_plan(args, folder), drops=drops)
+    if setup is not None:
+        plan = replace(plan, setup=setup)
     with instrument:
-        instrument_text = "simulated instrument"
+        instrument_text = f"simulated {args.logger or 'instrument'}"
         if args.firmware:
             instrument_text = f"compiled firmware playing {args.play or 'simulated drops'}"
         say(f"{instrument_text} at {instrument.url}")
@@ -164,6 +177,15 @@ def _plan(
         return plan
     job = JobRequest(target=TARGET)
     return replace(plan, default_procedure=find_procedure(PROCEDURE), job=job)
+
+
+def _logger_setup(scenario: str, name: "LoggerName") -> "MeasuringSetup":
+    """Return what the setup file of a simulated logger declares."""
+    from pfwd.session.setup_file import parse_setup
+    from simulators.instrument.scenario import load_scenario
+    from simulators.loggers import logger_setup
+
+    return parse_setup(logger_setup(load_scenario(scenario), name), "setup of the simulated logger")
 
 
 def _played(file: str, drops: int | None) -> "Played":
