@@ -204,6 +204,7 @@ class DataqLogger(PortlessLogger):
         self.model = model
         self._divisor, self._packet, self._scan_list = 60_000, 16, [0]
         self._packed = b""
+        self._lost_bytes = 0
 
     def receive(self, data: bytes) -> None:
         """Process bytes from the host; answers are appended to `output`."""
@@ -259,7 +260,9 @@ class DataqLogger(PortlessLogger):
         return np.stack(columns, axis=1)
 
     def _send(self, volts: NDArray[np.float64]) -> None:
-        self._packed += self.words(volts).astype("<u2").tobytes()
+        data = self.words(volts).astype("<u2").tobytes()
+        lost, self._lost_bytes = self._lost_bytes, max(0, self._lost_bytes - len(data))
+        self._packed += data[lost:]
         whole = len(self._packed) // self._packet * self._packet  # a full packet is sent (page 21)
         self.output += self._packed[:whole]
         self._packed = self._packed[whole:]
@@ -269,7 +272,7 @@ class DataqLogger(PortlessLogger):
             self.output += self._packed + b"stop 01"
             self.sampling = False
         else:
-            del self.output[-2 * fault.amount :]
+            self._lost_bytes += 2 * fault.amount
 
 
 class LabjackLogger(PortlessLogger):

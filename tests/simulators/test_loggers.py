@@ -1,0 +1,239 @@
+"""Dialects of data loggers with simulated loggers: each sample is that of its scan, or missing."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pfwd.session.setup_file import parse_setup
+from pfwd_device.identity import Identity
+from pfwd_device.wire.dialect import Dialect
+from pfwd_device.wire.messages import (
+    Event,
+    EventKind,
+    Hello,
+    InstrumentMessage,
+    Refusal,
+    RefusalCode,
+    SampleBlock,
+    Start,
+    Status,
+    Stop,
+)
+from simulators.instrument.scenario import Scenario, load_scenario
+from simulators.loggers import (
+    DATAQ_RANGES,
+    DataqLogger,
+    LabjackLogger,
+    LoggerFault,
+    LoggerName,
+    PortlessLogger,
+    logger_setup,
+)
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Scenario:
+    return load_scenario("compacted")
+
+
+def dialect_for(
+    scenario: Scenario, name: LoggerName, changes: dict[str, str] | None = None
+) -> Dialect:
+    text = logger_setup(scenario, name)
+    for old, new in (changes or {}).items():
+        assert old in text
+        text = text.replace(old, new)
+    return parse_setup(text, "setup").device.make_dialect()
+
+
+class Host:
+    """What the driver does: greeting, start, and both again after the logger has stopped."""
+
+    def __init__(self, dialect: Dialect, logger: PortlessLogger, seed: int) -> None:
+        self.dialect, self.logger = dialect, logger
+        self.rng = np.random.default_rng(seed)
+        self.blocks: list[SampleBlock] = []
+        self.stops: list[str] = []
+        self.identity: Identity | None = None
+        self.refusal: Refusal | None = None
+        self.send(Hello())
+
+    def send(self, message: Any) -> None:
+        self.logger.receive(self.dialect.encode(message))
+
+    def run(self, seconds: float, step: float = 0.013) -> None:
+        """Advance the time, and pass on what arrives in pieces of any size."""
+        end = self.logger.time + seconds
+        while self.logger.time < end:
+            self.logger.advance(step * float(self.rng.uniform(0.3, 1.7)))
+            if self.logger.unplugged is not None:
+                self.unplug()
+            while self.logger.output:
+                size = int(self.rng.integers(1, 3000))
+                data = bytes(self.logger.output[:size])
+                self.logger.sent(len(data))
+                for message in self.dialect.feed(data):
+                    self.take(message)
+
+    def unplug(self) -> None:
+        """Lose the end of what was sent, and connect again."""
+        kept = int(self.rng.integers(len(self.logger.output) + 1))
+        for message in self.dialect.feed(bytes(self.logger.output[:kept])):
+            self.take(message)
+        self.logger.disconnect()
+        self.logger.plug()
+        self.dialect.reset()
+        self.send(Hello())
+
+    def take(self, message: InstrumentMessage) -> None:
+        match message:
+            case SampleBlock():
+                self.blocks.append(message)
+            case Identity():
+                self.identity = message
+                self.send(Start())
+            case Event(kind=EventKind.STOPPED):
+                self.stops.append(message.text)
+                self.send(Hello())
+            case Refusal():
+                self.refusal = message
+
+
+def wrong_samples(host: Host) -> tuple[int, int]:
+    """Return the numbers of samples that differ from their scans, and of all samples."""
+    logger, wrong, count = host.logger, 0, 0
+    for block in host.blocks:
+        _, first = logger.started[block.stream - 1]
+        start = first + block.first_sample
+        volts = logger.volts(start, start + len(block.counts))
+        if isinstance(logger, DataqLogger):
+            bits = 12 if logger.model == "1100" else 16
+            words = logger.words(volts)[:, : volts.shape[1]].view(np.int16).astype(np.int32)
+            wrong += int(((words >> 16 - bits) != block.counts).any(axis=1).sum())
+        else:
+            assert host.identity is not None
+            identity = host.identity
+            scale = [identity.volts_per_count(channel) for channel in identity.channels]
+            # A reading is half a step of 16 bits off at most.
+            off = np.abs(block.counts * scale - volts) > 0.51 * np.array(scale) * 128
+            wrong += int(off.any(axis=1).sum())
+        count += len(block.counts)
+    return wrong, count
+
+
+@pytest.mark.parametrize("model", DATAQ_RANGES)
+def test_each_dataq_sample_is_that_of_its_scan(scenario: Scenario, model: str) -> None:
+    host = Host(dialect_for(scenario, "dataq"), DataqLogger(scenario, 1, model=model), 1)
+    host.run(8.0)
+    wrong, count = wrong_samples(host)
+    assert (wrong, host.stops) == (0, [])
+    assert count > 78_000
+    assert host.identity is not None
+    assert (host.identity.model, host.identity.sampling_rate) == (f"DATAQ DI-{model}", 1e4)
+    assert (host.identity.serial_number, host.identity.firmware) == ("4D5B903E", "1.01")
+
+
+@pytest.mark.parametrize(("model", "seed"), [("4108", 1), ("4108", 2), ("1100", 3)])
+def test_no_rotated_dataq_sample_is_passed_on(scenario: Scenario, model: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    kinds = ["overflow", "rotate", "unplug"]
+    # The loss of a whole scan, which has two words in a DI-1100, leaves the order as it was.
+    largest = 1 if model == "1100" else 2
+    faults = [
+        LoggerFault(float(time), rng.choice(kinds), int(rng.integers(1, largest + 1)))
+        for time in np.arange(1.0, 40.0, 1.1) + rng.uniform(0.0, 0.5, 36)
+    ]
+    logger = DataqLogger(scenario, seed, faults=faults, model=model)
+    host = Host(dialect_for(scenario, "dataq"), logger, seed)
+    host.run(42.0)
+    wrong, count = wrong_samples(host)
+    assert wrong == 0
+    assert count > 250_000
+    assert len(host.stops) + sum(fault.kind == "unplug" for fault in faults) == len(faults)
+
+
+def test_skipped_labjack_scans_are_exact_gaps(scenario: Scenario) -> None:
+    rng = np.random.default_rng(5)
+    faults = [
+        LoggerFault(float(time), "overflow", int(rng.integers(1, 3000)))
+        for time in np.arange(1.0, 31.0, 1.2)
+    ]
+    logger = LabjackLogger(scenario, 5, faults=faults)
+    host = Host(dialect_for(scenario, "labjack"), logger, 5)
+    host.run(33.0)
+    wrong, count = wrong_samples(host)
+    assert (wrong, host.stops, len(logger.started)) == (0, [], 1)
+    ends = [block.first_sample + len(block.counts) for block in host.blocks]
+    starts = [block.first_sample for block in host.blocks]
+    missing = sum(start - end for start, end in zip(starts[1:], ends, strict=False))
+    assert missing == sum(fault.amount for fault in faults)
+    assert count == ends[-1] - missing
+
+
+def test_an_unplugged_labjack_is_started_again(scenario: Scenario) -> None:
+    faults = [LoggerFault(time, "unplug") for time in (2.0, 4.0, 4.5, 7.0)]
+    host = Host(dialect_for(scenario, "labjack"), LabjackLogger(scenario, 6, faults=faults), 6)
+    host.run(10.0)
+    wrong, count = wrong_samples(host)
+    assert (wrong, len(host.logger.started)) == (0, 5)
+    assert count > 90_000
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "expected"),
+    [
+        ("dataq", {"10000.0": "90"}, "expected sampling_rate_hz from 916 to 160000, got 90 Hz"),
+        ("dataq", {"input = 2": "input = 9"}, "expected an input from 1 to 8, got 9"),
+        ("dataq", {"input = 2": "input = 2\nrange_v = 3"}, "expected range_v, one of 10, 5, 2"),
+        (
+            "labjack",
+            {
+                "sensitivity = 0.0004": 'sensitivity = 0.0004\n[[channels]]\nname = "more"\n'
+                'role = "unused"\nsensitivity = 1\ninput = 5',
+                "10000.0": "40000.0",
+            },
+            "expected sampling_rate_hz of at most 33333",
+        ),
+        ("labjack", {"input = 1": "input = 14"}, "expected an input from 0 to 13, got 14"),
+        ("labjack", {"input = 1": "input = 1\nrange_v = 5"}, "expected range_v, one of 10, 1, 0.1"),
+    ],
+)
+def test_a_setup_that_the_logger_lacks_is_refused_in_one_line(
+    scenario: Scenario, name: LoggerName, changes: dict[str, str], expected: str
+) -> None:
+    kind = DataqLogger if name == "dataq" else LabjackLogger
+    host = Host(dialect_for(scenario, name, changes), kind(scenario), 1)
+    host.run(0.5)
+    assert host.refusal is not None
+    assert host.refusal.code == RefusalCode.UNSUITABLE
+    assert expected in host.refusal.text
+    assert "\n" not in host.refusal.text
+
+
+def test_a_logger_that_sampled_before_is_stopped_first(scenario: Scenario) -> None:
+    logger = DataqLogger(scenario)
+    Host(dialect_for(scenario, "dataq"), logger, 1).run(2.0)
+    logger.advance(1.0)  # its program has died, and 60 kB wait
+    host = Host(dialect_for(scenario, "dataq"), logger, 2)
+    host.run(2.0)
+    del logger.started[0]
+    assert wrong_samples(host)[0] == 0
+    assert sum(len(block.counts) for block in host.blocks) > 18_000
+
+
+def test_stop_ends_the_samples(scenario: Scenario) -> None:
+    for name, kind in (("dataq", DataqLogger), ("labjack", LabjackLogger)):
+        dialect = dialect_for(scenario, name)  # type: ignore[arg-type]
+        host = Host(dialect, kind(scenario), 1)
+        host.run(1.0)
+        host.send(Stop())
+        host.run(0.2)
+        assert not host.logger.sampling
+        assert dialect.feed(b"") == []
+
+
+def test_a_stopped_logger_says_that_it_does_not_sample(scenario: Scenario) -> None:
+    dialect = dialect_for(scenario, "dataq")
+    dialect.encode(Stop())
+    assert [type(each) for each in dialect.feed(b"\x01\x02stop\r")] == [Status]
