@@ -61,8 +61,8 @@ LINK_KEYS = {
 }
 _TIME_UNITS = {"us": 1e-6, "ms": 1e-3, "s": 1.0}
 LOGGER_KEYS = {
-    "start": Key(Text(256), meaning="Command after which the logger sends, with its line end."),
-    "stop": Key(Text(256), meaning="Command after which the logger stops."),
+    "start": Key(Text(), meaning="Command after which the logger sends, with its line end."),
+    "stop": Key(Text(), meaning="Command after which the logger stops."),
     "separator": Key(
         Choice((",", ";", " ", "\t")), meaning="Sign between two values of a line (dialect ascii)."
     ),
