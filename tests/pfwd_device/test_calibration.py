@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pfwd_device.calibration import (
+    at_scan,
     calibrate,
     calibration_warnings,
     counts_per_unit,
@@ -36,11 +37,11 @@ ALL = identity(SPARE, FAR, LOAD, LASER, CENTRE)
 def test_counts_become_si_values() -> None:
     counts = np.array([0, 100, 1100, -2048], np.int32)
     # (1 mV n - 100 mV) / 0.5 mV/N
-    np.testing.assert_allclose(to_si(counts, LOAD, 0.001), [-200.0, 0.0, 2000.0, -4296.0])
+    np.testing.assert_allclose(to_si(counts, LOAD, ALL), [-200.0, 0.0, 2000.0, -4296.0])
     # 1 mV n / -25 V/(m/s): upside down
-    np.testing.assert_allclose(to_si(counts, CENTRE, 0.001), [0.0, -0.004, -0.044, 0.08192])
+    np.testing.assert_allclose(to_si(counts, CENTRE, ALL), [0.0, -0.004, -0.044, 0.08192])
     # (1 mV n - 1 V) / 1 V/mm
-    np.testing.assert_allclose(to_si(counts, LASER, 0.001), [-1e-3, -0.9e-3, 0.1e-3, -3.048e-3])
+    np.testing.assert_allclose(to_si(counts, LASER, ALL), [-1e-3, -0.9e-3, 0.1e-3, -3.048e-3])
     assert counts_per_unit(LOAD, ALL) == pytest.approx(0.5)
     assert counts_per_unit(CENTRE, ALL) == pytest.approx(-25_000)
 
@@ -94,3 +95,30 @@ def test_the_end_of_a_calibration_is_announced(
     channel = ChannelIdentity("load", Measurand.LOAD, **dates)  # type: ignore[arg-type]
     today = datetime.date(2026, 5, 4)
     assert calibration_warnings(identity(channel, SPARE), today) == said
+
+
+@pytest.mark.parametrize(("frequency", "largest"), [(50, 1e-10), (500, 1e-5), (1000, 5e-4)])
+def test_channels_sampled_later_are_shifted_to_the_scan(frequency: float, largest: float) -> None:
+    step = np.arange(400)
+    late = np.sin(2 * np.pi * frequency * (step + 0.5) / 10_000)
+    wanted = np.sin(2 * np.pi * frequency * step / 10_000)
+    np.testing.assert_allclose(at_scan(late, 0.5)[5:-5], wanted[5:-5], atol=largest)
+    late[200] = np.nan
+    missing = np.flatnonzero(np.isnan(at_scan(late, 0.5)))
+    assert missing.tolist() == list(range(198, 204))
+
+
+def test_a_declared_delay_moves_the_values_of_a_drop() -> None:
+    late = dataclasses.replace(CENTRE, delay=5e-4)
+    counts = np.round(1000 * np.sin(np.arange(300) / 20.0)).astype(np.int32)
+    both = np.stack([counts, counts], axis=1)
+    drop = calibrate(1, both, (), 0, identity(LOAD, late))
+    plain = calibrate(1, both, (), 0, identity(LOAD, CENTRE))
+    np.testing.assert_array_equal(drop.load, plain.load)
+    np.testing.assert_allclose(drop.channels[0].values, at_scan(plain.channels[0].values, 0.5))
+
+
+def test_each_channel_may_have_its_own_range() -> None:
+    wide = dataclasses.replace(CENTRE, adc_range=20.48)
+    counts = np.array([0, 25], np.int32)
+    np.testing.assert_allclose(to_si(counts, wide, ALL), [0.0, -0.01])
