@@ -115,13 +115,13 @@ def gain_by_momentum(
         raise InversionError("expected at least one drop with a second contact, got none")
     shares = np.array([0.0, 0.5, 1.0]) * friction
     gains = np.array([[_gain(each, mass, height, f) for f in shares] for each in contacts])
-    least, middle, most = gains.mean(axis=0)
+    without_friction, value, with_friction = gains.mean(axis=0)
     count = len(contacts)
     scatter = float(gains[:, 1].std(ddof=1) / np.sqrt(count)) if count > 1 else 0.0
     width = float(stdtrit(count - 1, 0.975)) * scatter if count > 1 else 0.0
-    low, high = sorted((float(least), float(most)))
+    low, high = sorted((float(without_friction), float(with_friction)))
     deviation = float(np.hypot(scatter, (high - low) / np.sqrt(12.0)))
-    return MomentumGain(float(middle), deviation, (low - width, high + width), count)
+    return MomentumGain(float(value), deviation, (low - width, high + width), count)
 
 
 def _gain(contact: Contact, mass: float, height: float, friction: float) -> float:

@@ -79,23 +79,23 @@ def decays(time: FloatArray, values: FloatArray) -> list[Decay]:
     if len(time) < 4 * MIN_SAMPLES_PER_CYCLE or not step > 0 or not np.isfinite(values).all():
         raise InversionError(f"expected a decay of at least 32 samples, got {len(time)}")
     start = int(np.argmax(np.abs(values - np.median(values))))
-    whole = _fit(time[start:], values[start:], None)
-    cycle = 1 / whole.natural_frequency
+    complete = _fit(time[start:], values[start:], None)
+    cycle = 1 / complete.natural_frequency
     n_windows = int((time[-1] - time[start]) / (MIN_CYCLES * cycle))
-    if n_windows < 2 or whole.damping > 0.15:
-        return [_accepted(whole)]
+    if n_windows < 2 or complete.damping > 0.15:
+        return [_accepted(complete)]
     count = min(MAX_WINDOWS, n_windows)
     edges = np.linspace(start, len(time), count + 1).round().astype(int)
-    noise = whole_noise(values[edges[-2] :])
+    noise = white_noise_of(values[edges[-2] :])
     parts: list[Decay] = []
     for first, last in pairwise(edges):
-        part = _fit(time[first:last], values[first:last], whole)
+        part = _fit(time[first:last], values[first:last], complete)
         if part.amplitude > _END_OVER_NOISE * noise or not parts:
             parts.append(_accepted(part))
     return parts
 
 
-def whole_noise(values: FloatArray) -> float:
+def white_noise_of(values: FloatArray) -> float:
     """Return the standard deviation of independent noise, from second differences of the values."""
     return float(np.std(np.diff(values, 2)) / np.sqrt(6.0))
 
@@ -110,7 +110,7 @@ def _accepted(decay: Decay) -> Decay:
     return decay
 
 
-def _fit(time: FloatArray, values: FloatArray, near: Decay | None) -> Decay:
+def _fit(time: FloatArray, values: FloatArray, start_from: Decay | None) -> Decay:
     """Fit one window, from the values of a neighbouring one or from several starting points."""
     elapsed = time - time[0]
     scale = float(np.ptp(values)) or 1.0
@@ -128,20 +128,31 @@ def _fit(time: FloatArray, values: FloatArray, near: Decay | None) -> Decay:
         columns = basis(unknowns)
         return np.asarray(columns @ np.linalg.lstsq(columns, target, rcond=None)[0] - target)
 
-    starts = [_unknowns(near.natural_frequency, near.damping)] if near else _starts(elapsed)
+    starts = (
+        [_unknowns(start_from.natural_frequency, start_from.damping)]
+        if start_from
+        else _starts(elapsed)
+    )
     if len(starts) > _BEST_STARTS:
         starts = sorted(starts, key=lambda start: float(np.sum(residual(start) ** 2)))
     fits = [least_squares(residual, start) for start in starts[:_BEST_STARTS]]
     best = min(fits, key=lambda fit: float(fit.cost))
     omega, damping = np.exp(best.x[0]), _LARGEST_DAMPING / (1 + np.exp(-best.x[1]))
     factors = np.linalg.lstsq(basis(best.x), target, rcond=None)[0]
-    left = best.fun
+    residuals = best.fun
     degrees = max(1, len(target) - 6)
     # Residuals of neighbouring samples are alike: they count as fewer independent ones.
-    alike = float(np.clip(left[1:] @ left[:-1] / (left @ left + 1e-300), 0.0, 0.99))
-    variance = (left @ left + len(left) * 1e-20) / degrees * (1 + alike) / (1 - alike)
+    correlation = float(
+        np.clip(residuals[1:] @ residuals[:-1] / (residuals @ residuals + 1e-300), 0.0, 0.99)
+    )
+    variance = (
+        (residuals @ residuals + len(residuals) * 1e-20)
+        / degrees
+        * (1 + correlation)
+        / (1 - correlation)
+    )
     covariance = variance * np.linalg.pinv(best.jac.T @ best.jac)
-    independent = max(2.0, degrees * (1 - alike) / (1 + alike))
+    independent = max(2.0, degrees * (1 - correlation) / (1 + correlation))
     widths = float(stdtrit(independent, 0.975)) * np.sqrt(np.diag(covariance))
     slope = damping * (1 - damping / _LARGEST_DAMPING)
     frequency = float(omega / (2 * np.pi))
@@ -154,7 +165,7 @@ def _fit(time: FloatArray, values: FloatArray, near: Decay | None) -> Decay:
         (frequency * float(np.exp(-widths[0])), frequency * float(np.exp(widths[0]))),
         float(damping),
         (float(damping - slope * widths[1]), float(damping + slope * widths[1])),
-        float(np.sqrt(np.mean(left**2)) / max(amplitude, 1e-300)),
+        float(np.sqrt(np.mean(residuals**2)) / max(amplitude, 1e-300)),
     )
 
 

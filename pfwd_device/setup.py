@@ -32,7 +32,7 @@ from pfwd_device.schema import (
 )
 from pfwd_device.wire.ascii_lines import LineLayout
 from pfwd_device.wire.dialect import Dialect
-from pfwd_device.wire.fixed_frames import CHECKSUMS, MAX_FRAME_BYTES, NUMBER_TYPES, FrameLayout
+from pfwd_device.wire.fixed_frames import CHECKSUMS, MAX_FIXED_BYTES, NUMBER_TYPES, FrameLayout
 from pfwd_device.wire.registry import (
     DEFAULT,
     DeclaredLink,
@@ -77,9 +77,9 @@ LOGGER_KEYS = {
     "head": Key(
         Text(32, min_length=2), meaning="First bytes of each frame as hexadecimal digits: AA55."
     ),
-    "frame_bytes": Key(Integer(2, MAX_FRAME_BYTES), meaning="Length of a frame (dialect frames)."),
+    "frame_bytes": Key(Integer(2, MAX_FIXED_BYTES), meaning="Length of a frame (dialect frames)."),
     "counter_byte": Key(
-        Integer(0, MAX_FRAME_BYTES), meaning="Place of the number of the sample in a frame, from 0."
+        Integer(0, MAX_FIXED_BYTES), meaning="Place of the number of the sample in a frame, from 0."
     ),
     "counter_type": Key(
         Choice([kind for kind in NUMBER_TYPES if kind.startswith("u")]),
@@ -106,7 +106,7 @@ CHANNEL_KEYS = {
     ),
     "role": Key(Choice(QUANTITY_BY_ROLE), "quantity", "Measured quantity."),
     "column": Key(Integer(1, MAX_COLUMNS), meaning="Column of the ASCII lines, from 1."),
-    "byte": Key(Integer(0, MAX_FRAME_BYTES), meaning="Place in the frame of a logger, from 0."),
+    "byte": Key(Integer(0, MAX_FIXED_BYTES), meaning="Place in the frame of a logger, from 0."),
     "type": Key(
         Choice([kind for kind in NUMBER_TYPES if not kind.startswith("u32")]),
         meaning="Type of the number in the frame of a logger.",

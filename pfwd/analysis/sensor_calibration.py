@@ -13,7 +13,7 @@ from inversion.ring_down import Decay, decays
 from pfwd.errors import SurveyError, refusal
 from pfwd.files.reading import read_points
 
-MAX_TEXT_BYTES = 200_000_000
+MAX_DECAY_BYTES = 200_000_000
 """Largest text file with the decay of a geophone."""
 
 
@@ -106,8 +106,8 @@ def _decays(where: str, time: FloatArray, values: FloatArray) -> list[Decay]:
 def _columns(file: str, column: str, time_column: str | None) -> tuple[FloatArray, FloatArray]:
     """Return the times, from 0, and the values of a column of a text file."""
     try:
-        if os.path.getsize(file) > MAX_TEXT_BYTES:
-            raise SurveyError(refusal(file, f"at most {MAX_TEXT_BYTES / 1e6:.0f} MB", "more"))
+        if os.path.getsize(file) > MAX_DECAY_BYTES:
+            raise SurveyError(refusal(file, f"at most {MAX_DECAY_BYTES / 1e6:.0f} MB", "more"))
         with open(file, encoding="utf-8-sig", errors="replace", newline="") as stream:
             first = stream.readline()
             sign = max(",;\t", key=first.count)

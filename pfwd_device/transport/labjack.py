@@ -13,7 +13,7 @@ from pfwd_device.transport.tcp import TcpTransport, address_of, open_tcp
 
 SCHEME = "labjack"
 COMMAND_PORT, STREAM_PORT = 502, 702
-_HEAD = struct.Struct(">4xH")
+_LENGTH_HEAD = struct.Struct(">4xH")
 """Head of a Modbus TCP message, with the number of bytes behind it."""
 
 
@@ -38,8 +38,8 @@ class LabjackTransport(LockedTransport):
         for connection in select.select(list(self._partial), [], [], timeout)[0]:
             data = self._partial[connection] + connection.read(0.0)
             end = 0
-            while len(data) >= end + _HEAD.size:
-                size = _HEAD.size + _HEAD.unpack_from(data, end)[0]
+            while len(data) >= end + _LENGTH_HEAD.size:
+                size = _LENGTH_HEAD.size + _LENGTH_HEAD.unpack_from(data, end)[0]
                 if len(data) < end + size:
                     break
                 end += size

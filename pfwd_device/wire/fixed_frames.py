@@ -33,7 +33,7 @@ NUMBER_TYPES = tuple(
     for order in (("le", "be") if bits != "8" else ("",))
 )
 """Types of a number in a frame: signed or unsigned, bits, order of bytes (le: low byte first)."""
-MAX_FRAME_BYTES = 1024
+MAX_FIXED_BYTES = 1024
 
 
 def _crc16(data: bytes, polynomial: int, value: int, *, reflected: bool) -> int:

@@ -1,4 +1,4 @@
-"""Moduli from accelerometers: simulated drops of the demonstration, recorded by 16 bits of 200 g."""
+"""Modulus from an accelerometer: a simulated drop, recorded with 16 bits over 200 g."""
 
 from pathlib import Path
 

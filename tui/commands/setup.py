@@ -10,7 +10,7 @@ from tui.questions import ask_choice, ask_number, ask_text
 LOGGERS = {"dataq": "DATAQ DI series", "labjack": "LabJack T7", "ascii": "lines of numbers"}
 """Dialects whose setup files the command writes, and their instruments."""
 
-ROLES = ("load", "geophone", "accelerometer", "displacement", "unused")
+SENSORS = ("load", "geophone", "accelerometer", "displacement", "unused")
 MILLIVOLT = 1e-3
 
 
@@ -68,7 +68,7 @@ def _channel(number: int, dialect: str) -> list[str]:
     from pfwd.files.toml import toml_line
 
     default = "load" if number == 1 else "geophone"
-    role = ask_choice(f"channel {number}: {', '.join(ROLES)}", ROLES, default)
+    role = ask_choice(f"channel {number}: {', '.join(SENSORS)}", SENSORS, default)
     name = ask_text("  its name", role if number <= 2 else f"{role} {number - 1}")
     first = 0 if dialect == "labjack" else 1
     key, what = ("column", "column") if dialect == "ascii" else ("input", "input on the logger")

@@ -11,7 +11,7 @@ from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.foreign.column_map import Column, ColumnMap, read_map
 from pfwd.files.foreign.common import Request, Values, even_time, make_drop, point_of
 from pfwd.files.foreign.laboratory import (
-    RECOGNITION_BYTES,
+    FORMAT_BYTES,
     LaboratoryFormat,
     laboratory_format,
     read_laboratory,
@@ -43,7 +43,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
         raise TraceError(refusal(file, "a column map", "none", "give --map FILE.toml"))
     columns = read_map(request.column_map)
     with open(file, "rb") as stream_of_bytes:
-        form = laboratory_format(stream_of_bytes.read(RECOGNITION_BYTES))
+        form = laboratory_format(stream_of_bytes.read(FORMAT_BYTES))
     if form is not None:
         table, lines = _channels(file, form, columns)
         return [_point(table, lines, file, columns, request)]

@@ -20,7 +20,7 @@ from pfwd.files.foreign.common import Values
 
 TIME_NAME = "time"
 """Name of the first column, which is the time in s."""
-RECOGNITION_BYTES = 32
+FORMAT_BYTES = 32
 """Number of first bytes by which a format is recognised."""
 MAX_SAMPLES = 20_000_000
 """Largest number of samples of all channels together."""

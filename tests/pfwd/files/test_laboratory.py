@@ -9,7 +9,7 @@ import pytest
 
 from pfwd.errors import SurveyError, TraceError
 from pfwd.files.foreign.laboratory import (
-    RECOGNITION_BYTES,
+    FORMAT_BYTES,
     laboratory_format,
     read_laboratory,
 )
@@ -43,7 +43,7 @@ def column_map(folder: Path, names: list[str], time: str) -> Path:
 
 def names_in(path: Path) -> list[str]:
     """Names of the channels, the load first: some formats sort or shorten them."""
-    form = laboratory_format(path.read_bytes()[:RECOGNITION_BYTES])
+    form = laboratory_format(path.read_bytes()[:FORMAT_BYTES])
     assert form is not None
     columns = read_laboratory(str(path), form)
     channels = [each for each in columns if each.name != "time"]
