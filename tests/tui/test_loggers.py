@@ -1,0 +1,81 @@
+"""Commands for data loggers and for sensors without a rig: each is connected to what it does."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pfwd.session.setup_file import read_setup_file
+from tests.inversion.test_momentum import fall
+from tests.tui.console import pfwd, records
+from tui.cli import main
+
+
+@pytest.mark.parametrize("logger", ["dataq", "labjack"])
+def test_a_logger_measures_the_modulus_of_the_ground(logger: str, tmp_path: Path) -> None:
+    done = pfwd("demo", "--logger", logger, "--drops", "1", "--json", "-o", tmp_path / "survey")
+    assert done.returncode == 0, done.stderr
+    drop = [each for each in records(done.stdout) if each.get("modulus_pa")][-1]
+    truth = next(line for line in done.stderr.splitlines() if line.startswith("  drop 1: E "))
+    assert drop["modulus_pa"] / 1e6 == pytest.approx(float(truth.split()[3]), rel=0.01)
+
+
+def test_answers_become_a_setup_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answers = iter(
+        [
+            *("labjack", "0.1", "8", "", "5000", "2"),  # logger, plate, rate, channels
+            *("", "cell", "2", "1", "", "3", "10000", "5", "100", "500"),  # load cell
+            *("accelerometer", "", "3", "10", "100", "0.3"),
+        ]
+    )
+    monkeypatch.setattr("builtins.input", lambda: next(answers))
+    path = tmp_path / "logger.toml"
+    assert main(["setup", str(path)]) == 0
+    setup = read_setup_file(path)
+    load, sensor = setup.device.declared_identity().channels
+    assert setup.declared["plate_radius_m"] == 0.1
+    assert load.sensitivity == pytest.approx(3e-3 * 5 * 100 / 10_000)
+    assert (load.shunt, load.adc_range, load.name) == (500.0, 1.0, "cell")
+    assert sensor.sensitivity == pytest.approx(0.1 / 9.80665)
+    assert (sensor.offset, sensor.quantity) == (0.3, "acceleration")
+    assert main(["setup", str(path)]) == 2
+    assert "--force" in capsys.readouterr().err
+
+
+def trace_file(path: Path, time: np.ndarray, load: np.ndarray) -> Path:
+    rows = [f"1,{at:.6f},{force:.3f},0" for at, force in zip(time, load, strict=True)]
+    head = "# pfwd-traces = 1\n# plate_radius_m = 0.15\n# geophone_natural_frequency_hz = 0.0\n"
+    text = head + "drop,time_s,load_N,velocity_m_s@0.0000\n" + "\n".join(rows) + "\n"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_the_gain_of_a_load_cell_is_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = trace_file(tmp_path / "drop.csv", *fall(0.0, 1.05, 1))
+    command = ["calibrate", str(path), "--momentum", "--mass", "10", "--height", "0.7"]
+    assert main([*command, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["value"] == pytest.approx(1.05, rel=5e-3)
+    assert main(command[:-2]) == 2
+    assert "--height: expected a number > 0, got none" in capsys.readouterr().err
+
+
+def test_the_decay_of_a_geophone_is_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    time = np.arange(2000) * 1e-3
+    values = np.exp(-0.6 * 28.3 * time) * np.cos(0.8 * 28.3 * time)
+    path = tmp_path / "decay.csv"
+    rows = [f"{at:.4f};{value:.8f}" for at, value in zip(time, values, strict=True)]
+    path.write_text("\n".join(["t;voltage", *rows]) + "\n", encoding="utf-8")
+    command = ["calibrate", str(path), "--ring", "--column"]
+    assert main([*command, "voltage", "--json"]) == 0
+    (window,) = json.loads(capsys.readouterr().out)["windows"]
+    assert window["natural_frequency"] == pytest.approx(28.3 / (2 * np.pi), rel=1e-3)
+    assert window["damping"] == pytest.approx(0.6, rel=1e-3)
+    assert main([*command, "current"]) == 1
+    assert "expected one of the columns t, voltage, got current" in capsys.readouterr().err
