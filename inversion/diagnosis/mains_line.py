@@ -64,9 +64,7 @@ def without_mains_line(drop: PreparedDrop, record: Record) -> tuple[PreparedDrop
     record : Record
     """
     lines = [
-        find_line(
-            sensor.values[: channel.model.samples], drop.step, velocity=channel.integrations > 0
-        )
+        find_line(sensor.values[: channel.model.samples], drop.step, channel.integrations)
         for channel, sensor in zip(drop.channels, record.sensors, strict=True)
     ]
     channels = tuple(
@@ -95,14 +93,14 @@ class Hum:
     lines: tuple[tuple[float, float, float], ...] = ()
 
 
-def hum_before(quiet: FloatArray, step: float, *, velocity: bool) -> Hum:
+def hum_before(quiet: FloatArray, step: float, integrations: int) -> Hum:
     """Fit mains hum of 50 and 60 Hz to the record before the pulse, by least squares.
 
     Parameters
     ----------
-    quiet : (n,) ndarray of float, m/s or m
+    quiet : (n,) ndarray of float, in the unit of the channel
     step : float, s, sampling interval
-    velocity : bool, True: the channel is a velocity, else a displacement
+    integrations : int, number of integrations from the channel to a displacement
     """
     time = step * (np.arange(quiet.size) - 0.5 * (quiet.size - 1))
     max_amplitude, lines = 0.0, []
@@ -117,22 +115,22 @@ def hum_before(quiet: FloatArray, step: float, *, velocity: bool) -> Hum:
         residual, factors = _fit_columns(columns, quiet)
         variance = float(residual @ residual) / (quiet.size - columns.shape[1])
         deviations = variance * np.diag(np.linalg.inv(columns.T @ columns))[1:]
-        (phasor,) = _phasors(factors[1:], frequency, velocity)
-        in_velocity = 1.0 if velocity else (2.0 * np.pi * frequency) ** 2
+        (phasor,) = _phasors(factors[1:], frequency, integrations)
+        in_velocity = (2.0 * np.pi * frequency) ** (2 * (1 - integrations))
         size = float(np.abs(phasor))
         max_amplitude = max(max_amplitude, float(np.sqrt(size**2 + in_velocity * deviations.sum())))
         lines.append((size, frequency, float(np.angle(phasor) / (2.0 * np.pi))))
     return Hum(max_amplitude, tuple(lines))
 
 
-def find_line(quiet: FloatArray, step: float, *, velocity: bool) -> MainsLine | None:
+def find_line(quiet: FloatArray, step: float, integrations: int) -> MainsLine | None:
     """Return the mains line in the record before the pulse; None: there is none.
 
     Parameters
     ----------
-    quiet : (n,) ndarray of float, m/s or m
+    quiet : (n,) ndarray of float, in the unit of the channel
     step : float, s, sampling interval
-    velocity : bool, True: the channel is a velocity, else a displacement
+    integrations : int, number of integrations from the channel to a displacement
     """
     if quiet.size * step * _FREQUENCIES[0] < _MIN_TURNS:
         return None
@@ -148,7 +146,7 @@ def find_line(quiet: FloatArray, step: float, *, velocity: bool) -> MainsLine | 
         residual, factors = _fit_columns(np.column_stack([straight, *waves]), quiet)
         if float(residual @ residual) < min_squares:
             min_squares = float(residual @ residual)
-            phasors = _phasors(factors[straight.shape[1] :], frequency, velocity)
+            phasors = _phasors(factors[straight.shape[1] :], frequency, integrations)
             best = MainsLine(
                 amplitude=float(np.abs(phasors[0])),
                 frequency=float(frequency),
@@ -159,12 +157,13 @@ def find_line(quiet: FloatArray, step: float, *, velocity: bool) -> MainsLine | 
     return best
 
 
-def _phasors(factors: FloatArray, frequency: float, velocity: bool) -> NDArray[np.complex128]:
+def _phasors(factors: FloatArray, frequency: float, integrations: int) -> NDArray[np.complex128]:
     """Return the complex amplitudes (n,), m/s, of a velocity from its Fourier factors."""
     phasors = factors[1::2] + 1j * factors[::2]
-    if not velocity:
-        phasors = phasors * 2j * np.pi * frequency * np.array(_HARMONICS[: phasors.size])
-    return phasors
+    if integrations == 1:
+        return phasors
+    turns = 2j * np.pi * frequency * np.array(_HARMONICS[: phasors.size])
+    return np.asarray(phasors * turns ** (1 - integrations))
 
 
 def _harmonics(phasors: NDArray[np.complex128]) -> tuple[tuple[int, float, float], ...]:

@@ -47,9 +47,7 @@ def estimate_pre_trigger_noise(records: Sequence[Record]) -> list[PreTriggerNois
         ordered = record.nearest_first()
         drop = prepare(ordered).with_tail()
         channels = [
-            hum_before(
-                sensor.values[: channel.model.samples], drop.step, velocity=channel.integrations > 0
-            )
+            hum_before(sensor.values[: channel.model.samples], drop.step, channel.integrations)
             for sensor, channel in zip(ordered.sensors, drop.channels, strict=True)
         ]
         quiet, line = without_mains_line(drop, ordered)

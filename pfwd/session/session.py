@@ -639,7 +639,7 @@ class Session:
                 self._unrecorded.restart(self._identity)
         elif item.kind == EventKind.STOPPED:
             text = f"the logger stopped by itself: {item.text}; it is started again"
-            self._report(SessionNotice(text, serious=True, kind="stops"))
+            self.report(SessionNotice(text, serious=True, kind="stops"))
 
     def _on_rate_deviation(self, item: RateDeviation) -> None:
         """Report a wrong sampling rate: the drops since the connection support no value then."""

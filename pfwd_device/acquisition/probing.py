@@ -98,7 +98,8 @@ def _request(
                     return Probe(url, dialect.name, message, reason)
         for entry in entries:
             if entry.recognises is not None and entry.recognises(received):
-                reason = f"is a source of {entry.title}; declare it in a setup file (pfwd setup)"
+                verb = "is a" if entry.question else "sends"
+                reason = f"{verb} {entry.title}; declare the instrument in a setup file"
                 return Probe(url, entry.name, None, reason)
         now = time.monotonic()
     if received:

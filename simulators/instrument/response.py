@@ -120,7 +120,7 @@ def _settling_time(frequency: float, damping: float) -> float:
 def _read(
     channel: ChannelSettings, effects: list[ChannelEffect], unit: UnitDrop, row: int, padding: int
 ) -> Array:
-    """Return the readings of one channel in a unit drop, (n,), in N, m/s or m."""
+    """Return the readings of one channel in a unit drop, (n,), in the channel's unit."""
     match QUANTITY_BY_ROLE[channel.role]:
         case Measurand.LOAD:
             signal = unit.load
@@ -128,6 +128,8 @@ def _read(
             signal = unit.velocity[row]
         case Measurand.DISPLACEMENT:
             signal = unit.displacement[row]
+        case Measurand.ACCELERATION:
+            signal = np.gradient(unit.velocity[row], UNIT_DROP_STEP_S)
         case _:
             signal = np.zeros_like(unit.load)
     fade = round(FADE_S / UNIT_DROP_STEP_S)
