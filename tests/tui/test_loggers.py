@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 
 from pfwd.session.setup_file import read_setup_file
+from simulators.instrument import serve
+from simulators.instrument.scenario import load_scenario
+from simulators.loggers import logger_setup
 from tests.inversion.test_momentum import fall
 from tests.tui.console import pfwd, records
 from tui.cli import main
@@ -19,6 +22,19 @@ def test_a_logger_measures_the_modulus_of_the_ground(logger: str, tmp_path: Path
     drop = [each for each in records(done.stdout) if each.get("modulus_pa")][-1]
     truth = next(line for line in done.stderr.splitlines() if line.startswith("  drop 1: E "))
     assert drop["modulus_pa"] / 1e6 == pytest.approx(float(truth.split()[3]), rel=0.01)
+
+
+def test_a_trial_of_a_logger_is_written(tmp_path: Path) -> None:
+    setup = tmp_path / "logger.toml"
+    setup.write_text(logger_setup(load_scenario("default"), "labjack"), encoding="utf-8")
+    with serve("default", logger="labjack") as logger:
+        arguments = ("--logger", setup, "--wait", "3", "-o", tmp_path / "trial.json")
+        done = pfwd("conform", logger.url, *arguments)
+    assert done.returncode == 0, done.stderr
+    trial = json.loads((tmp_path / "trial.json").read_text(encoding="utf-8"))
+    assert trial["rate_by_this_computer_hz"] == pytest.approx(1e4, rel=0.1)
+    assert [channel["name"] for channel in trial["channels"]] == ["load", "centre"]
+    assert trial["identity"]["model"] == "LabJack T7"
 
 
 def test_answers_become_a_setup_file(
