@@ -1,5 +1,6 @@
 """Comparison of two clocks: of the instrument, of its samples, of this computer."""
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,14 @@ most 70 ppm."""
 _MAX_REAL_TIME_DEVIATION = 0.01
 """Largest relative deviation of a real clock; a larger one means that the instrument is simulated
 or replayed at another speed."""
+
+
+SMALLEST_LOSS_S = 0.03
+"""Smallest loss of samples that is found by their delay, s; the smallest delays of an idle or busy
+computer differ by less."""
+_LOSS_PERIOD_S = 1.0
+_LOSS_PERIODS, _LATE_PERIODS = 8, 3
+"""Number of periods that are compared, and of those after a loss."""
 
 
 @dataclass(slots=True)
@@ -164,6 +173,42 @@ class DeviceClock:
                 best[number] = _Bin(number, each.host, each.delay)
         self._bins = [best[number] for number in sorted(best)]
         self._slope = (0, None)
+
+
+class LossWatch:
+    """Finds lost samples of an instrument that neither counts nor times its samples.
+
+    After a loss every sample arrives with the same additional delay, while a busy computer delays
+    samples only for a while. So the smallest delays of successive periods are compared.
+    """
+
+    def __init__(self) -> None:
+        self._smallest: deque[float] = deque(maxlen=_LOSS_PERIODS)
+        """Smallest delay of each of the latest periods, s, the present one last."""
+        self._period = -1
+
+    def add(self, counted: float, host: float) -> float | None:
+        """Add samples; return the time that was lost, s, once a loss is certain, else None.
+
+        Parameters
+        ----------
+        counted : float, s
+            Time by the number of samples.
+        host : float, s
+            Monotonic clock of this computer at the arrival of the last of them.
+        """
+        delay, period = host - counted, int(host // _LOSS_PERIOD_S)
+        if period == self._period and self._smallest:
+            self._smallest[-1] = min(self._smallest[-1], delay)
+            return None
+        full = len(self._smallest) == _LOSS_PERIODS
+        earlier, late = list(self._smallest)[:-_LATE_PERIODS], list(self._smallest)[-_LATE_PERIODS:]
+        self._period = period
+        self._smallest.append(delay)
+        if full and (lost := min(late) - max(earlier)) > SMALLEST_LOSS_S:
+            self._smallest.clear()
+            return lost
+        return None
 
 
 def _slope_of(bins: list[_Bin]) -> float:

@@ -8,7 +8,7 @@ import datetime
 from collections import deque
 
 from pfwd_device.acquisition.assembler import Assembler
-from pfwd_device.acquisition.clock import DeviceClock
+from pfwd_device.acquisition.clock import DeviceClock, LossWatch
 from pfwd_device.acquisition.drop_transfers import DropTransfers
 from pfwd_device.acquisition.items import Connected, Counters, Item, RateDeviation
 from pfwd_device.identity import Identity
@@ -62,6 +62,9 @@ class Decoder:
         """Time by the number of samples and their declared rate, compared with another clock."""
         self._compared_run: tuple[int, Identity] | None = None
         self._rate_reported = False
+        self._loss_watch = LossWatch()
+        self.lost_time: float | None = None
+        """Time of samples that were lost unnoticed, s, until the caller has handled it."""
         self.transfers = DropTransfers(self.counters)
         """Transfers of the drops that the instrument detects itself."""
         self.identity: Identity | None = None
@@ -282,12 +285,16 @@ class Decoder:
         if (block.stream, identity) != self._compared_run:
             self._compared_run, self._rate_reported = (block.stream, identity), False
             self._sample_clocks = {"instrument": DeviceClock(), "computer": DeviceClock()}
+            self._loss_watch = LossWatch()
         start = block.first_sample / identity.sampling_rate
         end = start + len(block.counts) / identity.sampling_rate
         if block.clock_us is not None:
             self._sample_clocks["instrument"].add(start, block.clock_us / 1e6)
         if identity.real_time:
             self._sample_clocks["computer"].add(end, received)
+            # Only a dialect without a number or a time of its samples can lose some unnoticed.
+            if block.clock_us is None and not self.dialect.counts_samples:
+                self.lost_time = self._loss_watch.add(end, received) or self.lost_time
         if self._rate_reported or int(start) == int(end):  # compared once a second
             return []
         for name, clock in self._sample_clocks.items():

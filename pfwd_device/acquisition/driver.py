@@ -41,6 +41,8 @@ from pfwd_device.wire.messages import (
     Arm,
     Configure,
     DropOffer,
+    Event,
+    EventKind,
     Hello,
     HostMessage,
     Shunt,
@@ -431,6 +433,13 @@ class Driver:
                     self._decoder.drop_early()
                 self._accept(self._decoder.accept(chunk.time_utc))
         self._items += self._decoder.idle(chunk.received)
+        lost, self._decoder.lost_time = self._decoder.lost_time, None
+        if lost is not None:
+            text = f"{lost:.2f} s of its samples are missing by the clock of this computer"
+            event = Event(EventKind.STOPPED, 0, text)
+            if self._conversation.receive(event, time.monotonic()) is SampleAction.SUSPEND:
+                self._decoder.suspend()
+            self._items += self._decoder.take(event, chunk.received, chunk.time_utc)
 
     def _accept(self, items: list[Item]) -> None:
         if self._lost_since is not None:

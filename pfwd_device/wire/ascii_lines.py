@@ -141,6 +141,7 @@ class AsciiDialect:
         timed = self._layout.place is not None and self._layout.time_unit is not None
         self._clock = SampleClock(identity.sampling_rate if timed else 1e6, first_stream)
         self._is_timed = timed
+        self.counts_samples = self._layout.place is not None
         self._introduced = False
         self._cutter = Cutter(b"\n", MAX_LINE_BYTES, self.counters)
         self._held: list[_Line] = []

@@ -341,6 +341,7 @@ class BinaryDialect:
     """Decoder and encoder of the binary protocol for the computer that reads an instrument."""
 
     name = "pfwd"
+    counts_samples = True
 
     def __init__(self) -> None:
         self.counters = LinkCounters()

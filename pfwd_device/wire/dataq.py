@@ -131,6 +131,7 @@ class DataqDialect:
     """
 
     name = "dataq"
+    counts_samples = False
 
     def __init__(self, identity: Identity, inputs: Sequence[int], first_stream: int = 0) -> None:
         self.counters = LinkCounters()

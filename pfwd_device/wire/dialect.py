@@ -33,6 +33,8 @@ class Dialect(Protocol):
 
     name: str
     counters: LinkCounters
+    counts_samples: bool
+    """True if a lost sample is noticed by its number or its time."""
 
     def feed(self, data: bytes) -> list[InstrumentMessage]:
         """Return the messages that these bytes complete, in order.

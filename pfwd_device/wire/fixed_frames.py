@@ -112,6 +112,7 @@ class FrameDialect:
                 expected = f"{kind} between the head and byte {layout.size} of the frame"
                 raise SetupError(refusal("setup, byte", expected, f"byte {place}"))
         self.counters = LinkCounters()
+        self.counts_samples = layout.counter is not None
         self._identity, self._layout, self._values = identity, layout, tuple(values)
         self._stream, self._index = first_stream, -1
         self._counter: int | None = None
