@@ -205,6 +205,7 @@ class DataqLogger(PortlessLogger):
         self._divisor, self._packet, self._scan_list = 60_000, 16, [0]
         self._packed = b""
         self._lost_bytes = 0
+        self._factors = {"dec": 1, "deca": 3}  # as another program left it
 
     def receive(self, data: bytes) -> None:
         """Process bytes from the host; answers are appended to `output`."""
@@ -231,11 +232,15 @@ class DataqLogger(PortlessLogger):
                 self._divisor = divisor
             case "start", _:  # never echoes (page 49)
                 self._packed = b""
-                self._start(60e6 / self._divisor)
+                self._start(60e6 / self._divisor / math.prod(self._factors.values()))
                 return
             case "stop", _:
                 self.sampling = False
                 self._packed = b""
+            case "dec", [factor] if self.model not in ("1100", "1110"):  # page 48
+                self._factors["dec"] = factor
+            case "deca", [factor]:
+                self._factors["deca"] = factor
             case "encode", [_]:
                 pass
             case _:

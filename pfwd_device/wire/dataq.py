@@ -92,6 +92,8 @@ class DataqModel:
     """Sampling rate times the argument of `srate`, Hz (page 48)."""
     is_shared: bool = False
     """True if the rate is that of all words together, not of each channel (page 49)."""
+    averaging: tuple[str, ...] = ("dec", "deca")
+    """Commands that average or skip samples, which another program may have used (page 48)."""
     has_mark: bool = True
     """True if the word of the digital inputs has bits that are always zero."""
     product_id: int | None = None
@@ -105,11 +107,15 @@ class DataqModel:
 _TO_10_V = 10.0, 5.0, 2.0, 1.0, 0.5, 0.2
 _TO_100_V = tuple(10 * volts for volts in _TO_10_V)
 MODELS = {
-    "1100": DataqModel(12, (10.0,), 4, divisor=0, has_mark=False, product_id=0x1101),
-    "1110": DataqModel(12, (10.0,), product_id=0x1111),
+    "1100": DataqModel(
+        12, (10.0,), 4, divisor=0, averaging=("deca",), has_mark=False, product_id=0x1101
+    ),
+    "1110": DataqModel(12, (10.0,), averaging=("deca",), product_id=0x1111),
     "1120": DataqModel(14, _TO_100_V, 4, product_id=0x1121),
     "2108": DataqModel(16, (10.0,), product_id=0x2107),
-    "2108P": DataqModel(16, (10.0, 5.0, 2.5), divisor=750, dividend=120e6, is_shared=True),
+    "2108P": DataqModel(
+        16, (10.0, 5.0, 2.5), divisor=750, dividend=120e6, is_shared=True, averaging=("dec",)
+    ),
     "4108": DataqModel(16, _TO_10_V, product_id=0x4109),
     "4208": DataqModel(16, _TO_100_V, product_id=0x4209),
     "4718B": DataqModel(16, (5.0,), product_id=0x4719),
@@ -309,6 +315,7 @@ class DataqDialect:
             f"ps {size}",
             *(f"slist {at} {word}" for at, word in enumerate(words)),
             f"srate {self._divisor(model)}",
+            *(f"{command} 1" for command in model.averaging),
         ]
 
     def _start_stream(self) -> None:
