@@ -211,7 +211,7 @@ class DataqLogger(PortlessLogger):
         """Process bytes from the host; answers are appended to `output`."""
         self._received += data
         *lines, self._received = self._received.split(b"\r")
-        for line in lines:
+        for line in lines[:1]:  # its buffer holds one command (page 16)
             self._answer(line.decode("latin-1").strip())
 
     def _answer(self, line: str) -> None:

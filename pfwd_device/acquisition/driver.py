@@ -432,6 +432,11 @@ class Driver:
                 if action is SampleAction.ACCEPT_NEW_SETTINGS:
                     self._decoder.drop_early()
                 self._accept(self._decoder.accept(chunk.time_utc))
+        dialect = self._decoder.dialect
+        if dialect.outgoing and self._transport is not None:
+            with self._sending:
+                self._link.send(self._transport, dialect.outgoing)
+            dialect.outgoing = b""
         self._items += self._decoder.idle(chunk.received)
         lost, self._decoder.lost_time = self._decoder.lost_time, None
         if lost is not None:

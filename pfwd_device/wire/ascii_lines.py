@@ -111,6 +111,7 @@ class AsciiDialect:
     """
 
     name = "ascii"
+    outgoing = b""
 
     def __init__(
         self,

@@ -342,6 +342,7 @@ class BinaryDialect:
 
     name = "pfwd"
     counts_samples = True
+    outgoing = b""
 
     def __init__(self) -> None:
         self.counters = LinkCounters()

@@ -11,6 +11,7 @@ the samples in between are missing.
 """
 
 import re
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum, auto
@@ -40,6 +41,8 @@ VENDOR_ID = 0x0683
 """USB vendor number (page 8)."""
 _END = b"\r"
 """End of a command and of its answer (page 21)."""
+_START = "start 0"
+"""Command that starts the samples (page 49)."""
 _OVERFLOW = b"stop 01"
 """Last bytes of a logger that stopped because its buffer was full (page 50)."""
 _QUESTIONS = ("0", "1", "2", "6")
@@ -146,8 +149,9 @@ class DataqDialect:
         self._answers: dict[str, str] = {}
         self._model: DataqModel | None = None
         self._stage = _Stage.TALKING
-        self._echoes: list[str] = []
-        """Commands of the start that the logger has not repeated yet."""
+        self.outgoing = b""
+        self._commands: deque[str] = deque()
+        """Commands to send; the logger has not repeated the first one yet."""
         self._stream, self._index = first_stream, 0
         self._zero_bits = np.zeros(0, np.uint16)
         self._data = b""
@@ -165,9 +169,10 @@ class DataqDialect:
         return messages + self._take_samples()
 
     def encode(self, message: HostMessage) -> bytes:
-        """Return the lines of a command; empty for one that a logger lacks.
+        """Return the first line of a command; empty for one that a logger lacks.
 
-        Each begins with `stop`, so that no sample is between it and its answer.
+        The first line is `stop`, so that no sample is between a line and its answer. The other
+        lines follow one by one, each when the logger has repeated the one before (page 16).
         """
         commands: list[str] = []
         match message:
@@ -177,20 +182,30 @@ class DataqDialect:
                 self._answers.clear()
                 commands = [f"info {number}" for number in _QUESTIONS]
             case Start() if self._model is not None:
-                self._echoes = self._set_up(self._model)
-                commands = [*self._echoes, "start 0"]
+                commands = self._set_up(self._model)
             case Stop():
                 pass
             case _:
                 return b""
         self._stage = _Stage.STOPPING
-        return b"".join(command.encode() + _END for command in ("stop", *commands))
+        self._commands = deque(commands)
+        return b"stop" + _END
 
     def reset(self) -> None:
         """Discard what was received after the link was cut; the next start is a new stream."""
         self._discard(len(self._data))
-        self._echoes.clear()
+        self._commands.clear()
+        self.outgoing = b""
         self._stage = _Stage.TALKING
+
+    def _send_next(self) -> None:
+        """Send the next command; `start`, which is the last of a start, is never repeated."""
+        if self._commands:
+            self.outgoing += self._commands[0].encode() + _END
+            if self._commands[0] == _START:
+                self._commands.clear()
+                self._stage = _Stage.STREAMING
+                self._stream, self._index = self._stream + 1, 0
 
     def _discard(self, count: int) -> None:
         """Remove and count the first bytes of those that were received."""
@@ -219,18 +234,19 @@ class DataqDialect:
         if self._stage is _Stage.STOPPING:
             if line in ("stop", _OVERFLOW.decode()):
                 self._stage = _Stage.TALKING
+                self._send_next()
                 return [Status(0, None, None, 0, sampling=False)]
             self.counters.bytes_discarded += len(line) + 1
             return []
         self.counters.frames_good += 1
-        if self._echoes:
-            expected = self._echoes.pop(0)
-            if line == expected:
-                self._start_stream()
-                return []
-            self._echoes.clear()
+        if not self._commands or line == "stop":  # an answer to an earlier command
+            return []
+        expected = self._commands.popleft()
+        if not line.startswith(expected):
+            self._commands.clear()
             text = f"expected the answer {expected!r}, got {line[:60]!r}; update its firmware"
             return [Refusal(RefusalCode.ARGUMENT, text)]
+        self._send_next()
         match = re.fullmatch(r"info ([0-9]) +(\S.*)", line)
         if match is not None:
             self._answers[match[1]] = match[2]
@@ -316,13 +332,8 @@ class DataqDialect:
             *(f"slist {at} {word}" for at, word in enumerate(words)),
             f"srate {self._divisor(model)}",
             *(f"{command} 1" for command in model.averaging),
+            _START,
         ]
-
-    def _start_stream(self) -> None:
-        """Begin the decoding of samples if the logger has repeated all commands of the start."""
-        if not self._echoes:
-            self._stage = _Stage.STREAMING
-            self._stream, self._index = self._stream + 1, 0
 
     def _take_samples(self) -> list[InstrumentMessage]:
         """Return the samples that are in order, and the end of the run if there is one.

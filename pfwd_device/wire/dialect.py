@@ -35,6 +35,8 @@ class Dialect(Protocol):
     counters: LinkCounters
     counts_samples: bool
     """True if a lost sample is noticed by its number or its time."""
+    outgoing: bytes
+    """Bytes that the last call of `feed` wants to be sent; the caller sends and removes them."""
 
     def feed(self, data: bytes) -> list[InstrumentMessage]:
         """Return the messages that these bytes complete, in order.

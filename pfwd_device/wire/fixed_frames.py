@@ -98,6 +98,7 @@ class FrameDialect:
     """
 
     name = "frames"
+    outgoing = b""
 
     def __init__(
         self,

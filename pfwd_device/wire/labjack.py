@@ -123,6 +123,7 @@ class LabjackDialect:
 
     name = "labjack"
     counts_samples = True
+    outgoing = b""
 
     def __init__(self, identity: Identity, inputs: Sequence[int], first_stream: int = 0) -> None:
         self.counters = LinkCounters()

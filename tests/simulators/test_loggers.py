@@ -75,6 +75,9 @@ class Host:
                 self.logger.sent(len(data))
                 for message in self.dialect.feed(data):
                     self.take(message)
+                if self.dialect.outgoing:
+                    self.logger.receive(self.dialect.outgoing)
+                    self.dialect.outgoing = b""
 
     def unplug(self) -> None:
         """Lose the end of what was sent, and connect again."""
