@@ -23,6 +23,7 @@ class Lines:
     """A dialect without a word for anything, as lines of numbers."""
 
     name = "lines"
+    counts_samples, outgoing = True, b""
 
     def __init__(self) -> None:
         self._inner = BinaryDialect()
