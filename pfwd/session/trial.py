@@ -12,7 +12,7 @@ from pfwd_device.acquisition.items import Connected, Disconnected, Gap, RateDevi
 from pfwd_device.identity import Identity, identity_as_dict
 from pfwd_device.wire.messages import Event, Refusal
 
-MAX_KEPT_SAMPLES = 200_000
+MAX_STATISTICS_SAMPLES = 200_000
 """Number of latest samples of which the statistics are computed."""
 
 
@@ -36,7 +36,7 @@ def try_logger(url: str, setup: MeasuringSetup, seconds: float) -> dict[str, Any
     identity: Identity | None = None
     events: list[str] = []
     parts: list[np.ndarray[Any, np.dtype[np.int32]]] = []
-    count, missing, kept, runs = 0, 0, 0, set()
+    count, missing, stored, runs = 0, 0, 0, set()
     began: float | None = None
     try:
         feed.open()
@@ -50,9 +50,9 @@ def try_logger(url: str, setup: MeasuringSetup, seconds: float) -> dict[str, Any
                     count += len(item.counts)
                     runs.add(item.stream)
                     parts.append(item.counts)
-                    kept += len(item.counts)
-                    while kept - len(parts[0]) > MAX_KEPT_SAMPLES:
-                        kept -= len(parts.pop(0))
+                    stored += len(item.counts)
+                    while kept - len(parts[0]) > MAX_STATISTICS_SAMPLES:
+                        stored -= len(parts.pop(0))
                 case Gap():
                     missing += item.length
                 case Disconnected():
