@@ -51,7 +51,7 @@ def try_logger(url: str, setup: MeasuringSetup, seconds: float) -> dict[str, Any
                     runs.add(item.stream)
                     parts.append(item.counts)
                     stored += len(item.counts)
-                    while kept - len(parts[0]) > MAX_STATISTICS_SAMPLES:
+                    while stored - len(parts[0]) > MAX_STATISTICS_SAMPLES:
                         stored -= len(parts.pop(0))
                 case Gap():
                     missing += item.length
