@@ -100,12 +100,13 @@ def diagnose_single(
     return diagnosed.result
 
 
-def diagnose_file(file: str) -> tuple[tuple[DiagnosisResult, ...], str | None]:
+def diagnose_file(file: str) -> tuple[list[tuple[int | None, DiagnosisResult]], str | None]:
     """Return the diagnoses of the points of a survey or drop file, and store them with a survey.
 
     Returns
     -------
-    diagnoses : tuple of DiagnosisResult
+    diagnoses : list of (int or None, DiagnosisResult)
+        Number, within the survey, of the point's last drop, and the diagnosis of the point.
     fault : str or None
         Reason why they could not be stored; None: they are stored, or the file is no survey.
 
@@ -123,15 +124,14 @@ def diagnose_file(file: str) -> tuple[tuple[DiagnosisResult, ...], str | None]:
 
     request = DiagnosisRequest(use_stored=True, progress=progress)
     points = list(diagnose_files([file], request=request))
+    diagnoses = [(point.number, point.result) for point in points if point.result is not None]
     fault = None
     if os.path.isdir(file):
-        new = [(p.number, p.result) for p in points if p.number is not None and p.result]
-        fault = store_diagnoses(file, new)
-    results = tuple(point.result for point in points if point.result is not None)
+        fault = store_diagnoses(file, [(n, result) for n, result in diagnoses if n is not None])
     errors = [point.error for point in points if point.error is not None]
-    if errors and not results:
+    if errors and not diagnoses:
         raise SurveyError(errors[0])
-    return results, fault
+    return diagnoses, fault
 
 
 def failure_text(error: BaseException) -> str:

@@ -65,7 +65,7 @@ def apply_event(view: SurveyView, event: SessionEvent) -> SurveyChanged | None:
         case Edited(point=str(name)):
             point = _with_edit(_point_of(view, name), event)
         case Edited(number=int(record)):
-            owner = _owner_of(view, record)
+            owner = point_of_record(view, record)
             if owner is None:
                 return None
             point = _with_edited_drop(owner, event)
@@ -174,7 +174,8 @@ def _with_edit(point: PointView, event: Edited) -> PointView:
     return point
 
 
-def _owner_of(view: SurveyView, record: int) -> PointView | None:
+def point_of_record(view: SurveyView, record: int) -> PointView | None:
+    """Return the point of a drop by its number within the survey; None: there is none."""
     for point in view.points.values():
         if any(drop.record == record for drop in (*point.drops, *point.replayed)):
             return point

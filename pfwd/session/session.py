@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from inversion.notices import codes
-from pfwd.analysis.results import DropResult
+from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.errors import OptionError
 from pfwd.files.editing import Edit
 from pfwd.files.record_marks import MARKS
@@ -51,6 +51,7 @@ from pfwd.session.events import (
     LiveSamples,
     NotReady,
     PointBegan,
+    PointDiagnosed,
     Ready,
     Repeats,
     SensorCheck,
@@ -58,7 +59,7 @@ from pfwd.session.events import (
     SessionNotice,
 )
 from pfwd.session.feeds import Ended, Feed, FeedItem, ImportedDrop, RecordedDrop
-from pfwd.session.live_view import apply_event
+from pfwd.session.live_view import apply_event, point_of_record
 from pfwd.session.plan import Ending, SessionPlan, instrument_request, session_job
 from pfwd.session.sensor_check import SensorChecker
 from pfwd.session.setup_file import response_warnings, setup_of
@@ -307,6 +308,20 @@ class Session:
         """
         if self._recorder is not None:
             self._recorder.keep_result(number, result)
+
+    def keep_diagnosis(self, number: int, result: DiagnosisResult) -> None:
+        """Save a diagnosis that was requested for a point of the survey, and report it.
+
+        Parameters
+        ----------
+        number : int
+            Number, within the survey, of the point's last drop.
+        result : DiagnosisResult
+        """
+        if self._recorder is not None:
+            self._recorder.keep_diagnosis(number, result)
+        if (point := point_of_record(self._view, number)) is not None:
+            self.report(PointDiagnosed(point.name, result))
 
     def ask(self, request: Callable[["Session"], None]) -> None:
         """Have a function called with this session in the session's thread; may be called from any

@@ -2,11 +2,13 @@
 
 from pathlib import Path
 
+from pfwd.analysis.result_store import last_diagnosis
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.judging import PointView, SurveyView
 from pfwd.session.events import PointBegan, Rebounded, SurveyChanged, SurveyRead
 from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
-from pfwd_device.recording import SurveyWriter
+from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.scripted_feed import (
     ONE_DROP,
     Log,
@@ -16,6 +18,7 @@ from tests.pfwd.scripted_feed import (
     connected,
     pieces,
 )
+from tests.records import read
 
 
 def measured(folder: Path, point: str, before: SurveyView | None = None) -> Log:
@@ -49,6 +52,21 @@ def test_the_next_session_continues_the_survey_of_the_one_before(tmp_path: Path)
     changes = log.of(SurveyChanged)
     assert list(changes[0].view.points) == ["1", "2"], "before it measures anything"
     assert [len(point.drops) for point in changes[-1].view.points.values()] == [1, 1]
+
+
+def test_a_requested_diagnosis_is_stored_by_the_session_that_writes(tmp_path: Path) -> None:
+    diagnosis = read(DiagnosisResult, {"drops": [1], "verdict": "clean"})
+    log = Log()
+    with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
+        feed = ScriptedFeed(connected(), began(), pieces(ONE_DROP))
+        session = Session(feed, log, SessionPlan(options=None, point="1"), writer)
+        session.run()
+        session.keep_diagnosis(1, diagnosis)
+    assert log.of(SurveyChanged)[-1].view.points["1"].diagnosis is diagnosis
+    (point,) = read_survey(tmp_path / "s").points
+    stored = last_diagnosis(point)
+    assert stored is not None
+    assert (stored.drops, stored.verdict) == ((1,), "clean")
 
 
 def test_points_read_from_the_survey_come_before_the_point_that_has_just_begun() -> None:

@@ -42,7 +42,7 @@ def screen() -> Screen:
 
 @pytest.fixture
 def diagnoses(screen: Screen, tmp_path: Path) -> Iterator[RequestedDiagnoses]:
-    source: Any = SimpleNamespace(survey=tmp_path / "other")
+    source: Any = SimpleNamespace(survey=tmp_path / "other", writes=True)
     state: Any = SimpleNamespace(points={})
     diagnoses = RequestedDiagnoses(source, screen, state, screen.messages.append)  # type: ignore[arg-type]
     yield diagnoses
@@ -85,10 +85,26 @@ def test_diagnoses_that_are_not_stored_say_why(
 ) -> None:
     task = Task[Any]()
     reason = "results are not stored: another program writes the survey"
-    task.set_result(((), reason))
+    task.set_result(([], reason))
     diagnoses._finish("survey", task)
     diagnoses.on_diagnosed(screen.event(), SI)
     assert screen.messages == [f"the diagnosis is done: 4 shows it; {reason}"]
+
+
+def test_the_session_that_writes_the_survey_stores_its_diagnoses(
+    diagnoses: RequestedDiagnoses, screen: Screen, tmp_path: Path
+) -> None:
+    stored: list[tuple[int, DiagnosisResult]] = []
+    session = SimpleNamespace(keep_diagnosis=lambda *diagnosis: stored.append(diagnosis))
+    screen.request = lambda action: action(session) is None  # type: ignore[attr-defined]
+    new, known = DiagnosisResult(drops=(4,)), DiagnosisResult(drops=(8,), stored=True)
+    task = Task[Any]()
+    task.set_result(([(4, new), (8, known)], "results are not stored: this program writes it"))
+    diagnoses._finish(str(tmp_path / "other"), task)
+    finished = screen.event()
+    assert finished.results == (new, known)
+    assert finished.not_stored == ""
+    assert stored == [(4, new)]
 
 
 def test_a_running_diagnosis_reports_point_work_and_times() -> None:

@@ -13,6 +13,7 @@ from pfwd.analysis import tasks
 from pfwd.analysis.response_tables import BUILDING
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.jobs import Jobs, Task
+from pfwd.session.session import Session
 from pfwd.units import Units
 from tui.diagnosis_lines import diagnosis_sentence
 from tui.screen.session.runner import SessionRunner
@@ -44,7 +45,7 @@ class RequestedDiagnoses:
         self._source, self._state, self._show_message = source, state, show_message
         self._runner = runner
         self._jobs = Jobs()
-        self.task: Task[tuple[tuple[DiagnosisResult, ...], str | None]] | None = None
+        self.task: Task[Any] | None = None
         """Diagnosis that runs; None: there is none."""
         self.file = ""
         """Path of the file that is being diagnosed, or was the last one."""
@@ -78,9 +79,25 @@ class RequestedDiagnoses:
         elif (error := task.exception()) is not None:
             text = f"the diagnosis of {file} failed: {tasks.failure_text(error)}"
         else:
-            results, fault = task.result()
-            not_stored = fault or ""
+            diagnoses, fault = task.result()
+            results = tuple(result for _, result in diagnoses)
+            if fault and not self._is_stored_by_session(file, diagnoses):
+                not_stored = fault
         self._runner.put(DiagnosisFinished(file, results, text, not_stored))
+
+    def _is_stored_by_session(
+        self, file: str, diagnoses: list[tuple[int, DiagnosisResult]]
+    ) -> bool:
+        """Have the session that writes the survey store its diagnoses; False without one."""
+        if not self._source.writes or file != str(self._source.survey):
+            return False
+
+        def store(session: Session) -> None:
+            for number, result in diagnoses:
+                if not result.stored:
+                    session.keep_diagnosis(number, result)
+
+        return self._runner.request(store)
 
     def on_diagnosed(self, event: DiagnosisFinished, units: Units) -> None:
         """Show that the diagnosis has ended, and store the verdicts."""

@@ -157,7 +157,8 @@ def test_the_next_run_goes_on_where_one_was_stopped(
 
 def test_another_process_answers_from_the_survey_with_the_same_records(survey: Path) -> None:
     with Jobs() as jobs:
-        diagnoses, _ = jobs.submit(diagnose_file, str(survey)).result()
+        pairs, _ = jobs.submit(diagnose_file, str(survey)).result()
+    diagnoses = [diagnosis for _, diagnosis in pairs]
     here = [it.result for it in diagnose_files([str(survey)], request=STORED) if it.result]
     assert [json_text(it.to_json()) for it in diagnoses] == [json_text(it.to_json()) for it in here]
     assert [diagnosis.stored for diagnosis in diagnoses] == [True, True]
