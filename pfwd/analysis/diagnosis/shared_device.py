@@ -424,7 +424,7 @@ def device_findings(diagnoses: Sequence[PointDiagnosis], shared: Collection[str]
     values: DeviceValues = {}
     deviations: DeviceValues = {}
     spread: DeviceValues = {}
-    for name in shared:
+    for name in sorted(shared):  # the order of a set differs from run to run
         shared_results = [e for d in diagnoses for e in d.effects if e.name == name]
         for parameter in BY_NAME[name].parameters:
             numbers = [p for e in shared_results for p in e.parameters if p.name == parameter.name]
