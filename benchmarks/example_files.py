@@ -187,4 +187,4 @@ def _store_results(survey: Path) -> None:
     with SurveyWriter.open(survey) as writer:
         for result in outcome.results:
             number = numbers[str(result.point), result.drop]
-            writer.save_result(number, {**result.to_json(), "file": "survey"})
+            writer.save_result(number, {**result.to_stored(), "file": "survey"})

@@ -18,8 +18,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
-from types import MappingProxyType
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, Literal, NamedTuple
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +28,6 @@ class Joined:
     values: tuple[Any, ...]
     """Numbers, also as texts, or intervals."""
 
-
-Value = float | int | str | tuple[float, ...] | tuple[str, ...] | Joined
-"""Value of a message; a `Notice`, which is a `str`, is a message within a message."""
 
 WARNINGS, WARNING_CODES = "warnings", "warning_codes"
 """Keys in JSON of the sentences of warnings, and of their codes in the same order."""
@@ -83,15 +79,14 @@ def _catalogue() -> _Catalogue:
     return catalogue
 
 
-class Notice(str):
-    """Warning: an English sentence, with its code and the values in it.
-
-    As a `str` it is the sentence, so that scripts and tables can use it as any text.
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """Warning, remark or reason: a code, and the values in it. `text_of` returns its sentence.
 
     Parameters
     ----------
     code : str
-        Name of the kind of warning, such as ``depth-not-unique``.
+        Name of the kind of message, such as ``depth-not-unique``.
     values : mapping of name to value, in SI units
         One for each field of the template.
 
@@ -103,29 +98,25 @@ class Notice(str):
     Examples
     --------
     >>> warning = Notice("depth-not-unique", {"depth_low_m": 0.484, "depth_high_m": 1.3})
-    >>> print(warning)  # doctest: +ELLIPSIS
+    >>> print(text_of(warning))  # doctest: +ELLIPSIS
     depth not unique: the data allow bedrock from 0.48 m to 1.3 m; ...
     >>> warning.code, warning.values["depth_high_m"]
     ('depth-not-unique', 1.3)
     """
 
     code: str
-    values: Mapping[str, Value]
+    values: Mapping[str, "Value"] = field(default_factory=dict)
 
-    def __new__(cls, code: str, values: Mapping[str, Value] | None = None) -> Self:
-        template = _catalogue().templates.get(code)
+    def __post_init__(self) -> None:
+        template = _catalogue().templates.get(self.code)
         if template is None:
-            raise ValueError(f"expected the code of a warning, got {code!r}")
-        values = MappingProxyType(dict(values or {}))
+            raise ValueError(f"expected the code of a message, got {self.code!r}")
         forms = gaps_of(template)
-        if forms.keys() != values.keys():
-            raise ValueError(f"{code}: expected {sorted(forms)}, got {sorted(values)}")
-        notice = super().__new__(cls, _sentence(code, values, ENGLISH))
-        notice.code, notice.values = code, values
-        return notice
+        if forms.keys() != self.values.keys():
+            raise ValueError(f"{self.code}: expected {sorted(forms)}, got {sorted(self.values)}")
 
-    def __reduce__(self) -> tuple[type[Self], tuple[str, dict[str, Value]]]:
-        return type(self), (self.code, dict(self.values))
+    def __hash__(self) -> int:
+        return hash((self.code, frozenset(self.values.items())))
 
     @property
     def invalidates(self) -> Invalidates:
@@ -137,13 +128,16 @@ class Notice(str):
         return {"code": self.code, "values": {k: _plain(v) for k, v in self.values.items()}}
 
 
-def invalidating(notices: Iterable[str], what: Invalidates) -> Notice | None:
+Value = float | int | str | tuple[float, ...] | tuple[str, ...] | Joined | Notice
+"""Value of a message; a `Notice` is a message within a message."""
+
+
+def invalidating(notices: Iterable[Notice], what: Invalidates) -> Notice | None:
     """Return the first warning that invalidates the "fit" or the "record"; None: there is none.
 
-    A fit to an invalid record is invalid, too. Sentences without a code invalidate nothing.
+    A fit to an invalid record is invalid, too.
     """
-    coded = (notice for notice in notices if isinstance(notice, Notice))
-    return next((notice for notice in coded if notice.invalidates in (what, "record")), None)
+    return next((notice for notice in notices if notice.invalidates in (what, "record")), None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,11 +157,16 @@ class Language:
 ENGLISH = Language()
 
 
-def text_of(message: str, language: Language = ENGLISH) -> str:
-    """Return a message as a sentence; a text without a code stays as it is."""
-    if not isinstance(message, Notice):
-        return message
-    return _sentence(message.code, message.values, language)
+def text_of(message: Notice | None, language: Language = ENGLISH) -> str:
+    """Return a message as a sentence; empty for None."""
+    if message is None:
+        return ""
+    template = _catalogue().templates[message.code]
+    texts = {
+        name: _value_text(message.values[name], form, language)
+        for name, form in gaps_of(template).items()
+    }
+    return fill_template(language.templates.get(message.code, template), texts)
 
 
 def term_text(term: str, language: Language = ENGLISH) -> str:
@@ -175,29 +174,21 @@ def term_text(term: str, language: Language = ENGLISH) -> str:
     return language.words.get(term) or _catalogue().terms.get(term) or term.replace("_", " ")
 
 
-def _sentence(code: str, values: Mapping[str, Value], language: Language) -> str:
-    texts = {
-        name: _value_text(values[name], form, language)
-        for name, form in gaps_of(_catalogue().templates[code]).items()
-    }
-    return fill_template(language.templates.get(code, _catalogue().templates[code]), texts)
-
-
 def text_notice(text: str) -> Notice:
-    """Return a text as a message: as it is, or one without a code."""
-    return text if isinstance(text, Notice) else Notice(OTHER, {"text": text})
+    """Return a text that a person wrote, or that has no code, as a message."""
+    return Notice(OTHER, {"text": text})
 
 
-def of_drops(message: str, *numbers: int) -> Notice:
+def of_drops(message: Notice, *numbers: int) -> Notice:
     """Return a message that names the drops it is about."""
     return Notice(OF_DROPS, {"drops": numbers, "message": message})
 
 
-def without_drops(message: str) -> tuple[str, tuple[int, ...]]:
+def without_drops(message: Notice) -> tuple[Notice, tuple[int, ...]]:
     """Return a message without the drops that it names, and their numbers."""
-    if isinstance(message, Notice) and message.code == OF_DROPS:
+    if message.code == OF_DROPS:
         inner, numbers = message.values["message"], message.values["drops"]
-        if isinstance(inner, str) and isinstance(numbers, tuple):
+        if isinstance(inner, Notice) and isinstance(numbers, tuple):
             return inner, tuple(map(int, numbers))
     return message, ()
 
@@ -255,7 +246,7 @@ def codes(notices: Iterable[Notice]) -> list[dict[str, Any]]:
 
 def to_json(notices: Sequence[Notice]) -> dict[str, Any]:
     """Return the JSON keys ``warnings`` and ``warning_codes`` with their values."""
-    return {WARNINGS: list(map(str, notices)), WARNING_CODES: codes(notices)}
+    return {WARNINGS: list(map(text_of, notices)), WARNING_CODES: codes(notices)}
 
 
 def form_of(code: str, name: str) -> str:
@@ -282,16 +273,16 @@ def _parts(template: str) -> Iterator[tuple[str, str | None, str | None, str | N
 
 def _value_text(value: Any, form: str, language: Language) -> str:
     if form == "more":
-        return _sentence(MORE, {"count": value}, language) if value else ""
+        return text_of(Notice(MORE, {"count": value}), language) if value else ""
     if form == "drops":
         code = "one-drop" if len(value) == 1 else "several-drops"
-        return _sentence(code, {"numbers": ", ".join(map(str, value))}, language)
+        return text_of(Notice(code, {"numbers": ", ".join(map(str, value))}), language)
     if isinstance(value, Joined):
         return _joined_text(value, form, language)
     if isinstance(value, tuple):
         joint = _JOINTS.get(form, f" {language.to} ")
         return joint.join(_value_text(item, form, language) for item in value)
-    if form == "message":
+    if isinstance(value, Notice):
         return text_of(value, language)
     if form == "digits":
         return str(value).replace(".", language.decimal)

@@ -23,7 +23,7 @@ from typing import (
 
 from inversion import notices
 from inversion.errors import RecordFormatError
-from inversion.notices import WARNING_CODES, WARNINGS, Notice
+from inversion.notices import WARNING_CODES, WARNINGS, Notice, text_of
 
 Interval = tuple[float, float]
 DepthRange = tuple[float, float | None]
@@ -234,10 +234,6 @@ def _notices(value: Any) -> tuple[Notice, ...] | None:
     return None if texts is None else notices.from_json(texts)
 
 
-def _notice(value: Any) -> Notice | None:
-    return notices.from_entry(value)
-
-
 _Reader = Callable[[Any], Any]
 """Function that returns the value of a field from JSON; None: the value is of another type."""
 
@@ -250,7 +246,7 @@ _READERS: dict[Any, _Reader] = {
     Interval: _interval,
     DepthRange: _depth_range,
     tuple[Notice, ...]: _notices,
-    Notice: _notice,
+    Notice: notices.from_entry,
 }
 
 
@@ -302,7 +298,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, JsonRecord):
         return value.to_json()
     if isinstance(value, tuple):
-        return [str(item) if isinstance(item, Notice) else _plain(item) for item in value]
+        return [text_of(item) if isinstance(item, Notice) else _plain(item) for item in value]
     if isinstance(value, Notice):
         return value.to_json()
     return value

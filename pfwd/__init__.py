@@ -16,6 +16,7 @@ from pfwd_plugins.lazy_names import lazy_getattr
 
 if TYPE_CHECKING:
     from inversion.errors import InversionError
+    from inversion.notices import Notice, text_of
     from pfwd.analysis.results import DiagnosisResult as Diagnosis
     from pfwd.analysis.results import DropResult as Result
     from pfwd.errors import OptionError, SurveyError
@@ -32,6 +33,7 @@ __all__ = [
     "Diagnosis",
     "Drop",
     "InversionError",
+    "Notice",
     "OptionError",
     "Point",
     "Points",
@@ -45,10 +47,12 @@ __all__ = [
     "invert",
     "open",
     "read",
+    "text_of",
 ]
 
 _NAMES_BY_MODULE = {
     "inversion.errors": ("InversionError",),
+    "inversion.notices": ("Notice", "text_of"),
     "pfwd.analysis.results": ("DiagnosisResult as Diagnosis", "DropResult as Result"),
     "pfwd.errors": ("OptionError", "SurveyError"),
     "pfwd.scripting.diagnosing": ("Diagnoses", "diagnose"),

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Self, SupportsIndex, TypeVar, overload
 
+from inversion.notices import Notice, text_of
 from pfwd.errors import OptionError, refusal
 from pfwd.units import SI, Fact, QuantityName
 from pfwd_device.text import clean
@@ -63,7 +64,9 @@ class Displayable:
 
     def __str__(self) -> str:
         warnings = getattr(self, "warnings", None) or ()
-        return "\n".join([repr(self), *(f"  warning: {text_of(text)}" for text in warnings)])
+        return "\n".join(
+            [repr(self), *(f"  warning: {one_line(text_of(item))}" for item in warnings)]
+        )
 
     def _repr_html_(self) -> str:
         return html_table(repr(self), self.rows())
@@ -102,7 +105,7 @@ class DisplayableList(Displayable, tuple[_Item, ...]):
             return type(self)(items) if isinstance(key, slice) else items
         names = [str(getattr(item, self.NAME)) for item in self]
         if names.count(key) != 1:
-            listed = ", ".join(map(text_of, names))
+            listed = ", ".join(map(one_line, names))
             raise KeyError(f"{self.KEY}: expected a name that occurs once of {listed}, got {key!r}")
         return self[names.index(key)]
 
@@ -129,7 +132,7 @@ def alias(path: str) -> Any:
     return property(read)
 
 
-def text_of(value: object) -> str:
+def one_line(value: object) -> str:
     """Return a value as one line of text of at most `MAX_TEXT_CHARACTERS`."""
     return clean(str(value), limit=MAX_TEXT_CHARACTERS)
 
@@ -139,9 +142,9 @@ def count(number: int, noun: str) -> str:
     return f"{number} {noun}" + ("" if number == 1 else "s")
 
 
-def warning_count(warnings: Iterable[str] | None) -> str:
+def warning_count(warnings: Iterable[Notice] | None) -> str:
     """Return the number of different warnings as text: ``no warnings``, ``1 warning``."""
-    return count(len(set(warnings)), "warning") if warnings else "no warnings"
+    return count(len(set(map(text_of, warnings))), "warning") if warnings else "no warnings"
 
 
 def html_table(caption: str, rows: Iterable[Mapping[str, Any]]) -> str:
@@ -185,7 +188,7 @@ def _cell(row: Mapping[str, Any], key: str) -> str:
         low, high = (row.get(f"modulus_interval_{end}_pa") or math.nan for end in ("low", "high"))
         fact = Fact(_quantity(key), value, (low, high) if key == "modulus_pa" else None)
         return "" if math.isnan(value) else SI.show(fact, with_unit=False)
-    return "" if value is None else text_of(value)
+    return "" if value is None else one_line(value)
 
 
 def flatten(record: Mapping[str, Any]) -> dict[str, Any]:
@@ -287,7 +290,7 @@ def label_axes(ax: Axes, x: str | Sequence[str], y: str, title: str) -> Axes:
     if isinstance(x, str):
         ax.set_xlabel(x)
     else:
-        ax.set_xticks(range(len(x)), map(text_of, x), rotation=30, ha="right", parse_math=False)
+        ax.set_xticks(range(len(x)), map(one_line, x), rotation=30, ha="right", parse_math=False)
     ax.set_ylabel(y)
     ax.set_title(title, fontsize="small", parse_math=False, wrap=True)
     if ax.get_legend_handles_labels()[0]:

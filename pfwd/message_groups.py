@@ -15,8 +15,10 @@ from inversion.notices import (
     Notice,
     Value,
     form_of,
-    text_notice,
+    text_of,
 )
+
+__all__ = ["MessageGroup", "Notice", "as_ranges", "group_messages", "text_of"]
 
 Place = TypeVar("Place", bound=Hashable)
 
@@ -35,15 +37,15 @@ class MessageGroup(Generic[Place]):
     @property
     def text(self) -> str:
         """The message in English."""
-        return str(self.message)
+        return text_of(self.message)
 
 
-def group_messages(messages: Iterable[tuple[Place, str]]) -> list[MessageGroup[Place]]:
+def group_messages(messages: Iterable[tuple[Place, Notice]]) -> list[MessageGroup[Place]]:
     """Join messages that differ only in their numbers.
 
     Parameters
     ----------
-    messages : iterable of (place, warning or other message)
+    messages : iterable of (place, message)
 
     Returns
     -------
@@ -60,8 +62,7 @@ def group_messages(messages: Iterable[tuple[Place, str]]) -> list[MessageGroup[P
     [('units suspect: plate_radius_m = 15 and 30 (in metres?)', ('A', 'B'))]
     """
     groups: dict[Hashable, tuple[list[Notice], dict[Place, None]]] = {}
-    for place, text in messages:
-        message = text_notice(text)
+    for place, message in messages:
         equal, places = groups.setdefault(_key(message), ([], {}))
         equal.append(message)
         places[place] = None

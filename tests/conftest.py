@@ -16,6 +16,7 @@ import pytest
 from hypothesis import settings
 from numpy.typing import NDArray
 
+from inversion.notices import Notice
 from pfwd_device import Channel, Drop
 
 TOP = Path(__file__).resolve().parents[1]
@@ -25,6 +26,18 @@ TOP = Path(__file__).resolve().parents[1]
 settings.register_profile("everyday", derandomize=True, deadline=None)
 settings.register_profile("explore", derandomize=False, deadline=None, print_blob=True)
 settings.load_profile("everyday")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _messages_have_no_text_of_their_own() -> Iterator[None]:
+    """Only `text_of` makes sentences: a message that is formatted as a text is an error."""
+
+    def refuse(message: Notice) -> str:
+        raise TypeError(f"expected text_of, got {message!r} as a text")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Notice, "__str__", refuse)
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

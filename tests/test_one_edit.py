@@ -25,6 +25,7 @@ sys.modules["inversion.result"] = module
 exec(compile(text.replace(old, field), str(source), "exec"), module.__dict__)
 
 import pfwd
+from inversion.notices import Notice
 from pfwd_device.recording import DropRecord, SurveyWriter
 from pfwd.export.export import export_survey
 from pfwd.files.header import declared_values

@@ -22,7 +22,7 @@ from pfwd.analysis.results import (
 from pfwd.digits import MISSING, declared, rounded, significant
 from pfwd.export.json_text import json_text
 from pfwd.facts import UNEXPLAINED, EffectFacts, facts_of_effect, facts_of_state
-from pfwd.message_groups import as_ranges, group_messages
+from pfwd.message_groups import as_ranges, group_messages, text_of
 from pfwd.units import SI, Fact, Units, modulus_text, percent
 from tui.format import MODEL_WORDS, word
 from tui.output import clean, spelled
@@ -136,7 +136,7 @@ def use_sentence(result: DiagnosisResult, facts: Mapping[str, Fact]) -> str:
     if facts["modulus"].interval is None:
         return ""
     if result.use == "do-not-use":
-        objection = f"{result.use_reason}; {result.remedy}"
+        objection = f"{text_of(result.use_reason)}; {text_of(result.remedy)}"
         if not result.modulus:
             return f"Do not use: {objection}."
         text = modulus_text(result.modulus, result.modulus_interval)
@@ -147,7 +147,7 @@ def use_sentence(result: DiagnosisResult, facts: Mapping[str, Fact]) -> str:
         text += f", secant modulus at {SI.show(facts['stress'])}"
         if facts["at 100 kPa"].value is not None:
             text += f" ({SI.value_and_ends(facts['at 100 kPa'])[0]} MPa at 100 kPa)"
-    reason = f": {result.use_reason}" if result.use == "with-care" else ""
+    reason = f": {text_of(result.use_reason)}" if result.use == "with-care" else ""
     return f"{text}{reason}."
 
 
@@ -177,7 +177,7 @@ def survey_lines(results: Sequence[DiagnosisResult], width: int = WIDTH) -> list
         table = [[row[place] for place in filled] for row in (columns, *rows)]
         lines += [*table_lines(table, width), ""]
     unusable = [
-        (name, f"{result.use_reason}; {result.remedy}")
+        (name, f"{text_of(result.use_reason)}; {text_of(result.remedy)}")
         for name, result in diagnosed
         if result.use == "do-not-use"
         and result.modulus is None
@@ -426,7 +426,8 @@ def diagnosis_sentence(result: DiagnosisResult, units: Units = SI) -> str:
     part that is unexplained.
     """
     if result.after is None and not result.effects:
-        return f"not made: {next(iter(result.warnings), 'no reason was given')}"
+        reason = text_of(next(iter(result.warnings), None))
+        return f"not made: {reason or 'no reason was given'}"
     before, after = (facts_of_state(state)["modulus"] for state in (result.before, result.after))
     effects = ", ".join(_words(effect.name) for effect in result.effects)
     moduli = units.show(after)
@@ -435,7 +436,7 @@ def diagnosis_sentence(result: DiagnosisResult, units: Units = SI) -> str:
     return (
         f"{clean(result.verdict).upper()}{effects and f', found {effects}'}: E {moduli}, "
         f"{USES[result.use]}; {percent(result.explained_to)} of the peak unexplained, allowance "
-        f"included{f'; {result.remedy}' if result.use == 'do-not-use' else ''}"
+        f"included{f'; {text_of(result.remedy)}' if result.use == 'do-not-use' else ''}"
     )
 
 

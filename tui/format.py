@@ -10,7 +10,7 @@ from pfwd.analysis.results import DropResult
 from pfwd.digits import MISSING, declared, significant
 from pfwd.export.json_text import json_text
 from pfwd.facts import UNEXPLAINED, fact_of_modulus, facts_of_drop
-from pfwd.message_groups import as_ranges, group_messages
+from pfwd.message_groups import Notice, as_ranges, group_messages, text_of
 from pfwd.procedures import Kind, PointDrop, Quantity, judge
 from pfwd.procedures.point import UNSUPPORTED_MARK
 from pfwd.units import SI, Fact, percent
@@ -67,7 +67,7 @@ def result_lines(results: Sequence[DropResult], by: By = "drop") -> list[str]:
         notes = [_MARK_NOTE] if any(UNSUPPORTED_MARK in line for line in lines) else []
         notes += [_CONTACT_NOTE] if inverted and not is_single else []
         lines += ["  " + "; ".join(notes)] if notes else []
-        rejected = [(r, r.reason or MISSING) for r in of_file if r.status == "rejected"]
+        rejected = [(r, r.reason) for r in of_file if r.reason is not None]
         lines += _message_lines(of_file, "rejected", rejected)
         # The reason of a rejected drop is printed already.
         warnings = [(r, text) for r in of_file for text in r.warnings if text != r.reason]
@@ -240,7 +240,7 @@ def _search_lines(rows: Sequence[DropResult]) -> list[str]:
 
 
 def _message_lines(
-    results: Sequence[DropResult], kind: str, messages: Iterable[tuple[DropResult, str]]
+    results: Sequence[DropResult], kind: str, messages: Iterable[tuple[DropResult, Notice]]
 ) -> list[str]:
     """Return messages about drops as lines, each once with its points, or the drops of a point."""
     points, drops = (
@@ -316,7 +316,7 @@ def drop_line(point: str, number: int, result: DropResult) -> str:
     status = _text(result.status)
     facts = facts_of_drop(result)
     if SI.value("modulus", result.modulus_pa) is None:
-        return f"{name}  {status}" + (f": {clean(result.reason)}" if result.reason else "")
+        return f"{name}  {status}" + (f": {clean(text_of(result.reason))}" if result.reason else "")
     equivalent = SI.show(facts["equivalent"])
     parts = [
         f"{name}  E {SI.show(facts['modulus'])}",

@@ -13,6 +13,7 @@ from pfwd.facts import fact_of_modulus, fact_of_value
 from pfwd.judging import Job, PointView, SurveyView
 from pfwd.judging.advice import advice_on_drop
 from pfwd.judging.job import target_text
+from pfwd.message_groups import Notice, text_of
 from pfwd.procedures import Verdict
 from pfwd.session.events import (
     DropAnalysed,
@@ -97,7 +98,7 @@ class SessionLines:
             text = point_text(point)
         else:  # a drop was discarded or moved; only complete points have the key `complete`
             text = f"point {clean(point.name)} is not complete any more: "
-            text += point.progress.instruction
+            text += text_of(point.progress.instruction)
             del record["complete"]
             record["open_again"] = True
         log.info("%s", text)
@@ -188,13 +189,13 @@ class SessionLines:
         for text in (*event.differences, *event.warnings):
             self._say(text)
 
-    def _checked(self, details: Mapping[str, Any], faults: tuple[str, ...]) -> None:
+    def _checked(self, details: Mapping[str, Any], faults: tuple[Notice, ...]) -> None:
         zero, ratio = details["zero_n"], details["span_ratio"]
         span = "no shunt to check the span" if ratio is None else f"span {100 * ratio:.1f} %"
         verdict = "OK" if not faults else "NOT OK"
         self._say(f"load cell {verdict}: zero {zero:.0f} N, {span}")
         for fault in faults:
-            self._say(fault, logging.WARNING)
+            self._say(text_of(fault), logging.WARNING)
 
     def _saved(self, event: DropSaved) -> None:
         saved = event.saved
@@ -202,7 +203,7 @@ class SessionLines:
         where = "" if saved.spare is None else f" in the spare folder {saved.spare}"
         log.info("drop %s/%s saved as %s%s", saved.point, saved.number, saved.record, where)
         for mark in saved.view.marks:
-            self._say(f"drop {saved.point}/{saved.number}: {mark}", logging.WARNING)
+            self._say(f"drop {saved.point}/{saved.number}: {text_of(mark)}", logging.WARNING)
         if self._bell:
             print("\a", end="", file=sys.stderr, flush=True)
         if not self._analysed or saved.screening.status == "rejected":
@@ -304,7 +305,7 @@ def point_text(point: PointView) -> str:
     if progress.target is not None:
         parts.append(f"target {target_text(progress.target)}")
     if progress.verdict is not Verdict.NONE:
-        parts.append(f"{progress.verdict.value.upper()}: {progress.verdict_reason}")
+        parts.append(f"{progress.verdict.value.upper()}: {text_of(progress.verdict_reason)}")
     used = [depth for number, _, depth in progress.compaction if number in progress.used]
     if used:
         listed = ", ".join(SI.text("settlement", depth) for depth in used)

@@ -25,7 +25,7 @@ from inversion.drop_inversion import tables_of
 from inversion.forward.library import BuildProgress
 from inversion.forward.model import Instrument
 from inversion.measured.record import CALIBRATED_ERROR, UNCALIBRATED_ERROR, Sensor
-from inversion.notices import Notice, codes
+from inversion.notices import Notice, codes, text_notice
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.response_tables import library_of_process
@@ -154,7 +154,7 @@ def analyse_point(
     groups += [[index] for index in records if index not in together]
     joint_results: dict[int, InversionResult] = {}
     stored: dict[int, DropResult] = {}
-    faults: dict[int, str] = {}
+    faults: dict[int, Notice] = {}
     requests: dict[int, AnalysisRequest] = {}
     for group in groups:
         for i in group:
@@ -168,7 +168,7 @@ def analyse_point(
         try:
             results = invert_joint([records[i] for i in group], settings, library)
         except InversionError as error:
-            faults |= dict.fromkeys(group, str(error))
+            faults |= dict.fromkeys(group, text_notice(str(error)))
         else:
             joint_results |= dict(zip(group, results, strict=True))
     return [
@@ -221,7 +221,7 @@ def analyse_drop(
         record = record_of(unbroken_part(drop)[0], setup, options, screening.left_out)
         (result,) = invert_joint([record], settings, library, preceding)
     except InversionError as error:
-        return DropAnalysis(drop, screening, None, str(error), setup)
+        return DropAnalysis(drop, screening, None, text_notice(str(error)), setup)
     request = None if preceding else _request_of([record], settings, options, screening)
     return DropAnalysis(drop, screening, result, setup=setup, request=request)
 

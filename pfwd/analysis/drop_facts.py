@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inversion.errors import RecordFormatError
-from inversion.notices import Notice, invalidating, text_notice
+from inversion.notices import Notice, invalidating
 from pfwd.analysis.results import DropResult, MeasuredFacts, fit_fault
 from pfwd.analysis.screening.drops import CENTRE, Screening, pulse_peak, unbroken_part
 from pfwd.files.header import IMPORTED, PEAK_DEVIATIONS, PointSetup
@@ -52,7 +52,6 @@ def point_drop(
     setup: PointSetup,
     screening: Screening,
     result: DropResult | None = None,
-    discarded: str | None = None,
 ) -> PointDrop:
     """Return the facts of a drop that a procedure judges.
 
@@ -65,26 +64,22 @@ def point_drop(
     screening : Screening
     result : DropResult, optional
         Supplies the fitted modulus.
-    discarded : str, optional
-        Reason of the operator who discarded it, possibly empty; None: it is not discarded.
 
     Returns
     -------
     PointDrop
     """
     if drop.only_peaks is not None and not setup.is_stiffness_test:
-        return _of_peaks(drop.number, drop.only_peaks, setup, discarded)
+        return _of_peaks(drop.number, drop.only_peaks, setup)
     if screening.status == "rejected":
         return PointDrop(drop.number, Kind.REJECTED, reason=screening.reason)
-    kind = Kind.DISCARDED if discarded is not None else Kind(screening.status)
     unbroken = unbroken_part(drop)[0]
     peak, start, duration = _pulse_of(unbroken)
     facts: dict[str, Any] = {"peak_load": peak, "pulse_duration": duration}
     centre = [channel for channel in unbroken.channels if abs(channel.offset) < CENTRE]
     if centre and duration:
         facts |= _deflection(unbroken, centre[0], setup, start, duration)
-    reason = text_notice(discarded) if discarded else None
-    fact = PointDrop(drop.number, kind, reason=reason, **facts)
+    fact = PointDrop(drop.number, Kind(screening.status), **facts)
     return with_modulus(fact, result, setup, screening.warnings)
 
 
@@ -137,21 +132,18 @@ def judged_deflection(drop: Drop, setup: PointSetup) -> JudgedDeflection | None:
     return JudgedDeflection(unbroken.time[part], moved[part] - moved[start])
 
 
-def _of_peaks(number: int, peaks: Peaks, setup: PointSetup, discarded: str | None) -> PointDrop:
+def _of_peaks(number: int, peaks: Peaks, setup: PointSetup) -> PointDrop:
     """Return the facts of a drop without traces.
 
     Procedures judge it, although it cannot be inverted.
     """
     kind = Kind.SEATING if number <= setup.seating_drops else Kind.MEASURED
-    if discarded is not None:
-        kind = Kind.DISCARDED
     centre = peaks.centre
     return PointDrop(
         number,
         kind,
         peak_load=peaks.load,
         peak_deflection=centre if centre is not None and centre > 0 else None,
-        reason=text_notice(discarded) if discarded else None,
     )
 
 

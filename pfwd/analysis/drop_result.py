@@ -44,7 +44,7 @@ def drop_result(
             analysis.stored, file=name, point=point, drop=number, refit=None, stored=True
         )
     status: DropStatus = analysis.screening.status
-    reason: str | None = analysis.screening.reason
+    reason = analysis.screening.reason
     if analysis.fault is not None:
         status, reason = "rejected", analysis.fault
     warnings = [*point_warnings, *analysis.screening.warnings]
@@ -61,7 +61,7 @@ def drop_result(
         point=point,
         drop=analysis.drop.number,
         status=status,
-        reason=str(reason) if status == "rejected" else None,
+        reason=reason if status == "rejected" else None,
         **_peaks(analysis),
         warnings=tuple(warnings),
         **fields,

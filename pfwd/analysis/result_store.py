@@ -157,7 +157,7 @@ def store_drop_results(
         is_in_force = counting or counts(by_number[number], result)
         label = None if is_in_force else result.settings or "other"
         plain = dataclasses.replace(result, refit=label, diagnosis=None)  # kept by itself
-        to_store.append((number, "drop" if is_in_force else "trial", plain.to_json()))
+        to_store.append((number, "drop" if is_in_force else "trial", plain.to_stored()))
     return _store(folder, to_store, survey)
 
 

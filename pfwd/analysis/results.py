@@ -18,7 +18,7 @@ from inversion.diagnosis.findings import FittedState as FittedState
 from inversion.diagnosis.findings import HeldOut as HeldOut
 from inversion.diagnosis.findings import HeldOutPart as HeldOutPart
 from inversion.errors import RecordFormatError
-from inversion.notices import Notice, invalidating
+from inversion.notices import Notice, invalidating, text_of
 from inversion.records import Interval, JsonRecord, not_stored
 from inversion.result import HalfSinePulse as HalfSinePulse
 from inversion.result import InversionResult
@@ -35,7 +35,7 @@ from pfwd.display import (
     count,
     draw_fit,
     draw_residual,
-    text_of,
+    one_line,
     warning_count,
 )
 from pfwd.errors import SurveyError, refusal
@@ -150,7 +150,8 @@ class DiagnosisResult(JsonRecord, Displayable):
         written = self.to_stored()
         written.pop("fits", None)
         alone = replace(self, point_modulus=None)
-        return written | {key: getattr(alone, key) for key in self.DERIVED}
+        derived = {key: getattr(alone, key) for key in self.DERIVED}
+        return written | derived | {"use_reason": text_of(alone.use_reason)}
 
     def fit_of(self, drop: int) -> DiagnosedDrop | None:
         """Return the fits of a drop by its number; None: it was not fitted."""
@@ -224,9 +225,9 @@ class DiagnosisResult(JsonRecord, Displayable):
         return None if use == self.use else use
 
     @property
-    def remedy(self) -> str:
-        """Advice for a new measurement if the modulus is not to be used; else empty."""
-        return self._assess_modulus().remedy if self._fault is None else _REMEDY_FAULT
+    def remedy(self) -> Notice | None:
+        """Advice for a new measurement if the modulus is not to be used; else None."""
+        return self._assess_modulus().remedy if self._fault is None else Notice("repeat")
 
     def _assess_modulus(self) -> _UseAssessment:
         after = self.after
@@ -239,10 +240,11 @@ class DiagnosisResult(JsonRecord, Displayable):
         """Return the use that the diagnosis permits for a modulus, Pa, with its interval."""
         explained_to = self.explained_to
         if value is None or ends is None or explained_to is None or not 0.0 < value < math.inf:
-            return _UseAssessment("do-not-use", Notice("modulus-open"), self._remedy(_REMEDY_OPEN))
+            reason = Notice("modulus-open")
+            return _UseAssessment("do-not-use", reason, self._remedy("repeat-longer"))
         fault = invalidating(self.warnings, "record")
         if fault is not None:
-            return _UseAssessment("do-not-use", fault, self._remedy(_REMEDY_UNITS))
+            return _UseAssessment("do-not-use", fault, self._remedy("correct-declarations"))
         low, high = ends
         if self.verdict in ("clean", "explained"):
             reach = max(high - value, value - low) / value
@@ -250,33 +252,33 @@ class DiagnosisResult(JsonRecord, Displayable):
                 return _UseAssessment("design", Notice(f"record-is-{self.verdict}"))
             shares = {"reach": reach, "limit": NARROW_FOR_DESIGN}
             reason = Notice("interval-too-wide", shares)
-            return _UseAssessment("do-not-use", reason, self._remedy(_REMEDY_WIDE))
+            return _UseAssessment("do-not-use", reason, self._remedy("repeat-with-sensor"))
         if explained_to > EXPLAINED_WITH_CARE:
             shares = {"share": explained_to, "limit": EXPLAINED_WITH_CARE}
             reason = Notice("unexplained-too-much", shares)
-            return _UseAssessment("do-not-use", reason, self._remedy(_REMEDY_UNEXPLAINED))
+            return _UseAssessment("do-not-use", reason, self._remedy("repeat-seated"))
         if not high < WIDEST_WITH_CARE * low:
             reason = Notice("interval-spans", {"factor": WIDEST_WITH_CARE})
-            return _UseAssessment("do-not-use", reason, self._remedy(_REMEDY_WIDE))
+            return _UseAssessment("do-not-use", reason, self._remedy("repeat-with-sensor"))
         return _UseAssessment("with-care", Notice("unexplained-covered", {"share": explained_to}))
 
-    def _remedy(self, default: str) -> str:
+    def _remedy(self, default: str) -> Notice:
         """Return the remedy for a warning, else for the strongest effect, else the default."""
         codes = {warning.code for warning in self.warnings}
         for warned, remedy in _REMEDIES_OF_WARNINGS.items():
             if warned in codes:
-                return remedy
+                return Notice(remedy)
         strongest = next(iter(self.effects), None)
         if strongest is not None and strongest.scope == "drop" and strongest.advice:
-            return f"measure again: {strongest.advice}"
-        return default
+            return Notice("repeat-with-advice", {"advice": strongest.advice})
+        return Notice(default)
 
     def __repr__(self) -> str:
         verdict, names = str(self.verdict), [effect.name for effect in self.effects]
         if names:
             verdict += " by " if verdict == "explained" or self.corrected else ", found "
             verdict += ", ".join(names)
-        file = text_of(os.path.basename(self.file))
+        file = one_line(os.path.basename(self.file))
         parts = [f"{file}, {count(len(self.drops), 'drop')}: {verdict}"]
         if self.before is not None and self.after is not None:
             before, after = (
@@ -291,7 +293,7 @@ class DiagnosisResult(JsonRecord, Displayable):
         """Return a phrase on the use of the modulus with effects, and on what to use instead."""
         words = {"design": "design value", "with-care": "use with care"}
         instead = "use none" if self.modulus is None else "use the one before"
-        return words.get(self.use, f"do not use ({self.use_reason}), {instead}")
+        return words.get(self.use, f"do not use ({text_of(self.use_reason)}), {instead}")
 
     def __str__(self) -> str:
         line, *warnings = Displayable.__str__(self).splitlines()
@@ -309,7 +311,7 @@ class DiagnosisResult(JsonRecord, Displayable):
                 **values[label],
                 "in_force": self.modulus is not None and self.in_force == (label == "after"),
                 "use": self.use,
-                "use_reason": self.use_reason,
+                "use_reason": text_of(self.use_reason),
                 **{key: values.get(key) for key in ("plate", "plate_radius_m", "poisson_ratio")},
                 "warnings": values["warnings"],
             }
@@ -371,31 +373,18 @@ class _UseAssessment(NamedTuple):
 
     use: Use
     reason: Notice
-    remedy: str = ""
+    remedy: Notice | None = None
 
 
-_REMEDY_FAULT = "measure again"
-_REMEDY_OPEN = (
-    "measure again with one more sensor beside the plate and a longer record, or declare the depth "
-    "of rock"
-)
-_REMEDY_WIDE = "measure again with one more sensor beside the plate"
-_REMEDY_UNEXPLAINED = (
-    "measure again with the plate and the sensors newly seated; if as much stays unexplained, with "
-    "one more sensor beside the plate"
-)
-_REMEDY_DECLARATION = "correct the declaration that the warning names and diagnose again"
-_REMEDY_UNITS = "correct what the file or the setup declares and diagnose again"
-_REMEDY_GAPS = "measure again: samples of the record are missing, or its range was switched"
 _REMEDIES_OF_WARNINGS = {
-    "sensor-upside-down": _REMEDY_DECLARATION,
-    "sensors-exchanged": _REMEDY_DECLARATION,
-    "bedrock-elsewhere": _REMEDY_DECLARATION,
-    "bedrock-contradicted": _REMEDY_DECLARATION,
-    "load-steps": _REMEDY_GAPS,
-    "sensor-steps": _REMEDY_GAPS,
+    "sensor-upside-down": "correct-named-declaration",
+    "sensors-exchanged": "correct-named-declaration",
+    "bedrock-elsewhere": "correct-named-declaration",
+    "bedrock-contradicted": "correct-named-declaration",
+    "load-steps": "repeat-without-gaps",
+    "sensor-steps": "repeat-without-gaps",
 }
-"""Remedies by the code of the warning that requires them."""
+"""Codes of the remedies by the code of the warning that requires them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -430,7 +419,7 @@ class DropAnalysis:
     drop: Drop
     screening: Screening
     result: InversionResult | None
-    fault: str | None = None
+    fault: Notice | None = None
     setup: PointSetup | None = None
     """Declarations for the drop; None: its deflection is not corrected for the geophone
     response."""
@@ -494,7 +483,7 @@ class DropResult(InversionResult, Displayable):
     drop: int = 0
     """Number of the drop at its point."""
     status: DropStatus = "measured"
-    reason: str | None = None
+    reason: Notice | None = None
     """Reason why the drop was rejected."""
     peak_load_n: float | None = None
     """Peak of the measured load minus its offset, N."""
@@ -578,6 +567,15 @@ class DropResult(InversionResult, Displayable):
                 raise RecordFormatError("expected a modulus with an uncertainty, got none")
         return result
 
+    def to_json(self) -> dict[str, Any]:
+        """Return the result as values that JSON can hold, in the order of its keys."""
+        written = self.to_stored()
+        return written if self.reason is None else written | {"reason": text_of(self.reason)}
+
+    def to_stored(self) -> dict[str, Any]:
+        """Return the result with the code of its reason, as a survey stores it."""
+        return JsonRecord.to_json(self)
+
     @property
     def not_supported(self) -> Notice | None:
         """Reason why the data do not support the modulus, by the default limit; None: they do."""
@@ -636,9 +634,9 @@ class DropResult(InversionResult, Displayable):
 
     def _lines(self) -> tuple[str, str]:
         """Return the name of the drop, and its modulus with what belongs to it."""
-        name = f"drop {self.drop}" + ("" if self.point is None else f" of {text_of(self.point)}")
+        name = f"drop {self.drop}" + ("" if self.point is None else f" of {one_line(self.point)}")
         if self.modulus_pa is None:
-            return name, f"{self.status}, {text_of(self.reason or 'no modulus')}"
+            return name, f"{self.status}, {one_line(text_of(self.reason) or 'no modulus')}"
         warned = warning_count(self.warnings)
         return name, f"E {self.modulus_words}; {self.assumptions}; {warned}"
 
@@ -666,7 +664,7 @@ class DropResult(InversionResult, Displayable):
         if history is None and self.read_history is not None:
             history = self.read_history()
         if history is None:
-            hint = self.reason or "make a new one with pfwd.invert"
+            hint = text_of(self.reason) or "make a new one with pfwd.invert"
             expected = "a result with traces to draw"
             raise SurveyError(refusal(f"drop {self.drop}", expected, "one without", hint))
         title = "\n".join(self._lines())

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from inversion import notices
-from inversion.notices import WARNING_CODES, WARNINGS, Notice, Value
+from inversion.notices import WARNING_CODES, WARNINGS, Notice, Value, text_of
 from inversion.records import stored_fields, without_nan
 from pfwd.analysis.drop_facts import corrected_deflection
 from pfwd.analysis.result_columns import N_LAYERS, nested_cells
@@ -32,7 +32,6 @@ from pfwd_device.recording.index import no_collections
 from pfwd_device.text import clean
 
 NO_RESULT_STATUS = "no result"
-NOT_INVERTED = "not inverted yet: pfwd export --invert does it"
 MAX_CELL_CHARACTERS = 4096
 """Longest text of a cell; a note may be as long."""
 
@@ -234,10 +233,11 @@ def _row(
         obstacle = Notice("stiffness-test" if on_rig(declared) else "peaks-only")
         values |= {"status": "rejected", "reason": obstacle, "warnings": []}
     elif drop.last_result is None:
-        fault = None if drop.fault is None else f"damaged: {drop.fault}"
         discarded = inverted and (point.discarded or drop.discarded is not None)
-        why = "discarded drops are not inverted" if discarded else NOT_INVERTED
-        values |= {"status": NO_RESULT_STATUS, "reason": fault or why, "warnings": []}
+        why = Notice("discarded-not-inverted" if discarded else "not-inverted")
+        if drop.fault is not None:
+            why = Notice("damaged", {"fault": drop.fault})
+        values |= {"status": NO_RESULT_STATUS, "reason": why, "warnings": []}
     else:
         values |= _result(drop.last_result, stored_point, drop)
         values["modulus_not_supported"] = point.progress.withheld or drop.last_result.not_supported
@@ -250,8 +250,13 @@ def _row(
         elif kind is DropKind.REJECTED and drop.discarded is None:
             values |= {"status": kind.value, "reason": reason}
     warnings = tuple(values[WARNINGS])
-    values[WARNINGS] = _texts(warnings)
-    return Row(point, drop, place, values, _text(local_of(drop, zone)), warnings)
+    values[WARNINGS] = _texts(list(map(text_of, warnings)))
+    return Row(point, drop, place, _in_words(values), _text(local_of(drop, zone)), warnings)
+
+
+def _in_words(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values with English sentences in place of messages."""
+    return {key: _cell(text_of(v)) if isinstance(v, Notice) else v for key, v in values.items()}
 
 
 def _peak_values(
@@ -333,6 +338,7 @@ def _result(result: DropResult, point: SurveyPoint, drop: DropView) -> dict[str,
         for name, value in values.items()
     }
     cells |= without_nan(nested_cells(result))
+    cells["reason"] = result.reason
     cells[WARNINGS] = [*result.warnings, *_stale(result, point, drop)]
     return cells
 
@@ -425,7 +431,7 @@ def judged_values(point: PointView) -> dict[str, Any]:
     job, progress, diagnosis = point.job, point.progress, point.diagnosis_in_force
     value, fitted, in_force = progress.value, progress.fitted_modulus, progress.modulus_in_force
     low, high = (None, None) if value is None or value.interval is None else value.interval
-    return {
+    values = {
         "procedure": None if job.procedure is None else job.procedure.name,
         "quantity": str(job.quantity),
         "value": None if value is None else number(value.value),
@@ -446,6 +452,7 @@ def judged_values(point: PointView) -> dict[str, Any]:
         "modulus_source": None if in_force is None else in_force.source,
         "modulus_not_supported": progress.withheld if fitted is None else fitted.not_supported,
     }
+    return _in_words(values)
 
 
 def _use_values(progress: PointProgress, diagnosis: DiagnosisResult | None) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from itertools import count, groupby
 from typing import Any
 
+from inversion.notices import text_of
 from pfwd.analysis.screening.drops import unbroken_part
 from pfwd.errors import SurveyError, refusal
 from pfwd.export.output import new_file, new_folder
@@ -113,9 +114,9 @@ def _is_exportable(drop: Drop, point: TracePoint, notes: list[str]) -> bool:
     _, reason, warning = unbroken_part(drop)
     name = f"{point.setup.point}/{drop.number}"
     if reason is not None:
-        notes.append(f"drop {name} is left out: {reason}")
+        notes.append(f"drop {name} is left out: {text_of(reason)}")
     elif warning is not None:
-        notes.append(f"drop {name}: {warning}")
+        notes.append(f"drop {name}: {text_of(warning)}")
     return reason is None
 
 

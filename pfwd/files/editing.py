@@ -34,6 +34,9 @@ from pfwd_device.recording.record import point_name
 MOVED_TO = "moved_to"
 """Key in the value of a discard: name of the point and number of the drop that replaces it."""
 
+MOVED = "moved"
+"""Code of the message that names the new place of a moved drop."""
+
 
 @dataclass(frozen=True, slots=True)
 class Edit:
@@ -460,7 +463,7 @@ def _copy_in_use(survey: Survey, drop: SurveyDrop) -> SurveyDrop | None:
     by_name = {(each.point, each.drop): each for each in survey.drops}
     copy, visited = drop, {drop.number}
     while copy.discarded:
-        place = _place_after_move(_last_discard(copy))
+        place = _place_after_move(last_discard(copy))
         following = by_name.get((place["point"], place["drop"])) if place else None
         if following is None or following.number in visited:
             return None
@@ -493,20 +496,20 @@ def moved_drops(folder: str | os.PathLike[str]) -> dict[int, Notice]:
     places = {
         drop.number: place
         for drop in survey.drops
-        if drop.discarded and (place := moved_to(_last_discard(drop))) is not None
+        if drop.discarded and (place := discard_reason(last_discard(drop))).code == MOVED
     }
     survey.close()
     return places
 
 
-def _last_discard(drop: SurveyDrop) -> object:
+def last_discard(drop: SurveyDrop) -> object:
     """Return the value of the last discard of a drop; None: it was never discarded."""
     values = [edit.get("value") for edit in drop.edits if edit["what"] == "discard"]
     return values[-1] if values else None
 
 
-def moved_to(value: object) -> Notice | None:
-    """Return the new place of a drop as message, such as "moved to point P2, drop 3".
+def discard_reason(value: object) -> Notice:
+    """Return why a drop does not count, such as "moved to point P2, drop 3".
 
     Parameters
     ----------
@@ -515,8 +518,10 @@ def moved_to(value: object) -> Notice | None:
 
     Returns
     -------
-    Notice or None
-        None: the drop was discarded, not moved.
+    Notice
+        Its code is `MOVED`, if the drop was moved.
     """
     place = _place_after_move(value)
-    return None if place is None else Notice("moved", {k: str(v) for k, v in place.items()})
+    if place is not None:
+        return Notice(MOVED, {key: str(name) for key, name in place.items()})
+    return Notice("discarded-because", {"reason": str(value)}) if value else Notice("discarded")

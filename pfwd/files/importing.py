@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from inversion.notices import text_of
 from pfwd.errors import OptionError, SurveyError, quote, refusal
 from pfwd.files.folders import is_survey, is_survey_file, spare_folder
 from pfwd.files.foreign.common import Channels
@@ -199,7 +200,7 @@ def _save(
     writer.publish(saved)
     kind, remarks = kind_of(record.drop, record.declared), remarks_of(record.declared)
     if (fault := copy_fault(record.metadata)) is not None:
-        remarks += (f"drop {number}: {fault}; the point gets no verdict with it",)
+        remarks += (f"drop {number}: {text_of(fault)}; the point gets no verdict with it",)
     return Imported(file, record.point, number, saved, kind=kind, remarks=remarks)
 
 

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from inversion.notices import Notice, text_notice
+from inversion.notices import Notice
 from pfwd.analysis.diagnosed_drop import DiagnosedDrop
 from pfwd.analysis.drop_facts import JudgedDeflection, uncompared_facts, with_modulus
 from pfwd.analysis.results import DropResult, TimeHistories
 from pfwd.analysis.screening.drops import Screening, rebound_reason, screen
+from pfwd.files.editing import MOVED
 from pfwd.files.header import PointSetup
 from pfwd.files.record_marks import SATURATED, copy_fault, marks_in
 from pfwd.peaks.stiffness import Stiffness
@@ -38,10 +39,8 @@ class DropView:
     """Peak of the load pulse, N, which is compared to recognise rebounds; 0: it is not compared."""
     setup: PointSetup
     """Setup as declared now, later edits included."""
-    discarded: Notice | str | None = None
-    """Reason for which the operator discarded it, possibly empty; None: it is not discarded."""
-    moved_to: Notice | None = None
-    """Sentence that names the point to which the operator moved it; None: it was not moved."""
+    discarded: Notice | None = None
+    """Reason for which the operator discarded or moved it; None: it counts."""
     result: DropResult | None = None
     """Result to show: the last one, if it was computed with the present setup; None: there is
     none."""
@@ -94,6 +93,12 @@ class DropView:
         return marks_in(self.metadata)
 
     @property
+    def moved_to(self) -> Notice | None:
+        """Message that names the point to which the operator moved it; None: it was not moved."""
+        is_moved = self.discarded is not None and self.discarded.code == MOVED
+        return self.discarded if is_moved else None
+
+    @property
     def saturation(self) -> Notice | None:
         """Mark of a saturated channel; None: no channel reached the end of its range."""
         return next((mark for mark in self.marks if mark.code == SATURATED), None)
@@ -130,8 +135,7 @@ class DropView:
             facts = dataclasses.replace(facts, record_fault=fault, fit_fault=fault)
         if self.discarded is None or facts.kind is Kind.REJECTED:
             return facts
-        reason = text_notice(self.discarded) if self.discarded else None
-        return dataclasses.replace(facts, kind=Kind.DISCARDED, reason=reason)
+        return dataclasses.replace(facts, kind=Kind.DISCARDED, reason=self.discarded)
 
     @property
     def pulse_peak(self) -> float:

@@ -178,7 +178,7 @@ class PointView:
             "value": values["value"],
             "target": progress.target,
             "verdict": progress.verdict.value,
-            "verdict_reason": progress.verdict_reason,
+            "verdict_reason": values["verdict_reason"],
             "verdict_reason_code": values["verdict_reason_code"],
             **in_force_as_dict(progress.modulus_in_force),
             "used": list(progress.used),

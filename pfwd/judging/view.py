@@ -20,7 +20,7 @@ from pfwd.analysis.result_store import (
 )
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.errors import SurveyError
-from pfwd.files.editing import later_declarations, moved_to
+from pfwd.files.editing import discard_reason, last_discard, later_declarations
 from pfwd.files.folders import is_survey, is_survey_file
 from pfwd.files.header import Declaration, PointSetup, setup_from
 from pfwd.files.opening import survey_content
@@ -174,10 +174,8 @@ def _drop_view(drop: SurveyDrop, later: Mapping[str, Any], before: DropView | No
     before : DropView, optional
         The drop before it; if both have the same setup, which is the rule, it is checked once.
     """
-    discarded, moved = _discarding_of(drop)
     recorded: dict[str, Any] = {
-        "discarded": discarded,
-        "moved_to": moved,
+        "discarded": discard_reason(last_discard(drop)) if drop.discarded else None,
         "record": drop.number,
         "notes": drop.notes,
         "source": drop,
@@ -214,7 +212,8 @@ def _damaged(drop: SurveyDrop, err: Exception, recorded: Mapping[str, Any]) -> D
     reason = Notice("record-unreadable", {"fault": str(err)})
     facts = PointDrop(drop.drop, Kind.REJECTED, reason=reason)
     # The damage is reported, even of a drop that was discarded or moved.
-    return DropView(facts, 0.0, NO_SETUP, **{**recorded, "moved_to": None, "result": None})
+    discarded = recorded["discarded"] and Notice("discarded")
+    return DropView(facts, 0.0, NO_SETUP, **{**recorded, "discarded": discarded, "result": None})
 
 
 def recorded_fields(record: DropFacts, before: DropView | None) -> dict[str, Any]:
@@ -262,19 +261,6 @@ def setup_now(declared: Mapping[str, Any], later: Mapping[str, Any], where: str)
     return setup_from(
         {key: Declaration(value, where) for key, value in declarations.items()}, where
     )
-
-
-def _discarding_of(drop: SurveyDrop) -> tuple[Notice | str | None, Notice | None]:
-    """Return the reason for which a drop was discarded, and the message that names its new point.
-
-    Each is None if it does not apply.
-    """
-    if not drop.discarded:
-        return None, None
-    reasons = [edit.get("value") for edit in drop.edits if edit["what"] == "discard"]
-    reason = reasons[-1] if reasons else None
-    moved = moved_to(reason)
-    return moved or str(reason or ""), moved
 
 
 def _target_of(point: SurveyPoint) -> float | None:

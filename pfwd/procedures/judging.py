@@ -376,8 +376,8 @@ def next_step(
     sorted_drops: SortedDrops,
     violated: Sequence[Notice],
     faults: Sequence[Notice],
-) -> tuple[Kind | None, str]:
-    """Return the kind of the next drop, and one sentence of instruction.
+) -> tuple[Kind | None, Notice]:
+    """Return the kind of the next drop, and the instruction for the operator.
 
     The kind is None when the point is done.
 
@@ -391,30 +391,29 @@ def next_step(
         Faults that the other enforced checks of the procedure report.
     """
     seating, measured = procedure.seating_drops, procedure.measured_drops
-    repeated = _drop_to_repeat(sorted_drops)
-    prefix, request = "", "Lift the weight for "
-    if repeated is not None:
-        prefix = request = f"Drop {repeated.number} does not count ({repeated.reason}): "
+    kind = Kind.MEASURED
     if seating is not None and sorted_drops.seating < seating:
-        return Kind.SEATING, f"{request}seating drop {sorted_drops.seating + 1} of {seating}."
-    if measured is None:
-        if prefix:
-            return Kind.MEASURED, f"{prefix}a measured drop."
-        if sorted_drops.complete:
-            return Kind.MEASURED, "Enough for a mean; another measured drop makes it more certain."
-        return Kind.MEASURED, "Lift the weight."
-    if not sorted_drops.complete:
-        number = len(sorted_drops.used) + 1
-        return Kind.MEASURED, f"{request}measured drop {number} of {measured}."
-    if violated:
-        sentence = f"{violated[0][0].upper()}{violated[0][1:]}"
-        return None, f"{sentence}: correct it and measure the point again beside this place."
-    if faults:
-        return None, (
-            f"{faults[0][0].upper()}{faults[0][1:]}: see that the plate lies flat, and measure the "
-            "point again beside this place."
-        )
-    return None, "The point is done: walk to the next."
+        kind = Kind.SEATING
+        numbers = {"number": sorted_drops.seating + 1, "required": seating}
+        following = Notice("next-seating-drop", numbers)
+    elif measured is None:
+        following = Notice("enough-drops" if sorted_drops.complete else "next-drop")
+    elif not sorted_drops.complete:
+        numbers = {"number": len(sorted_drops.used) + 1, "required": measured}
+        following = Notice("next-measured-drop", numbers)
+    elif violated:
+        return None, Notice("correct-and-repeat", {"fault": violated[0]})
+    elif faults:
+        return None, Notice("seat-and-repeat", {"fault": faults[0]})
+    else:
+        return None, Notice("point-done")
+    repeated = _drop_to_repeat(sorted_drops)
+    if repeated is None:
+        return kind, following
+    if measured is None and kind is Kind.MEASURED:
+        following = Notice("next-drop")
+    values: dict[str, Value] = {"drop": repeated.number, "reason": repeated.reason}
+    return kind, Notice("drop-does-not-count", {**values, "next": following})
 
 
 def _drop_to_repeat(sorted_drops: SortedDrops) -> ExcludedDrop | None:

@@ -5,11 +5,11 @@ All classes are immutable.
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import StrEnum
 from typing import Any, Literal
 
-from inversion.notices import Notice
+from inversion.notices import Notice, text_of
 from pfwd.procedures.profile import Quantity
 
 LARGEST_PLATE_RADIUS_M = 10.0
@@ -259,8 +259,8 @@ class PointProgress:
 
     next_kind: Kind | None
     """Kind of the next drop; None: the point is complete."""
-    instruction: str
-    """Next step for the operator, in one sentence."""
+    instruction: Notice
+    """Next step for the operator."""
     seating_done: int
     """Number of seating drops so far."""
     seating_wanted: int | None
@@ -334,11 +334,11 @@ class PointProgress:
 
         Quantities are in SI units; the keys are the names of the fields.
         """
-        values = {key: _plain(value) for key, value in asdict(self).items()}
+        values: dict[str, Any] = _plain(self)
         if self.value is not None:
             values["value"]["unit"] = self.value.unit
-        excluded = [[drop.number, drop.reason] for drop in self.excluded]
-        more = {"excluded": excluded, "target_source": self.target_source or ""}
+        excluded = [[drop.number, text_of(drop.reason)] for drop in self.excluded]
+        more = {"excluded": excluded, "target_source": text_of(self.target_source)}
         return values | more | in_force_as_dict(self.modulus_in_force)
 
 
@@ -368,4 +368,8 @@ def _plain(value: Any) -> Any:
         return [_plain(item) for item in value]
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, Notice):
+        return text_of(value)
+    if is_dataclass(value):
+        return {item.name: _plain(getattr(value, item.name)) for item in fields(value)}
     return value

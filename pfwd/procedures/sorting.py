@@ -83,10 +83,7 @@ def sort_drops(
             seating += 1
             exclude(Exclusion.SEATING, _seating_drop(seating, required_seating))
         elif drop.kind is Kind.DISCARDED:
-            because = Notice("discarded")
-            if drop.reason:
-                because = Notice("discarded-because", {"reason": drop.reason})
-            exclude(Exclusion.DISCARDED, because)
+            exclude(Exclusion.DISCARDED, drop.reason or Notice("discarded"))
         elif fault:
             exclude(Exclusion.FAULT, fault)
         else:

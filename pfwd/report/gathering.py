@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from inversion import InversionError, SurrogateLibrary
-from inversion.notices import Notice
+from inversion.notices import Notice, text_of
 from pfwd.analysis.analyse import ASSUMED_POISSON_RATIO, analyse_drop
 from pfwd.analysis.drop_facts import judged_deflection
 from pfwd.analysis.drop_result import drop_result
@@ -292,7 +292,8 @@ def _deviations_from_job(
     }
     if target is not None and with_target:
         targets = Counter(
-            f"{_target_of(progress)} {progress.target_source}" for progress in with_target.values()
+            f"{_target_of(progress)} {text_of(progress.target_source)}"
+            for progress in with_target.values()
         )
         listed = ", ".join(f"{count} x {text.strip()}" for text, count in targets.most_common(3))
         sentences.append(
@@ -488,7 +489,9 @@ class _Gatherer:
             assert drop.source is not None
             record = drop.source.read()
             if drop.setup is NO_SETUP:
-                raise SurveyError(f"{self.survey.folder}, point {point.title}: {drop.own.reason}")
+                raise SurveyError(
+                    f"{self.survey.folder}, point {point.title}: {text_of(drop.own.reason)}"
+                )
             if not groups or basis_of(groups[-1][0][0].setup) != basis_of(drop.setup):
                 groups.append([])
             groups[-1].append((drop, record.drop))

@@ -206,7 +206,7 @@ def _pictures(point: PointView, texts: Texts) -> list[Block]:
 
 def _target(point: PointView, report: Report, texts: Texts) -> str:
     text = formatting.target_of(point.progress.target, report.procedure.quantity, texts)
-    source = texts.message(point.progress.target_source or "")
+    source = texts.message(point.progress.target_source)
     return f"{text} ({source})" if text != formatting.NO_VALUE and source else text
 
 

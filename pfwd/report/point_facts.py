@@ -4,7 +4,7 @@ import datetime
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from inversion.notices import RANGE_DASH, without_drops
+from inversion.notices import RANGE_DASH, Notice, without_drops
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.facts import fact_of_modulus
 from pfwd.files.header import IMPORTED, declared_values
@@ -212,7 +212,7 @@ def diagnosis_counts(point: PointView) -> bool:
     return point.counting_diagnosis is not None
 
 
-def all_warnings(point: PointView) -> list[str]:
+def all_warnings(point: PointView) -> list[Notice]:
     """Return the warnings about a point and its drops, each once.
 
     Warnings of fits are not among them where the diagnosis counts in their place: they would
@@ -235,7 +235,7 @@ class PointMessages:
     """Numbers of the drops by the key of the point, where the message names any."""
 
 
-def group_point_messages(messages: Iterable[tuple[str, str]]) -> list[PointMessages]:
+def group_point_messages(messages: Iterable[tuple[str, Notice]]) -> list[PointMessages]:
     """Group messages by their meaning, whatever drops they name.
 
     Parameters
@@ -250,8 +250,8 @@ def group_point_messages(messages: Iterable[tuple[str, str]]) -> list[PointMessa
     >>> item.group.text, item.group.places, dict(item.drops)
     ('no pulse: the load changes by 5 N at most', ('A', 'B'), {'A': ('1', '2'), 'B': ('3',)})
     """
-    by_rest: list[tuple[str, str]] = []
-    numbers: list[tuple[str, str, tuple[str, ...]]] = []
+    by_rest: list[tuple[str, Notice]] = []
+    numbers: list[tuple[str, Notice, tuple[str, ...]]] = []
     for place, message in messages:
         rest, listed = without_drops(message)
         by_rest.append((place, rest))

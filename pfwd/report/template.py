@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile, ZipFile
 
+from inversion.notices import text_of
 from pfwd.errors import OptionError, quote, refusal
 from pfwd.export.rows import judged_values
 from pfwd.export.tables import FORMULA_STARTS
@@ -340,6 +341,6 @@ def drop_values(point: PointView, drop: DropView) -> Values:
         "equivalent_modulus_pa": facts.equivalent_modulus,
         "equivalent_modulus_interval_low_pa": equivalent_low,
         "equivalent_modulus_interval_high_pa": equivalent_high,
-        "reason": facts.reason,
+        "reason": text_of(facts.reason) or None,
         "note": "; ".join(drop.notes) or None,
     }

@@ -9,7 +9,7 @@ from functools import cache
 from importlib import resources
 from typing import Any
 
-from inversion.notices import ENGLISH, RANGE_DASH, Language, term_text, text_of
+from inversion.notices import ENGLISH, RANGE_DASH, Language, Notice, term_text, text_of
 from pfwd.analysis.options import METHOD_WORDS, PLATE_WORDS
 from pfwd.analysis.results import EffectResult
 from pfwd.errors import OptionError, quote, refusal
@@ -69,8 +69,8 @@ class Texts:
         """Codes of the languages that messages are translated into."""
         return tuple(_messages())
 
-    def message(self, message: str) -> str:
-        """Return a message in this language; a text without a code stays as it is."""
+    def message(self, message: Notice | None) -> str:
+        """Return a message in this language; empty for None."""
         return text_of(message, self._language)
 
     def title(self, procedure: Procedure) -> str:

@@ -108,7 +108,7 @@ class MeasuredDrop(display.Displayable):
         return kind_of(self._drop, self.declared)
 
     def __repr__(self) -> str:
-        where = "" if self.point is None else f" of {display.text_of(self.point)}"
+        where = "" if self.point is None else f" of {display.one_line(self.point)}"
         peak = "samples missing"
         if self.peak_load is not None:
             peak = f"peak {self.peak_load / 1e3:.3g} kN"
@@ -213,7 +213,7 @@ class MeasuredPoint(display.Displayable, tuple[MeasuredDrop, ...]):
     """Drops in the order of the file."""
 
     def __repr__(self) -> str:
-        name = display.text_of(self.name if self.name is not None else self.file)
+        name = display.one_line(self.name if self.name is not None else self.file)
         radius = self._point.setup.plate_radius
         return f"Point({name}: {display.count(len(self), 'drop')}, plate of radius {radius:g} m)"
 
@@ -251,7 +251,7 @@ class Points(display.DisplayableList[MeasuredPoint]):
 
     def __repr__(self) -> str:
         drops = display.count(len(self.drops), "drop")
-        name = display.text_of(os.path.basename(self.file) or self.file)
+        name = display.one_line(os.path.basename(self.file) or self.file)
         return f"Points({name}: {display.count(len(self), 'point')}, {drops})"
 
     def to_dict(self) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 from numpy.typing import ArrayLike
 
-from inversion.notices import Notice
+from inversion.notices import Notice, text_of
 from pfwd import display
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult as Result
@@ -39,7 +39,9 @@ class Results(display.DisplayableList[Result]):
     @property
     def warnings(self) -> tuple[Notice, ...]:
         """Warnings of all drops, equal ones once."""
-        return tuple(dict.fromkeys(text for drop in self for text in drop.warnings))
+        return tuple(
+            {text_of(warning): warning for drop in self for warning in drop.warnings}.values()
+        )
 
     def __repr__(self) -> str:
         used = self.measured
@@ -59,7 +61,7 @@ class Results(display.DisplayableList[Result]):
         return list(dict.fromkeys(r.assumptions for r in self if r.modulus is not None))
 
     def __str__(self) -> str:
-        warnings = [f"  warning: {display.text_of(text)}" for text in self.warnings]
+        warnings = [f"  warning: {display.one_line(text_of(item))}" for item in self.warnings]
         return "\n".join([*map(repr, self), *warnings])
 
     def plot(self, ax: Axes | None = None) -> Axes:

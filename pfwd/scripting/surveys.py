@@ -113,7 +113,7 @@ class StoredSurvey(display.Displayable):
         return curves if fit is None else fit.drawn_on(curves)
 
     def __repr__(self) -> str:
-        name = display.text_of(os.path.basename(os.path.normpath(self.path)))
+        name = display.one_line(os.path.basename(os.path.normpath(self.path)))
         content, count = self._content, display.count
         points, drops = count(len(content.points), "point"), count(len(content.drops), "drop")
         stored = sum(row.drop.last_result is not None for row in self._order.rows)

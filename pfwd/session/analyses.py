@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from inversion.notices import Notice, text_notice
 from pfwd.analysis import tasks
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.options import AnalysisOptions
@@ -144,13 +145,12 @@ class Analyses:
                 self._take(self._responses.get(timeout=remaining))
         if not self._pending:
             return
-        fault = "the analysis did not end in time; the drop is safe, run pfwd invert later"
         text = f"analyses that did not end in time: {len(self._pending)}. The drops are safe; run "
         self._report(SessionNotice(text + "pfwd invert on the survey", serious=True))
         unfinished, self._pending = list(self._pending.values()), {}
         for pending in unfinished:
             if pending.urgency is Urgency.QUICK:  # the drop has no result at all
-                result = _failed(pending.saved, fault)
+                result = _failed(pending.saved, Notice("analysis-not-ended"))
                 self._report(DropAnalysed(pending.saved, None, result, None, False, True))
 
     def close(self) -> None:
@@ -171,7 +171,7 @@ class Analyses:
         saved, full = pending.saved, pending.urgency is Urgency.FULL
         curves = None
         if error is not None:
-            result = _failed(saved, tasks.failure_text(error))
+            result = _failed(saved, text_notice(tasks.failure_text(error)))
         else:
             result, curves = response.result()
             if saved.record is not None:
@@ -182,7 +182,7 @@ class Analyses:
         self._report(DropAnalysed(saved, delay, result, curves, full, pending.final))
 
 
-def _failed(saved: SavedDrop, fault: str) -> DropResult:
+def _failed(saved: SavedDrop, fault: Notice) -> DropResult:
     """Return the result of a drop whose inversion failed; it has the reason and no modulus."""
     failed = DropAnalysis(saved.drop, saved.screening, None, fault, saved.setup)
     return drop_result(saved.file, failed)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from inversion.notices import Notice
+from inversion.notices import Notice, text_of
 from pfwd.analysis.drop_facts import FACTS_KEY, facts_to_store
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DiagnosisResult, DropResult, MeasuredFacts
@@ -160,7 +160,9 @@ class DropPipeline:
         if self.recorder is not None:
             record = self.recorder.writer.with_copy_mark(record)
             if (fault := copy_fault(record.metadata)) is not None:
-                text = f"drop {key[0]}/{key[1]}: {fault}; its point gets no verdict with it. "
+                text = (
+                    f"drop {key[0]}/{key[1]}: {text_of(fault)}; its point gets no verdict with it. "
+                )
                 self._report(SessionNotice(text + "Discard the copy", serious=True, kind="copies"))
         view, facts = self._screen(record)
         if source is None and facts is not None:

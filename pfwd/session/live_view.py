@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from pfwd.analysis.result_store import rests_on
-from pfwd.files.editing import moved_to
+from pfwd.files.editing import discard_reason
 from pfwd.judging import DropView, PointView, SurveyView
 from pfwd.judging.drops import RATE_DEVIATION
 from pfwd.judging.places import place_in
@@ -107,7 +107,7 @@ def _with_edits(drop: DropView, stored: DropView | None) -> DropView:
     """Return a drop of this session with the discard or move that an edit in the survey made."""
     if stored is None or drop.discarded is not None:
         return drop
-    return replace(drop, discarded=stored.discarded, moved_to=stored.moved_to)
+    return replace(drop, discarded=stored.discarded)
 
 
 def _point_of(view: SurveyView, name: str) -> PointView:
@@ -199,10 +199,9 @@ def _changes(drop: DropView, event: Edited) -> dict[str, Any]:
     """Return the new values of the fields of a drop that an edit changes."""
     match event.what:
         case "restore":
-            return {"discarded": None, "moved_to": None}
+            return {"discarded": None}
         case "discard":
-            moved = moved_to(event.value)
-            return {"discarded": moved or str(event.value or ""), "moved_to": moved}
+            return {"discarded": discard_reason(event.value)}
         case "note":
             return {"notes": (*drop.notes, str(event.value))}
         case _ if event.what == RATE_DEVIATION:

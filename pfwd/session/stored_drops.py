@@ -3,6 +3,7 @@
 import os
 from dataclasses import replace
 
+from inversion.notices import text_of
 from pfwd.analysis.results import DropResult
 from pfwd.analysis.screening.drops import compare, screen
 from pfwd.errors import SurveyError
@@ -44,7 +45,7 @@ def add_result(folder: str | os.PathLike[str], record: int, result: DropResult) 
     """
     refuse_no_survey(folder)
     with open_for_edits(folder) as writer:
-        writer.save_result(record, result.to_json(), "trial" if result.is_trial else "drop")
+        writer.save_result(record, result.to_stored(), "trial" if result.is_trial else "drop")
 
 
 def recorded_drop(folder: str | os.PathLike[str], record: int) -> SavedDrop:
@@ -70,7 +71,7 @@ def recorded_drop(folder: str | os.PathLike[str], record: int) -> SavedDrop:
     drops = point_view(point, Job()).drops
     view = next(drop for drop in drops if drop.record == record)
     if view.setup is NO_SETUP:
-        raise SurveyError(f"drop {view.number} of point {point.name}: {view.own.reason}")
+        raise SurveyError(f"drop {view.number} of point {point.name}: {text_of(view.own.reason)}")
     largest = max(drop.own_pulse_peak for drop in drops if (drop.record or 0) <= record)
     screening = compare(screen(traces, view.setup), view.own_pulse_peak, largest)
     file = str(stored.file or survey.folder)

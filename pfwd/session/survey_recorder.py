@@ -325,7 +325,7 @@ class SurveyRecorder:
         """
         path: Path | None = self._attempt(
             lambda: self.writer.save_result(
-                number, result.to_json(), "trial" if result.is_trial else "drop"
+                number, result.to_stored(), "trial" if result.is_trial else "drop"
             ),
             "a result",
         )

@@ -27,6 +27,7 @@ from inversion import (
     invert_joint,
 )
 from inversion.measured.record import CALIBRATED_ERROR
+from inversion.notices import text_of
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Plate, SoilProfile
 from tests.records import known
@@ -204,7 +205,7 @@ def test_half_space_can_be_forced(bench: Bench) -> None:
     # Rock at 0.9 m passes for stiffer ground, and the residual tells.
     assert result.modulus_pa > 1.01 * MODULUS
     assert not result.explained
-    assert any("residual unexplained" in warning for warning in result.warnings)
+    assert any("residual unexplained" in text_of(warning) for warning in result.warnings)
 
 
 def test_declared_depth_wins_over_nothing_and_settings_over_both(bench: Bench) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import pfwd
+from inversion.notices import text_notice, text_of
 from pfwd.analysis.analyse import analyse_files
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DiagnosisResult
@@ -54,7 +55,7 @@ def test_a_result_says_with_its_modulus_what_belongs_to_it() -> None:
 def test_the_warnings_are_printed_in_full() -> None:
     time, load, values = _arrays("half-space")
     result = pfwd.invert(time, load, values, quantity="velocity", plate_radius=0.15)
-    assert "plate_mass_kg is not declared: taken as 0" in result.warnings
+    assert "plate_mass_kg is not declared: taken as 0" in map(text_of, result.warnings)
     assert "warning" in repr(result)
     assert "  warning: plate_mass_kg is not declared: taken as 0" in str(result).splitlines()
     assert "plate_mass_kg is not declared" in result._repr_html_()
@@ -108,7 +109,7 @@ def test_a_drop_of_a_point_is_judged_among_the_others() -> None:
     drops = (first, replace(second, load=factor * second.load))
     result = pfwd.invert(pfwd.Point(replace(point, drops=drops)).drops[1])
     assert result.status == "rejected"
-    assert "a rebound or a knock" in (result.reason or "")
+    assert "a rebound or a knock" in (text_of(result.reason))
     assert result.modulus is None
     assert "rejected, false trigger" in repr(result)
     assert "18% of the largest" in result._repr_html_()
@@ -298,10 +299,10 @@ def test_a_diagnosis_that_is_not_to_be_used_says_what_is(
 def test_a_diagnosis_of_unsupported_records_has_no_modulus_to_use(
     diagnosis: pfwd.Diagnosis,
 ) -> None:
-    modulus = PointModulus(50e6, (49e6, 51e6), "diagnosed", "drop 2: a copy")
+    modulus = PointModulus(50e6, (49e6, 51e6), "diagnosed", text_notice("drop 2: a copy"))
     unusable = replace(diagnosis, point_modulus=modulus)
     assert (unusable.modulus, unusable.in_force) == (None, False)
-    assert (unusable.use, unusable.use_reason) == ("do-not-use", "drop 2: a copy")
+    assert (unusable.use, text_of(unusable.use_reason)) == ("do-not-use", "drop 2: a copy")
     assert "after: do not use (drop 2: a copy), use none; " in repr(unusable)
 
 

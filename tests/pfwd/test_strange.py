@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import pfwd
+from inversion.notices import text_of
 from pfwd.analysis.results import DropResult
 from pfwd.files.importing import import_files
 from pfwd.files.traces import read_traces
@@ -54,7 +55,7 @@ def test_a_stored_modulus_without_its_model_is_damaged(survey: Path) -> None:
     assert repr(opened) == "Survey(site: 1 point, 3 drops, 2 with results, 1 damage)"
     whole, of_other_plate = opened.results
     assert [one.in_force for one in opened.results] == [True, False]
-    assert "plate_radius_m" in of_other_plate.warnings[0]
+    assert "plate_radius_m" in text_of(of_other_plate.warnings[0])
     (damage,) = opened.damage
     assert "model: expected a value beside the modulus; it does not count" in damage
     assert whole.modulus == result.modulus

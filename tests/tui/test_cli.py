@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 
+from inversion.notices import text_notice
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult, FileOutcome
 from tui.arguments import analysis_options
@@ -25,7 +26,9 @@ from tui.parser import CommandParser, build_parser, command_module
 
 TOP = Path(__file__).resolve().parents[2]
 RESULT = DropResult(file="a.csv", drop=1, status="measured", modulus_pa=4e7, r_squared=0.99)
-REJECTED = DropResult(file="a.csv", drop=2, status="rejected", reason="no pulse", warnings=())
+REJECTED = DropResult(
+    file="a.csv", drop=2, status="rejected", reason=text_notice("no pulse"), warnings=()
+)
 
 
 class FakeAnalysis(types.ModuleType):

@@ -4,16 +4,16 @@ import json
 
 import pytest
 
-from inversion.notices import Notice, text_notice
+from inversion.notices import Notice, text_notice, text_of
 from pfwd.analysis.diagnosis.diagnose import Diagnosed
 from pfwd.analysis.results import DiagnosisResult
 from tui.commands.diagnose import show_all
 
 
 def empty(name: str) -> Diagnosed:
-    rejected = Notice("drop-rejected", {"drop": 1, "reason": "peaks only"})
+    rejected = Notice("drop-rejected", {"drop": 1, "reason": text_notice("peaks only")})
     result = DiagnosisResult(
-        file="a.F25", point=name, drops=(), rejected=(rejected,), warnings=(rejected,)
+        file="a.F25", point=name, drops=(), rejected=(text_of(rejected),), warnings=(rejected,)
     )
     return Diagnosed("a.F25", result)
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from inversion.notices import Notice
+from inversion.notices import Notice, text_notice, text_of
 from pfwd.analysis.results import (
     DiagnosisResult,
     EffectParameter,
@@ -29,8 +29,9 @@ from tui.diagnosis_lines import (
 )
 
 
-def diagnosis(point: str | None, *warnings: str) -> DiagnosisResult:
-    return DiagnosisResult(file="survey", point=point, verdict="clean", warnings=warnings)
+def diagnosis(point: str | None, *warnings: str | Notice) -> DiagnosisResult:
+    messages = tuple(text_notice(w) if isinstance(w, str) else w for w in warnings)
+    return DiagnosisResult(file="survey", point=point, verdict="clean", warnings=messages)
 
 
 def left_over(share: float) -> Notice:
@@ -49,7 +50,7 @@ def test_several_points_have_each_warning_once_as_ranges() -> None:
     found.append(diagnosis("E", left_over(0.045)))
     assert diagnosis_warnings(found) == [
         "  warning, A to D: no plate mass",
-        f"  warning, D, E: {left_over(0.031)}".replace("3.1", "3.1 and 4.5"),
+        f"  warning, D, E: {text_of(left_over(0.031))}".replace("3.1", "3.1 and 4.5"),
     ]
     assert diagnosis_warnings(found[:3]) == ["  warning, all points: no plate mass"]
 
@@ -334,7 +335,8 @@ def test_a_fit_in_force_is_named_beside_a_diagnosis_that_is_not_to_be_used() -> 
 
 def test_a_modulus_of_unsupported_records_is_not_to_be_used() -> None:
     point, *others = survey()
-    modulus = PointModulus(50e6, (47e6, 53e6), "diagnosed", "drop 3: its record is a copy")
+    copied = text_notice("drop 3: its record is a copy")
+    modulus = PointModulus(50e6, (47e6, 53e6), "diagnosed", copied)
     point = replace(point, point_modulus=modulus)
     lines = survey_lines([point, *map(judged, others)])
     assert lines[0] == "3 points: 1 to use with care, 2 not to use"

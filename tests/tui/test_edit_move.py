@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from inversion.notices import text_of
 from pfwd.files.editing import Edit
 from pfwd.judging import JobRequest, Station, point_views
 from pfwd.procedures import Kind
@@ -37,7 +38,7 @@ def test_it_counts_where_it_belongs_and_nowhere_else(
     assert (first.progress.used, first.progress.verdict) == ((2,), "pass")
     assert (second.name, second.progress.used, second.progress.verdict) == ("2", (2,), "fail")
     reasons = {drop.number: drop.reason for drop in first.progress.excluded}
-    assert reasons[3].endswith("moved to point 2, drop 1")
+    assert text_of(reasons[3]).endswith("moved to point 2, drop 1")
     drops = read_survey(survey).drops
     assert [drop.discarded for drop in drops] == [False, False, True, True, False, False]
     assert drops[4].read().metadata["moved_from"] == {"point": "1", "drop": 3, "record": 3}

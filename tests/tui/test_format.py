@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from inversion.notices import Notice, text_notice
 from pfwd.analysis.results import DropResult
 from tests.records import read
 from tests.snapshots import check_snapshot
@@ -55,7 +56,7 @@ REJECTED = read(
         "file": "point.csv",
         "drop": 3,
         "status": "rejected",
-        "reason": "false trigger: peak load 1.1 kN, less than 1.5 kN",
+        "reason": Notice("load-too-small", {"peak_load_n": 1100.0, "least_n": 1500.0}).to_json(),
         "warnings": [],
     },
 )
@@ -171,8 +172,10 @@ def test_nothing_printed_nothing_wrong() -> None:
 @pytest.mark.parametrize("hostile", ["\x1b[2J", "a\nb", "\x9b31m", "\u202egnp", "[/red]", "[bold]"])
 def test_text_from_a_file_can_not_steer_the_terminal(hostile: str) -> None:
     results = [
-        replace(RESULT, file=hostile, model=hostile, plate=hostile, warnings=(hostile,)),
-        replace(REJECTED, file=hostile, reason=hostile),
+        replace(
+            RESULT, file=hostile, model=hostile, plate=hostile, warnings=(text_notice(hostile),)
+        ),
+        replace(REJECTED, file=hostile, reason=text_notice(hostile)),
         replace(RESULT, file=hostile, at_bound=(hostile,)),
     ]
     for line in result_lines(results):

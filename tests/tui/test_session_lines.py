@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from inversion.notices import Notice
+from inversion.notices import Notice, text_notice
 from pfwd.analysis.results import DropResult
 from pfwd.analysis.screening.drops import Screening
 from pfwd.files.header import PointSetup
@@ -67,7 +67,7 @@ CUT_OFF = Notice("cut-off", {"reason": "full"})
 def one(make_drop: Callable[..., Drop]) -> Callable[..., SavedDrop]:
     def make(number: int = 1, status: Any = "measured", record: int | None = 5) -> SavedDrop:
         reason = "no pulse" if status == "rejected" else None
-        found = Screening(status, reason)
+        found = Screening(status, reason and text_notice(reason))
         traces = make_drop(number=number)
         view = drop_from_traces(
             traces, PointSetup(0.15), record=record, awaits_result=status != "rejected"
@@ -204,7 +204,9 @@ def test_a_quick_answer_that_failed_is_followed_by_the_full_one(
     one: Callable[..., SavedDrop], capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines = SessionLines(as_json=False, analysed=True)
-    lines.print_event(analysed(one(), None, full=False, status="rejected", reason="failed"))
+    lines.print_event(
+        analysed(one(), None, full=False, status="rejected", reason=text_notice("failed").to_json())
+    )
     lines.print_event(analysed(one(), 40e6, full=True))
     assert capsys.readouterr().out.splitlines()[0] == "A/1  rejected: failed"
 
@@ -222,7 +224,9 @@ def test_a_long_day_takes_no_memory(one: Callable[..., SavedDrop]) -> None:
 
 def test_the_check_of_the_sensors(capsys: pytest.CaptureFixture[str]) -> None:
     lines = SessionLines(as_json=True, analysed=True)
-    lines.print_event(SensorCheck({"zero_n": 12.4, "span_ratio": 0.97}, ("the span is off",)))
+    lines.print_event(
+        SensorCheck({"zero_n": 12.4, "span_ratio": 0.97}, (text_notice("the span is off"),))
+    )
     lines.print_event(SensorCheck({"zero_n": 12.4, "span_ratio": None}, ()))
     output = capsys.readouterr()
     assert output.out == ""
@@ -247,7 +251,7 @@ def test_a_drop_on_one_line() -> None:
     assert drop_line("A", 3, read(DropResult, seating)).endswith(
         "seating  UNEXPLAINED  AT BOUND viscosity"
     )
-    assert drop_line("a\x1b[2J", 1, DropResult(status="rejected", reason="b\nc")) == (
+    assert drop_line("a\x1b[2J", 1, DropResult(status="rejected", reason=text_notice("b\nc"))) == (
         "a\ufffd[2J/1  rejected: b\ufffdc"
     )
     assert drop_line("A", 1, DropResult(status="measured")) == "A/1  measured"

@@ -92,7 +92,7 @@ def test_a_warning_stands_once_with_its_points_as_ranges() -> None:
 
 def test_peaks_only_points_do_not_print_a_line_a_drop() -> None:
     only = survey(40)
-    only = [replace(r, status="rejected", reason="peaks only") for r in only]
+    only = [replace(r, status="rejected", reason=text_notice("peaks only")) for r in only]
     assert result_lines(only) == [
         "survey",
         "  rejected, all points (120 drops): peaks only",
@@ -101,10 +101,9 @@ def test_peaks_only_points_do_not_print_a_line_a_drop() -> None:
 
 def test_two_points_of_one_name_count_their_drops() -> None:
     first, second = survey(1, drops=1), survey(1, drops=1)
-    lines = result_lines(
-        [*first, *survey(2, drops=1)[1:], *second, replace(second[0], status="rejected")]
-    )
-    assert lines[-1].startswith("  rejected, point km 1 (1 drop): -")
+    rejected = replace(second[0], status="rejected", reason=text_notice("peaks only"))
+    lines = result_lines([*first, *survey(2, drops=1)[1:], *second, rejected])
+    assert lines[-1] == "  rejected, point km 1 (1 drop): peaks only"
 
 
 def test_a_modulus_on_a_bound_is_marked() -> None:
@@ -119,7 +118,7 @@ def test_a_modulus_on_a_bound_is_marked() -> None:
 
 @pytest.mark.parametrize("points", [12, 40])
 def test_names_do_not_grow_with_the_survey(points: int) -> None:
-    found = [replace(r, warnings=("depth not unique",)) for r in survey(points)]
+    found = [replace(r, warnings=(text_notice("depth not unique"),)) for r in survey(points)]
     assert len(result_lines(found)) == 3 + 1 + 3 * points + 2
 
 
@@ -139,8 +138,10 @@ def test_layers_of_a_survey_name_their_point() -> None:
 
 def test_what_a_drop_is_rejected_for_is_no_warning_too() -> None:
     said = "stiffness test: there is no modulus"
-    found = [replace(r, status="rejected", reason=said) for r in survey(2, drops=1)]
-    lines = result_lines([replace(r, warnings=(said, "raw channels")) for r in found])
+    found = [replace(r, status="rejected", reason=text_notice(said)) for r in survey(2, drops=1)]
+    lines = result_lines(
+        [replace(r, warnings=(text_notice(said), text_notice("raw channels"))) for r in found]
+    )
     assert [line for line in lines if said in line] == [lines[1]]
     assert lines[1].startswith("  rejected")
     assert lines[2].startswith("  warning, ")

@@ -6,6 +6,7 @@ import os
 
 from pfwd.errors import OptionError, refusal
 from pfwd.export.json_text import json_text
+from pfwd.message_groups import text_of
 from tui.arguments import add_json, number
 from tui.output import clean, say
 
@@ -113,7 +114,7 @@ def run(args: argparse.Namespace) -> int:
             )
         print(f"  misfit: {100 * calibration.fit.misfit:.2g} % of the peak velocity")
     for warning in calibration.warnings:
-        say(f"calibrate: {warning}")
+        say(f"calibrate: {text_of(warning)}")
     for text in calibration.reasons:
         say(f"calibrate: the drops do not repeat: {text}")
     if args.output is not None and not calibration.reasons:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from pfwd.errors import OptionError, quote, refusal
 from pfwd.export.json_text import json_text
+from pfwd.message_groups import Notice, text_of
 from tui.arguments import add_json, count, number
 from tui.output import clean, counted, on_terminal, say
 
@@ -143,7 +144,7 @@ def _edits(args: argparse.Namespace) -> "list[Edit]":
     return edits
 
 
-def _lines(point: Mapping[str, Any], moved: Mapping[int, str]) -> list[str]:
+def _lines(point: Mapping[str, Any], moved: "Mapping[int, Notice]") -> list[str]:
     name = point["point"]
     title = "" if point["name"] == name else f" ({point['name']})"
     state = "  DISCARDED" if point["discarded"] else ""
@@ -157,7 +158,9 @@ def _lines(point: Mapping[str, Any], moved: Mapping[int, str]) -> list[str]:
     lines += [f"  note: {note}" for note in point["notes"]]
     for drop in point["drops"]:
         place = moved.get(drop["record"])
-        remarks = [f"MOVED: {place}"] if place else ["DISCARDED"] if drop["discarded"] else []
+        remarks = (
+            [f"MOVED: {text_of(place)}"] if place else ["DISCARDED"] if drop["discarded"] else []
+        )
         remarks += [f"note: {note}" for note in drop["notes"]]
         if drop["position"] is not None:
             remarks.append(f"position {_position(drop['position'])}")

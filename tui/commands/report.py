@@ -5,6 +5,7 @@ import time
 
 from pfwd.errors import OptionError, refusal
 from pfwd.export.json_text import json_text
+from pfwd.message_groups import text_of
 from tui.arguments import (
     add_expert_group,
     add_jobs,
@@ -150,7 +151,8 @@ def run(args: argparse.Namespace) -> int:
             record = {"point": point.name, "discarded": point.discarded, "report": args.output}
             print(json_text({**record, **progress.as_dict()}), flush=True)
         else:
-            print(clean(f"point {point.name}: {progress.verdict.word}, {progress.verdict_reason}"))
+            verdict = f"{progress.verdict.word}, {text_of(progress.verdict_reason)}"
+            print(clean(f"point {point.name}: {verdict}"))
     if any(point.progress.target_source == TARGET_OF_REPORT for point in report.points):
         chosen = "" if args.procedure is None else f" --procedure {quoted(args.procedure)}"
         value = args.target if args.target is not None else args.target_deflection

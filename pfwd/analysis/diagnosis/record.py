@@ -9,7 +9,7 @@ from inversion import InversionError
 from inversion.calibration import Rig, RigDrop, estimate_rig
 from inversion.diagnosis.findings import PointDiagnosis, Verdict
 from inversion.effects import BY_NAME
-from inversion.notices import Notice, Value, text_notice
+from inversion.notices import Notice, Value, text_notice, text_of
 from pfwd.analysis.diagnosed_drop import DiagnosedDrop
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint
 from pfwd.analysis.result_store import software_name
@@ -60,7 +60,7 @@ def diagnosis_result(
             point=entry.point,
             device=entry.device,
             drops=(),
-            rejected=tuple(map(str, entry.rejected)),
+            rejected=tuple(map(text_of, entry.rejected)),
             **conditions,
             verdict="unexplained",
             corrected=False,
@@ -72,7 +72,7 @@ def diagnosis_result(
         point=entry.point,
         device=entry.device,
         drops=tuple(diagnosis.numbers),
-        rejected=tuple(map(str, entry.rejected)),
+        rejected=tuple(map(text_of, entry.rejected)),
         **conditions,
         verdict=diagnosis.verdict,
         corrected=diagnosis.corrected,
@@ -194,7 +194,7 @@ def _rig_result(
         point=entry.point,
         device=entry.device,
         drops=numbers,
-        rejected=tuple(map(str, rejected)),
+        rejected=tuple(map(text_of, rejected)),
         verdict=verdict,
         corrected=False,
         effects=effects,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inversion import notices
-from inversion.notices import Notice
+from inversion.notices import Notice, text_of
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.header import (
     HEADER_KEYS,
@@ -238,9 +238,10 @@ def point_of(
     where = f"{file}, point {values['point']}" if values.get("point") else file
     details = {key: value for key, value in (noted or {}).items() if value not in (None, "")}
     if remarks:
-        distinct = list(dict.fromkeys(remarks))
+        # Remarks whose numbers are equal as shown are one.
+        distinct = {text_of(remark): remark for remark in remarks}
         details["remarks"] = [clean(text, limit=MAX_REMARK_CHARACTERS) for text in distinct]
-        details[REMARK_CODES] = notices.codes(distinct)
+        details[REMARK_CODES] = notices.codes(distinct.values())
     stated: dict[str, Any] = {key: value for key, value in values.items() if value is not None}
     if details:
         stated[IMPORTED] = details

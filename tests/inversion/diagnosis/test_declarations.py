@@ -23,7 +23,7 @@ from inversion.forward.model import Instrument
 from inversion.inference import diagnose as module
 from inversion.inference.diagnose import diagnose_point
 from inversion.inference.population import InstrumentKnowledge
-from inversion.notices import Value
+from inversion.notices import Value, text_of
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Plate, SoilProfile
 
@@ -103,11 +103,11 @@ def test_a_wrong_declaration_is_named(
     record: Record, library: SurrogateLibrary, change: Change, said: str
 ) -> None:
     found = diagnose_point(PointRecords("test", (change(record),), (1,)), library)
-    (text,) = [text for text in found.warnings if "in place of" in text]
-    assert text.startswith(said)
-    assert "with E 45 MPa" in text
-    assert ("bedrock at 1.2 m;" in text) == (change is too_shallow_at_centre)
-    assert "check" in text
+    (text,) = [text for text in found.warnings if "in place of" in text_of(text)]
+    assert text_of(text).startswith(said)
+    assert "with E 45 MPa" in text_of(text)
+    assert ("bedrock at 1.2 m;" in text_of(text)) == (change is too_shallow_at_centre)
+    assert "check" in text_of(text)
     # What the file declares is what is diagnosed all the same.
     assert found.verdict == "unexplained"
     assert not found.corrected
@@ -119,7 +119,7 @@ def test_what_nobody_knows_is_not_blamed_on_a_declaration(
     centre = replace(record, sensors=record.sensors[:1])
     found = diagnose_point(PointRecords("test", (ringing(centre),), (1,)), library)
     assert found.verdict == "unexplained"
-    assert not [text for text in found.warnings if "in place of" in text]
+    assert not [text for text in found.warnings if "in place of" in text_of(text)]
 
 
 def test_a_doubt_that_makes_no_drop_of_the_records_is_none(
@@ -184,7 +184,7 @@ def test_half_of_the_residual_has_to_go() -> None:
     records: Any = None
     doubt = SuspectDeclaration("bedrock-contradicted", {"declared_m": 1.0}, records, depth=1.0)
     assert contradiction(doubt, diagnosis(0.02), diagnosis(0.0101)) is None
-    assert contradiction(doubt, diagnosis(0.02), diagnosis(0.0099)) == (
+    assert text_of(contradiction(doubt, diagnosis(0.02), diagnosis(0.0099))) == (
         "bedrock at 1 m: with the depth left open, 0.99 % of the peak is left in place of 2 %, "
         "with E 120 MPa and bedrock at 1.2 m; check the declared depth"
     )

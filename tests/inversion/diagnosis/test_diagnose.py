@@ -17,6 +17,7 @@ from inversion.inference import diagnose as module
 from inversion.inference.diagnose import CALIBRATED_FACTOR, _warnings, diagnose_point
 from inversion.inference.state import with_discrepancy_error
 from inversion.measured.record import UNCALIBRATED_ERROR
+from inversion.notices import text_of
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Plate, SoilProfile
 from tests.inversion.diagnosis.found import effect_of, parameter_of, state_of
@@ -97,7 +98,7 @@ def test_what_no_effect_explains_is_called_so(
     found = diagnose(drop, library, displacement=moved)
     assert found.verdict == "unexplained"
     assert not found.corrected
-    assert any("unexplained" in text for text in found.warnings)
+    assert any("unexplained" in text_of(text) for text in found.warnings)
 
 
 @pytest.mark.parametrize(("depth", "factor"), [(None, CALIBRATED_FACTOR), (1.2, 1.0)])
@@ -201,9 +202,9 @@ def test_a_record_that_steps_in_the_contact_is_not_explained(
     assert not found.corrected
     # Priors count after: no more is between them.
     assert found.after.modulus_pa == pytest.approx(found.before.modulus_pa, rel=0.03)
-    (said,) = [text for text in found.warnings if "steps" in text]
-    assert said.startswith("drop 1, sensor at 0 m: the record steps ")
-    assert "samples are missing, or its range was switched; measure again" in said
+    (said,) = [text for text in found.warnings if "steps" in text_of(text)]
+    assert text_of(said).startswith("drop 1, sensor at 0 m: the record steps ")
+    assert "samples are missing, or its range was switched; measure again" in text_of(said)
 
 
 def test_a_sensor_of_the_wrong_polarity_is_refused(
@@ -221,12 +222,16 @@ def test_a_load_that_steps_is_not_explained(
     place = int(np.argmax(drop.load)) - 10
     factor = np.where(np.arange(drop.load.size) < place, 1.0, 1.0 + part)
     found = diagnose(replace(drop, load=drop.load * factor), library)
-    said = [text for text in found.warnings if text.startswith("drop 1, load: the record steps ")]
+    said = [
+        text
+        for text in found.warnings
+        if text_of(text).startswith("drop 1, load: the record steps ")
+    ]
     assert bool(said) == told
     if told:
         assert found.verdict == "unexplained"
         assert found.effects == ()
-        assert "where no weight could" in said[0]
+        assert "where no weight could" in text_of(said[0])
 
 
 # An error of 5 % of the instrument alone has a ratio of 1.105, with 1.1 of the effects 1.148.
@@ -239,8 +244,8 @@ def test_a_wide_range_of_moduli_is_named_where_a_point_is_explained(
     ends = (1.0e7, 1.0e7 * high)
     after = state_of("layer", 1.05e7, 1e5, ends, 1e-6, 1.0, 0.0, 0.0)
     texts = _warnings((), "explained", after, error)
-    assert any("10 to 11.1 MPa" in text for text in texts) == named
-    assert not any("MPa" in text for text in _warnings((), "unexplained", after, error))
+    assert any("10 to 11.1 MPa" in text_of(text) for text in texts) == named
+    assert not any("MPa" in text_of(text) for text in _warnings((), "unexplained", after, error))
 
 
 def test_numbers_on_bounds_and_alternatives_are_named() -> None:
@@ -250,7 +255,7 @@ def test_numbers_on_bounds_and_alternatives_are_named() -> None:
     ]
     effect = effect_of("bedrock", "point", "dig", numbers, 50.0, ("sensor_lag", "rebound"))
     after = state_of("layer", 1.05e7, 1e5, (1.04e7, 1.06e7), 1e-6, 1.0, 0.0, 0.0)
-    assert _warnings((effect,), "explained", after, 0.0) == [
+    assert [*map(text_of, _warnings((effect,), "explained", after, 0.0))] == [
         "bedrock: depth sits on a bound",
         "bedrock cannot be distinguished from sensor_lag, rebound",
     ]

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inversion.notices import text_notice
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.results import DropAnalysis, DropResult
 from pfwd.analysis.screening.drops import Screening
@@ -189,8 +190,8 @@ def test_the_example_of_the_documentation_runs(
 def test_a_rejected_drop_keeps_its_reason(survey: Path, tmp_path: Path) -> None:
     drop = read_survey(survey).drops[0].read().drop
     rejected = drop_result(
-        "f", DropAnalysis(drop, Screening("rejected", "no pulse"), None)
-    ).to_json()
+        "f", DropAnalysis(drop, Screening("rejected", text_notice("no pulse")), None)
+    ).to_stored()
     with SurveyWriter.open(survey, publish=False) as writer:
         writer.save_result(1, complete(DropResult, rejected))
     export_survey(survey, "table", tmp_path / "t.csv")

@@ -18,6 +18,7 @@ import pytest
 from PIL import Image
 from python_calamine import CalamineWorkbook
 
+from inversion.notices import text_of
 from pfwd.analysis.result_store import basis_of, store_diagnoses
 from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
 from pfwd.errors import OptionError, SurveyError
@@ -458,7 +459,7 @@ def test_drops_have_no_number_where_their_point_has_no_modulus(
     basis = basis_of(read_points(judged)[0].setup)
     diagnosis = DiagnosisResult(drops=(1, 2), basis=basis, after=after)
     assert store_diagnoses(str(judged), [(2, diagnosis)]) is None
-    assert _fits_of(judged, tmp_path / "after") == [(None, diagnosis.use_reason)] * 2
+    assert _fits_of(judged, tmp_path / "after") == [(None, text_of(diagnosis.use_reason))] * 2
     assert ["modulus_pa" in value for value in values_of_averaged_drops(judged)] == [False] * 2
 
 

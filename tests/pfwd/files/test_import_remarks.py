@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from inversion.notices import OTHER, Notice, codes
+from inversion.notices import OTHER, Notice, codes, text_of
 from pfwd.files.header import remark_notices
 from pfwd.files.reading import read_points
 
@@ -32,7 +32,7 @@ def test_warnings_of_imported_files_have_codes(shared: Path) -> None:
 )
 def test_codes_that_cannot_be_read_leave_the_sentence(codes: Any) -> None:
     (notice,) = remark_notices({"imported": {"remarks": ["it rained"], "remark_codes": codes}})
-    assert (notice.code, notice) == (OTHER, "it rained")
+    assert (notice.code, text_of(notice)) == (OTHER, "it rained")
 
 
 def test_a_reworded_remark_keeps_its_code() -> None:

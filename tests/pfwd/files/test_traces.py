@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from inversion.notices import text_of
 from pfwd.errors import TraceError
 from pfwd.files.header import HEADER_KEYS, PointSetup, declarations_of
 from pfwd.files.traces import TracePoint, read_traces, write_traces
@@ -69,7 +70,7 @@ def test_what_is_not_declared_is_unknown(write: Write) -> None:
 def test_a_point_carries_its_warnings(write: Write) -> None:
     header = [*HEADER, "# plate_radius = 0.15"]
     warnings = read_traces(write([*header, NAMES, *rows()])).warnings
-    assert warnings == (
+    assert tuple(map(text_of, warnings)) == (
         "plate_mass_kg is not declared: taken as 0",
         "header key 'plate_radius' is not known to the format: kept, not used",
     )
@@ -77,7 +78,7 @@ def test_a_point_carries_its_warnings(write: Write) -> None:
 
 def test_a_radius_in_decimetres_is_suspect(write: Write) -> None:
     lines = ["# pfwd-traces = 1", "# plate_radius_m = 1.5", "# plate_mass_kg = 5", NAMES, *rows()]
-    assert read_traces(write(lines)).warnings == (
+    assert tuple(map(text_of, read_traces(write(lines)).warnings)) == (
         "units suspect: plate_radius_m = 1.5 (in metres?)",
     )
 

@@ -176,7 +176,7 @@ class Told:
         if modulus is None:
             return self.tell(DropAnalysed(stored, None, DropResult(), None, True, True))
         result = read(DropResult, result_of(number, modulus))
-        writer.save_result(record, result.to_json())
+        writer.save_result(record, result.to_stored())
         return self.tell(DropAnalysed(stored, None, result, None, True, True))
 
     def _edit(self, writer: SurveyWriter, what: str, where: int | str, value: Any) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from inversion.notices import text_of
 from pfwd.files.editing import Edit, edit_survey
 from pfwd.files.header import PointSetup
 from pfwd.files.importing import import_files
@@ -42,7 +43,7 @@ def test_the_point_that_gets_a_copy_is_undecided(
     points = judged(survey)
     assert points["A"].progress.verdict is Verdict.PASS
     assert points["B"].progress.verdict is Verdict.UNDECIDED
-    assert points["B"].progress.verdict_reason.endswith(f"drop 5: {FAULT}")
+    assert text_of(points["B"].progress.verdict_reason).endswith(f"drop 5: {FAULT}")
     replay(survey, lambda _: None, options=None, output=tmp_path / "again")
     assert judged(tmp_path / "again")["B"].progress == points["B"].progress
     edit_survey(survey, [Edit("discard")], "A", 6)

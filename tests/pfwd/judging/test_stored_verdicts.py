@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
+from inversion.notices import text_of
 from pfwd.judging import Job, JobRequest, Station, job_of, point_views
 from pfwd.procedures import PointProgress, Procedure, Quantity
 from pfwd_device.recording import Survey, SurveyDrop, SurveyPoint, read_survey
@@ -88,7 +89,7 @@ def outcome(progress: PointProgress) -> dict[str, Any]:
     value = progress.value
     return {
         "verdict": progress.verdict.value,
-        "reason": progress.verdict_reason,
+        "reason": text_of(progress.verdict_reason),
         "code": progress.verdict_reason_code and progress.verdict_reason_code.value,
         "target": progress.target,
         "quantity": value and value.quantity.value,

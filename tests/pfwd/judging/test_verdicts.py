@@ -6,7 +6,7 @@ from typing import Any, get_args
 import pytest
 
 from inversion.forward.layered import LAYERED_PLATE_MODELS
-from inversion.notices import Notice, Value, invalidated_by, templates
+from inversion.notices import Notice, Value, invalidated_by, templates, text_of
 from inversion.result import PlateContact
 from pfwd.analysis.result_store import basis_of
 from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
@@ -52,10 +52,10 @@ def test_the_nearest_target_counts() -> None:
         (30e6, Verdict.PASS),
         (50e6, Verdict.FAIL),
     ]
-    assert judge_point(job, own).target_source == "of the point"
+    assert text_of(judge_point(job, own).target_source) == "of the point"
     bare = Job(procedure=plain_procedure())
-    last = judge_point(bare, other, fallback=(20e6, "given with the report"))
-    assert (last.target_source, last.verdict) == ("given with the report", Verdict.PASS)
+    last = judge_point(bare, other, fallback=(20e6, Notice("target-of-report")))
+    assert (text_of(last.target_source), last.verdict) == ("given with the report", Verdict.PASS)
 
 
 def test_a_target_of_another_quantity_gives_way_or_is_noted() -> None:
@@ -64,13 +64,13 @@ def test_a_target_of_another_quantity_gives_way_or_is_noted() -> None:
     assert judge_point(job, point).target == 6e-4
     alone = judge_point(dataclasses.replace(job, target=None), point)
     assert alone.verdict is Verdict.NONE
-    assert any("not compared" in note for note in alone.notes)
+    assert any("not compared" in text_of(note) for note in alone.notes)
 
 
 def test_a_discarded_point_has_no_verdict() -> None:
     point = PointView("1", drops(), target=30e6, discarded=True)
     progress = judge_point(Job(procedure=plain_procedure()), point)
-    assert (progress.verdict, progress.verdict_reason) == (
+    assert (progress.verdict, text_of(progress.verdict_reason)) == (
         Verdict.NONE,
         "the point is discarded",
     )
@@ -82,7 +82,8 @@ def test_drops_under_two_plates_are_no_point() -> None:
     progress = judge_point(Job(procedure=plain_procedure(), target=30e6), PointView("1", mixed))
     assert progress.verdict is Verdict.UNDECIDED
     assert (
-        progress.verdict_reason == "its drops were measured with plates of 0.1 m and 0.15 m radius"
+        text_of(progress.verdict_reason)
+        == "its drops were measured with plates of 0.1 m and 0.15 m radius"
     )
 
 
@@ -92,7 +93,7 @@ def test_a_drop_is_a_rebound_once_a_larger_one_shows_it() -> None:
     assert [fact.kind for fact in classify_drops([low])] == [Kind.MEASURED]
     first, second = classify_drops([low, full])
     assert (first.kind, second.kind) == (Kind.REJECTED, Kind.MEASURED)
-    assert "17% of the largest" in str(first.reason)
+    assert "17% of the largest" in text_of(first.reason)
 
 
 def test_a_rejected_drop_seats_nothing_where_a_procedure_counts() -> None:
@@ -167,13 +168,15 @@ def test_the_modulus_in_force_follows_from_the_use_of_the_diagnosis(
     if use == "do-not-use":
         assert in_force == fitted
         assert (other.source, other.value) == ("diagnosed", 38e6)
-        assert any(f"not used: {found.use_reason}" in note for note in progress.notes)
+        assert any(
+            f"not used: {text_of(found.use_reason)}" in text_of(note) for note in progress.notes
+        )
     else:
         assert (in_force.source, in_force.value, in_force.interval) == ("diagnosed", 38e6, ends)
         assert other == fitted
         # With the digits that it has beside its interval everywhere else.
         shown = with_ends(38.0, (ends[0] / 1e6, ends[1] / 1e6))[0]
-        assert any(f"the diagnosed one, {shown} MPa" in note for note in progress.notes)
+        assert any(f"the diagnosed one, {shown} MPa" in text_of(note) for note in progress.notes)
     assert (progress.value.value, progress.value.interval) == (in_force.value, in_force.interval)
 
 
@@ -226,7 +229,7 @@ def test_the_equivalent_modulus_is_in_force_with_the_modulus_of_its_diagnosis(
     assert point.progress.value is None or value is not None
     if value is None:
         text = "no equivalent modulus: no sensor is on the plate, or the data leave it open"
-        assert point.progress.verdict_reason == text
+        assert text_of(point.progress.verdict_reason) == text
 
 
 @pytest.mark.parametrize("ends", [(37e6, 39e6), (20e6, 80e6)])
@@ -248,13 +251,13 @@ def test_records_that_support_nothing_support_no_diagnosed_modulus(
     modulus = modulus_in_force(found, point)
     assert modulus is not None
     assert modulus.not_supported is not None
-    assert "is a copy of that of drop" in modulus.not_supported
+    assert "is a copy of that of drop" in text_of(modulus.not_supported)
     assert point.progress.modulus_in_force is None
     assert point.progress.modulus is not None
-    assert point.progress.modulus.not_supported == fault
+    assert text_of(point.progress.modulus.not_supported) == fault
     values = judged_values(point)
     assert values["use"] == "do-not-use"
-    assert values["use_reason"] == (fault if found.use == "design" else found.use_reason)
+    assert values["use_reason"] == (fault if found.use == "design" else text_of(found.use_reason))
 
 
 PEAKS: dict[str, Any] = {"peak_load": 8e3, "peak_deflection": 5e-4, "pulse_duration": 0.018}
@@ -297,9 +300,9 @@ def test_a_modulus_that_the_data_do_not_support_decides_nothing(
     progress = point.progress
     assert progress.verdict is Verdict.UNDECIDED
     assert progress.verdict_reason_code is ReasonCode.NOT_SUPPORTED
-    assert reason in progress.verdict_reason
+    assert reason in text_of(progress.verdict_reason)
     assert progress.value is not None
-    assert reason in str(progress.value.not_supported)
+    assert reason in text_of(progress.value.not_supported)
     assert progress.modulus_in_force is None
     assert point.as_json()["modulus_source"] is None
     # A diagnosis that may be used is not touched by a bad fit.
@@ -337,9 +340,8 @@ def test_a_record_that_contradicts_its_stored_peak_decides_nothing(
     assert (progress.verdict is Verdict.PASS) == supported
     if not supported:
         assert progress.verdict_reason_code is ReasonCode.NOT_SUPPORTED
-        assert (
-            "drop 6: the record contradicts the peak that its file stores"
-            in progress.verdict_reason
+        assert "drop 6: the record contradicts the peak that its file stores" in text_of(
+            progress.verdict_reason
         )
 
 
@@ -354,7 +356,7 @@ def test_a_modest_residual_is_supported() -> None:
         strict, checks={"most_residual": SourcedNumber(0.05, "here", False)}
     )
     progress = judge_point(Job(procedure=strict), PointView("1", some, target=20e6))
-    assert "at most 5 % is allowed" in progress.verdict_reason
+    assert "at most 5 % is allowed" in text_of(progress.verdict_reason)
 
 
 WARNED: dict[str, dict[str, Value]] = {
@@ -389,7 +391,7 @@ def test_a_warning_that_doubts_the_fit_leaves_the_point_undecided(code: str) -> 
         progress = judge_point(job, PointView("1", some, target=target))
         assert progress.verdict is Verdict.UNDECIDED
         assert progress.verdict_reason_code is ReasonCode.NOT_SUPPORTED
-        assert f"drop 6: {warning}" in progress.verdict_reason
+        assert f"drop 6: {text_of(warning)}" in text_of(progress.verdict_reason)
     # A diagnosis names the cause, unless the numbers themselves are wrong.
     found = diagnosis()
     diagnosed = judge_point(job, PointView("1", some, target=20e6, diagnosis=found))
@@ -421,10 +423,12 @@ def test_a_modulus_that_fit_and_diagnosis_disown_is_no_number(ends: tuple[float,
         progress = point.progress
         assert (progress.value, progress.modulus, progress.fitted_modulus) == (None, None, None)
         assert progress.verdict_reason_code is ReasonCode.NOT_SUPPORTED
-        assert progress.verdict_reason.endswith(f"not supported by the data: {found.use_reason}")
+        assert text_of(progress.verdict_reason).endswith(
+            f"not supported by the data: {text_of(found.use_reason)}"
+        )
         assert modulus_in_force(found, point) is None
         values = judged_values(point)
-        assert values["value_not_supported"] == values["use_reason"] == found.use_reason
+        assert values["value_not_supported"] == values["use_reason"] == text_of(found.use_reason)
         judged.append(values)
         shown = point.shown
         assert judged_values(shown) == values

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from inversion.notices import text_of
 from pfwd.procedures import (
     Exclusion,
     Kind,
@@ -44,14 +45,14 @@ def judged(procedure: Procedure, *kinds: Kind, **more: Any) -> PointProgress:
         (
             [MEASURED, REJECTED],
             SEATING,
-            "Drop 2 does not count (rejected: no drop): seating drop 2 of 3.",
+            "Drop 2 does not count (rejected: no drop). Lift the weight for seating drop 2 of 3.",
         ),
         ([MEASURED] * 3, MEASURED, "Lift the weight for measured drop 1 of 3."),
         ([MEASURED] * 5, MEASURED, "Lift the weight for measured drop 3 of 3."),
         (
             [MEASURED] * 4 + [DISCARDED],
             MEASURED,
-            "Drop 5 does not count (discarded): measured drop 2 of 3.",
+            "Drop 5 does not count (discarded). Lift the weight for measured drop 2 of 3.",
         ),
         # What was said of an earlier drop was dealt with by the one after it.
         (
@@ -65,7 +66,7 @@ def judged(procedure: Procedure, *kinds: Kind, **more: Any) -> PointProgress:
 )
 def test_with_numbers_of_drops(kinds: list[Kind], next_kind: Kind | None, sentence: str) -> None:
     found = judged(GERMAN, *kinds)
-    assert (found.next_kind, found.instruction) == (next_kind, sentence)
+    assert (found.next_kind, text_of(found.instruction)) == (next_kind, sentence)
 
 
 ENOUGH = "Enough for a mean; another measured drop makes it more certain."
@@ -78,14 +79,14 @@ ENOUGH = "Enough for a mean; another measured drop makes it more certain."
         ([SEATING], "Lift the weight."),
         ([SEATING, MEASURED], ENOUGH),
         ([MEASURED, SEATING], ENOUGH),
-        ([DISCARDED], "Drop 1 does not count (discarded): a measured drop."),
-        ([SEATING, DISCARDED], "Drop 2 does not count (discarded): a measured drop."),
-        ([MEASURED, REJECTED], "Drop 2 does not count (rejected: no drop): a measured drop."),
+        ([DISCARDED], "Drop 1 does not count (discarded). Lift the weight."),
+        ([SEATING, DISCARDED], "Drop 2 does not count (discarded). Lift the weight."),
+        ([MEASURED, REJECTED], "Drop 2 does not count (rejected: no drop). Lift the weight."),
     ],
 )
 def test_without_numbers_of_drops(kinds: list[Kind], sentence: str) -> None:
     found = judged(PAPER, *kinds)
-    assert (found.next_kind, found.instruction) == (MEASURED, sentence)
+    assert (found.next_kind, text_of(found.instruction)) == (MEASURED, sentence)
 
 
 def test_the_first_of_several_faults_is_what_is_said() -> None:
@@ -102,12 +103,13 @@ def test_the_first_of_several_faults_is_what_is_said() -> None:
     ]
     found = judge(procedure, drops, plate_radius=0.15)
     words = "peak loads, largest less smallest over mean is 100.0%, at most 10.0% is allowed"
-    assert found.faults[0] == words
-    assert found.faults[1].startswith("moduli, largest")
+    assert text_of(found.faults[0]) == words
+    assert text_of(found.faults[1]).startswith("moduli, largest")
     assert found.next_kind is None
-    assert found.instruction == (
-        f"P{words[1:]}: see that the plate lies flat, and measure the point again beside this "
-        "place."
+    assert text_of(found.instruction) == (
+        "See that the plate lies flat, and measure the point again beside this place: "
+        + words
+        + "."
     )
 
 
@@ -138,8 +140,10 @@ def test_a_fault_of_a_drop_says_what_was_found_and_the_limit(
 ) -> None:
     strict = dataclasses.replace(PAPER, checks={check: SourcedNumber(limit, "here", True)})
     found = judged(strict, MEASURED, **{field: value})
-    assert [(drop.why, drop.reason) for drop in found.excluded] == [(Exclusion.FAULT, words)]
-    assert found.instruction == f"Drop 1 does not count ({words}): a measured drop."
+    assert [(drop.why, text_of(drop.reason)) for drop in found.excluded] == [
+        (Exclusion.FAULT, words)
+    ]
+    assert text_of(found.instruction) == f"Drop 1 does not count ({words}). Lift the weight."
     at_limit = judged(strict, MEASURED, **{field: limit})
     assert at_limit.used == (1,), "the limit itself is allowed"
     # Not verified: a note for all such drops together, without the value.
@@ -147,9 +151,11 @@ def test_a_fault_of_a_drop_says_what_was_found_and_the_limit(
     noted = judged(loose, MEASURED, MEASURED, **{field: value})
     name, side = words.split(" ")[0:2], words.split(", ")[1]
     assert noted.used == (1, 2)
-    assert f"drops 1, 2: {' '.join(name)} {side} (not verified, not enforced)" in noted.notes
+    assert f"drops 1, 2: {' '.join(name)} {side} (not verified, not enforced)" in map(
+        text_of, noted.notes
+    )
     alone = judged(loose, MEASURED, **{field: value})
-    assert any(note.startswith("drop 1: ") for note in alone.notes)
+    assert any(text_of(note).startswith("drop 1: ") for note in alone.notes)
 
 
 def test_the_first_fault_of_a_drop_is_its_reason() -> None:
@@ -158,7 +164,7 @@ def test_the_first_fault_of_a_drop_is_its_reason() -> None:
         "least_deflection_m": SourcedNumber(1e-3, "here", True),
     }
     found = judged(dataclasses.replace(PAPER, checks=checks), MEASURED, peak_load=1e3)
-    assert found.excluded[0].reason == "peak load 1 kN, less than 7 kN"
+    assert text_of(found.excluded[0].reason) == "peak load 1 kN, less than 7 kN"
 
 
 def test_kinds_by_the_procedure_and_by_the_marks() -> None:
@@ -167,7 +173,7 @@ def test_kinds_by_the_procedure_and_by_the_marks() -> None:
     assert found.seating_done == 3, "a discarded drop loaded the ground"
     marks = judged(PAPER, SEATING, SEATING, MEASURED, DISCARDED)
     assert dict(marks.kinds) == {1: SEATING, 2: SEATING, 3: MEASURED, 4: DISCARDED}
-    assert [(drop.number, drop.reason) for drop in marks.excluded] == [
+    assert [(drop.number, text_of(drop.reason)) for drop in marks.excluded] == [
         (1, "seating drop"),
         (2, "seating drop"),
         (4, "discarded"),
@@ -188,6 +194,6 @@ def test_a_violated_precondition_becomes_a_sentence_with_what_to_do() -> None:
         plate_radius=0.1,
     )
     (reason, *_) = progress.faults
-    assert "plate" in reason
-    action = "correct it and measure the point again beside this place."
-    assert progress.instruction == f"{reason[0].upper()}{reason[1:]}: {action}"
+    assert "plate" in text_of(reason)
+    action = "Correct this and measure the point again beside this place"
+    assert text_of(progress.instruction) == f"{action}: {text_of(reason)}."

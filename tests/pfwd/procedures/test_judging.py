@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from inversion.forward.model import MAX_RADIUS_M
+from inversion.notices import Notice, text_of
 from pfwd.errors import OptionError
 from pfwd.procedures import (
     ExcludedDrop,
@@ -61,8 +62,10 @@ def test_three_are_seating_three_are_averaged() -> None:
     assert kinds == [Kind.SEATING] * 3 + [Kind.MEASURED] * 3 + [None]
     assert found.used == (4, 5, 6)
     assert dict(found.kinds)[3] is Kind.SEATING
-    assert found.excluded[0] == ExcludedDrop(1, Exclusion.SEATING, "seating drop 1 of 3")
-    assert "walk to the next" in found.instruction
+    assert found.excluded[0] == ExcludedDrop(
+        1, Exclusion.SEATING, Notice("seating-drop-of", {"number": 1, "required": 3})
+    )
+    assert "walk to the next" in text_of(found.instruction)
 
 
 def test_e_vd_is_that_of_the_mean_settlement() -> None:
@@ -88,22 +91,24 @@ def test_e_lwd_is_boussinesq_s() -> None:
     assert found.value.value == pytest.approx(modulus)
     assert found.value.poisson_ratio == 0.3
     assumed = judge(british, drops, plate_radius=0.15).notes
-    assert "Poisson's ratio 0.35 is assumed" in assumed
+    assert "Poisson's ratio 0.35 is assumed" in map(text_of, assumed)
 
 
 def test_a_rejected_drop_does_not_seat_the_plate() -> None:
-    drops = [SIX[0], PointDrop(2, Kind.REJECTED, reason="false trigger"), SIX[1]]
+    drops = [SIX[0], PointDrop(2, Kind.REJECTED, reason=Notice("no-drop")), SIX[1]]
     found = judged([dataclasses.replace(one, number=n) for n, one in enumerate(drops, 1)])
     assert found.seating_done == 2
     assert found.next_kind is Kind.SEATING
-    assert ExcludedDrop(2, Exclusion.REJECTED, "rejected: false trigger") in found.excluded
+    rejected = Notice("rejected", {"reason": Notice("no-drop")})
+    assert ExcludedDrop(2, Exclusion.REJECTED, rejected) in found.excluded
 
 
 def test_a_discarded_drop_has_seated_and_is_replaced() -> None:
-    drops = [*SIX[:4], drop(5, 0.8, Kind.DISCARDED, reason="plate slipped")]
+    slipped = Notice("discarded-because", {"reason": "plate slipped"})
+    drops = [*SIX[:4], drop(5, 0.8, Kind.DISCARDED, reason=slipped)]
     found = judged(drops)
     assert found.next_kind is Kind.MEASURED
-    assert "Drop 5 does not count (discarded: plate slipped)" in found.instruction
+    assert "Drop 5 does not count (discarded: plate slipped)" in text_of(found.instruction)
     assert judged([*drops, drop(6, 0.5), drop(7, 0.5)]).used == (4, 6, 7)
     seated = [drop(1, 0.9, Kind.DISCARDED), *SIX[1:3]]
     assert judged(seated).next_kind is Kind.MEASURED, "it did load the ground"
@@ -112,7 +117,9 @@ def test_a_discarded_drop_has_seated_and_is_replaced() -> None:
 def test_drops_beyond_the_measured_ones_take_no_part() -> None:
     found = judged([*SIX, drop(7, 0.2)])
     assert found.used == (4, 5, 6)
-    assert found.excluded[-1] == ExcludedDrop(7, Exclusion.BEYOND, "beyond the 3 measured drops")
+    assert found.excluded[-1] == ExcludedDrop(
+        7, Exclusion.BEYOND, Notice("beyond-measured", {"required": 3})
+    )
 
 
 @pytest.mark.parametrize(
@@ -136,7 +143,7 @@ def test_a_drop_outside_of_a_limit_is_repeated(
     found = judged([*SIX[:4], bad], limits(**{check: limit}))
     assert found.used == (4,)
     assert (found.excluded[-1].number, found.excluded[-1].why) == (5, Exclusion.FAULT)
-    assert "than" in found.excluded[-1].reason
+    assert "than" in text_of(found.excluded[-1].reason)
     assert found.next_kind is Kind.MEASURED
     unknown = dataclasses.replace(SIX[4], **{field: None})  # type: ignore[arg-type]
     assert 5 in judged([*SIX[:4], unknown], limits(**{check: limit})).used
@@ -147,7 +154,7 @@ def test_an_unverified_limit_is_noted_and_not_enforced() -> None:
     found = judged(short)
     assert found.complete
     assert not found.faults
-    assert any("not verified, not enforced" in note for note in found.notes)
+    assert any("not verified, not enforced" in text_of(note) for note in found.notes)
     strict = judged(short, find_procedure("tp-bf-stb-b8.3", enforce_unverified=True))
     assert not strict.used
 
@@ -157,9 +164,9 @@ def test_drops_that_differ_too_much_leave_the_point_undecided() -> None:
     found = judged(wide, limits(most_deflection_spread=0.1), target=20e6)
     assert found.deflection_spread == pytest.approx(0.4)
     assert found.verdict is Verdict.UNDECIDED
-    assert "40.0%" in found.verdict_reason
+    assert "40.0%" in text_of(found.verdict_reason)
     assert found.next_kind is None
-    assert "measure the point again" in found.instruction
+    assert "measure the point again" in text_of(found.instruction)
 
 
 @pytest.mark.parametrize(
@@ -176,7 +183,7 @@ def test_the_whole_interval_decides(target: float | None, verdict: Verdict, reas
     assert found.value is not None
     assert found.value.interval is not None
     assert found.value.interval[0] < 45e6 < found.value.interval[1]
-    assert (found.verdict, found.verdict_reason) == (verdict, reason)
+    assert (found.verdict, text_of(found.verdict_reason)) == (verdict, reason)
 
 
 def test_of_a_deflection_less_is_better() -> None:
@@ -190,19 +197,19 @@ def test_a_modulus_is_no_target_for_a_deflection() -> None:
     found = judged(SIX, find_procedure("mndot"), target=45e6)
     assert found.target is None
     assert found.verdict is Verdict.NONE
-    assert any("target is a modulus" in note for note in found.notes)
+    assert any("target is a modulus" in text_of(note) for note in found.notes)
 
 
 def test_one_drop_has_no_scatter() -> None:
     alone = judged([drop(1, 0.5, modulus=50e6)], find_procedure("paper"))
-    assert any("one drop: the scatter" in note for note in alone.notes)
+    assert any("one drop: the scatter" in text_of(note) for note in alone.notes)
 
 
 def test_s_over_v_and_compaction() -> None:
     drops = [dataclasses.replace(one, peak_velocity=0.1) for one in SIX]
     found = judged(drops, limits(most_s_over_v_s=0.0035))
     assert found.s_over_v == pytest.approx(0.005)
-    assert any("more compaction is possible" in note for note in found.notes)
+    assert any("more compaction is possible" in text_of(note) for note in found.notes)
     assert [number for number, _, _ in found.compaction] == [1, 2, 3, 4, 5, 6]
     assert found.compaction[0][1] == "seating"
     assert found.compaction_change == pytest.approx(0.49 / 0.50 - 1)
@@ -274,7 +281,7 @@ def test_what_is_not_verified_is_named_before_any_drop() -> None:
         nominal_pressure=SourcedNumber(1e5, "here", True),
         plate_radius=SourcedNumber(0.15, "here", True),
     )
-    assert judged([], profile).notes == (
+    assert tuple(map(text_of, judged([], profile).notes)) == (
         "used in the formula without being verified: plate factor",
         "not verified, hence not enforced: seating drops",
     )
@@ -300,7 +307,7 @@ def test_s_over_v_up_to_the_limit_is_not_noted() -> None:
     drops = [dataclasses.replace(d, peak_velocity=0.2) for d in SIX]
     found = judged(drops, limits(most_s_over_v_s=0.0035))
     assert found.s_over_v == pytest.approx(0.0025)
-    assert not any("compaction" in note for note in found.notes)
+    assert not any("compaction" in text_of(note) for note in found.notes)
 
 
 @pytest.mark.parametrize(
@@ -316,12 +323,14 @@ def test_the_range_of_the_method_is_noted_and_no_fault(
     check: str, limit: float, words: str | None
 ) -> None:
     found = judged(SIX, limits(**{check: limit}))
-    assert [note for note in found.notes if "range" in note] == ([words] if words else [])
+    assert [text_of(note) for note in found.notes if "range" in text_of(note)] == (
+        [words] if words else []
+    )
     assert found.faults == ()
     deflection = dataclasses.replace(
         limits(**{check: limit}), quantity=Quantity.DEFLECTION, average="deflection"
     )
-    assert not [note for note in judged(SIX, deflection).notes if "range" in note]
+    assert not [note for note in judged(SIX, deflection).notes if "range" in text_of(note)]
 
 
 @pytest.mark.parametrize(
@@ -340,23 +349,26 @@ def test_a_spread_is_compared_with_its_own_limit(check: str, field: str, words: 
     ]
     limited = {check: 0.15, "most_load_deviation": 0.5}
     (fault,) = judged(drops, limits(**limited)).faults
-    assert fault == f"{words}, largest less smallest over mean is 20.0%, at most 15.0% is allowed"
+    assert (
+        text_of(fault)
+        == f"{words}, largest less smallest over mean is 20.0%, at most 15.0% is allowed"
+    )
     assert judged(drops, limits(**limited | {check: 0.25})).faults == ()
     loose = own(
         checks={key: SourcedNumber(limit, "here", key != check) for key, limit in limited.items()}
     )
     found = judged(drops, loose)
     assert found.faults == ()
-    assert f"{fault} (not verified, not enforced)" in found.notes
+    assert f"{text_of(fault)} (not verified, not enforced)" in map(text_of, found.notes)
 
 
 def test_the_target_of_the_point_wins_over_the_procedure_s() -> None:
     goal = Target(SourcedNumber(45e6, "contract 7", True), material="gravel")
     profile = own(targets=(goal,))
     found = judged(SIX, profile, material="gravel")
-    assert (found.target, found.target_source) == (45e6, "contract 7")
+    assert (found.target, text_of(found.target_source)) == (45e6, "contract 7")
     found = judged(SIX, profile, material="gravel", target=40e6)
-    assert (found.target, found.target_source) == (40e6, "of the point")
+    assert (found.target, text_of(found.target_source)) == (40e6, "of the point")
     found = judged(SIX, profile, material="clay")
     assert (found.target, found.target_source) == (None, None)
 
@@ -367,14 +379,14 @@ def test_what_is_a_deflection_ends_at_a_metre() -> None:
     assert judged(SIX, american, target=1.0).target is None
     a_deflection = judged(SIX, GERMAN, target=0.5)
     assert a_deflection.target is None, "half a pascal is no modulus: every point would pass"
-    assert a_deflection.notes[-1] == (
+    assert text_of(a_deflection.notes[-1]) == (
         "the target is a deflection, the procedure judges a modulus: not compared"
     )
 
 
 def test_missing_drops_and_values_decide_nothing() -> None:
     missing = judged(SIX[:5], target=40e6)
-    assert (missing.verdict, missing.verdict_reason) == (
+    assert (missing.verdict, text_of(missing.verdict_reason)) == (
         Verdict.UNDECIDED,
         "measured drops are missing",
     )

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from inversion.notices import text_of
 from pfwd.errors import OptionError
 from pfwd.procedures import (
     Kind,
@@ -54,7 +55,7 @@ def test_a_wrong_drop_height_gets_no_verdict() -> None:
     low = german(5100.0, 22.5e-6 / 56.6e-3)
     assert low.verdict is Verdict.UNDECIDED
     assert low.verdict_reason_code is ReasonCode.PRECONDITION
-    assert low.verdict_reason == (
+    assert text_of(low.verdict_reason) == (
         "wrong drop height: 5.1 kN, this procedure needs 7.07 kN (within 10 %, our tolerance)"
     )
     assert low.value is not None
@@ -62,7 +63,7 @@ def test_a_wrong_drop_height_gets_no_verdict() -> None:
     assert low.faults == (low.verdict_reason,)
     high = german(9650.0, 22.5e-6 / 39.5e-3)
     assert high.verdict is Verdict.UNDECIDED
-    assert "wrong drop height: 9.65 kN" in high.verdict_reason
+    assert "wrong drop height: 9.65 kN" in text_of(high.verdict_reason)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +91,7 @@ def test_a_sensor_at_the_wrong_place_gets_no_verdict(
     assert verdicts[needed].verdict is verdicts[None].verdict is Verdict.PASS
     assert verdicts[other].verdict is Verdict.UNDECIDED
     assert verdicts[other].verdict_reason_code is ReasonCode.PRECONDITION
-    assert verdicts[other].verdict_reason.startswith(
+    assert text_of(verdicts[other].verdict_reason).startswith(
         f"the centre sensor is on the {other}, this procedure needs it on the {needed}"
     )
 
@@ -115,18 +116,18 @@ def test_one_drop_from_another_height_is_named() -> None:
     drops[4] = dataclasses.replace(drops[4], peak_load=8500.0)
     progress = judge(GERMAN, drops, plate_radius=RADIUS, target=45e6)
     assert progress.verdict is Verdict.UNDECIDED
-    assert progress.verdict_reason.startswith("drop 5: wrong drop height: 8.5 kN")
-    assert progress.verdict_reason.endswith("discard and repeat it")
+    assert text_of(progress.verdict_reason).startswith("drop 5: wrong drop height: 8.5 kN")
+    assert text_of(progress.verdict_reason).endswith("discard and repeat it")
 
 
 def test_another_plate_gets_no_verdict() -> None:
     progress = german(7070.0, 0.4e-3, radius=0.1)
     assert progress.verdict is Verdict.UNDECIDED
-    assert progress.verdict_reason == (
+    assert text_of(progress.verdict_reason) == (
         "wrong plate: radius 0.1 m, this procedure needs 0.15 m (within 1 %, our tolerance)"
     )
     assert german(7070.0, 0.4e-3, radius=0.1515).verdict is Verdict.PASS
-    assert "needs 0.15 m" in progress.instruction
+    assert "needs 0.15 m" in text_of(progress.instruction)
 
 
 def test_preconditions_come_before_missing_drops() -> None:
@@ -140,7 +141,7 @@ def test_without_a_target_the_violation_is_still_reported() -> None:
     progress = judge(GERMAN, point(5100.0), plate_radius=RADIUS)
     assert progress.verdict is Verdict.NONE
     assert progress.verdict_reason_code is None
-    assert any("wrong drop height" in fault for fault in progress.faults)
+    assert any("wrong drop height" in text_of(fault) for fault in progress.faults)
 
 
 def with_tolerance(value: float, source: str, verified: str) -> str:
@@ -152,7 +153,7 @@ def test_a_profile_states_its_own_tolerance() -> None:
     text = with_tolerance(0.02, "here", "true")
     strict = parse_procedure(text, "strict")
     progress = judge(strict, point(7300.0, 0.4e-3), plate_radius=RADIUS, target=45e6)
-    assert progress.verdict_reason == (
+    assert text_of(progress.verdict_reason) == (
         "wrong drop height: 7.3 kN, this procedure needs 7.07 kN (within 2 %)"
     )
 
@@ -162,8 +163,8 @@ def test_a_tolerance_without_a_verified_source_applies_as_ours() -> None:
     progress = judge(
         parse_procedure(text, "x"), point(7300.0, 0.4e-3), plate_radius=RADIUS, target=45e6
     )
-    assert "(within 2 %, our tolerance)" in progress.verdict_reason
-    assert not any("most_load_deviation" in note for note in progress.notes)
+    assert "(within 2 %, our tolerance)" in text_of(progress.verdict_reason)
+    assert not any("most_load_deviation" in text_of(note) for note in progress.notes)
 
 
 def test_a_stress_is_presumed_for_the_plate_of_the_procedure() -> None:

@@ -4,6 +4,7 @@ import dataclasses
 
 import pytest
 
+from inversion.notices import text_notice, text_of
 from pfwd.procedures import (
     Kind,
     PointDrop,
@@ -47,7 +48,7 @@ def test_copies_of_one_drop_decide_nothing(procedure: Procedure) -> None:
     progress = judged(procedure, drops_of(*[1.0] * 6))
     assert progress.verdict is Verdict.UNDECIDED
     assert progress.verdict_reason_code is ReasonCode.NOT_SUPPORTED
-    assert "drop 5: its record is a copy of that of drop 4" in progress.verdict_reason
+    assert "drop 5: its record is a copy of that of drop 4" in text_of(progress.verdict_reason)
     assert progress.value is not None
     assert progress.value.not_supported is not None
 
@@ -55,9 +56,9 @@ def test_copies_of_one_drop_decide_nothing(procedure: Procedure) -> None:
 @pytest.mark.parametrize("procedure", PROCEDURES, ids=lambda procedure: procedure.name)
 def test_a_record_that_its_file_contradicts_decides_nothing(procedure: Procedure) -> None:
     fault = "the record contradicts the peak that its file stores"
-    drops = [*SOUND[:5], dataclasses.replace(SOUND[5], record_fault=fault)]
+    drops = [*SOUND[:5], dataclasses.replace(SOUND[5], record_fault=text_notice(fault))]
     progress = judged(procedure, drops)
     assert progress.verdict is Verdict.UNDECIDED
-    assert f"drop 6: {fault}" in progress.verdict_reason
-    seating = [dataclasses.replace(SOUND[0], record_fault=fault), *SOUND[1:]]
+    assert f"drop 6: {fault}" in text_of(progress.verdict_reason)
+    seating = [dataclasses.replace(SOUND[0], record_fault=text_notice(fault)), *SOUND[1:]]
     assert judged(procedure, seating).verdict is Verdict.PASS, "a seating drop is not averaged"

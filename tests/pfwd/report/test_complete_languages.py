@@ -17,7 +17,7 @@ from matplotlib.text import Text
 
 from inversion import PLATE_MODELS, notices
 from inversion.effects.catalogue import OWN
-from inversion.notices import Notice, codes, gaps_of, templates, terms, to_json
+from inversion.notices import Notice, codes, gaps_of, templates, terms, text_of, to_json
 from pfwd.analysis.result_store import basis_of
 from pfwd.analysis.results import DiagnosisResult, DropResult, EffectResult
 from pfwd.export.rows import judged_values
@@ -287,13 +287,8 @@ def test_no_text_of_a_report_is_english(code: str, slip: bool, full_report: Repo
     assert [key for key in expected if texts[key] not in said] == []
 
 
-def coded(value: Any) -> Any:
-    """Return a value with codes and values in place of messages."""
-    if isinstance(value, Notice):
-        return value.to_json()
-    if isinstance(value, dict):
-        return {key: coded(item) for key, item in value.items()}
-    return [coded(item) for item in value] if isinstance(value, list | tuple) else value
+SENTENCES = ("verdict_reason", "value_not_supported", "use_reason", "modulus_not_supported")
+"""Exported values that are sentences; their codes are in the progress of the point."""
 
 
 def judgement_of(report: Report) -> dict[str, Any]:
@@ -302,8 +297,11 @@ def judgement_of(report: Report) -> dict[str, Any]:
     texts = compose(replace(report, points=points), load_texts("de"), Letters())
     again = [read(DiagnosisResult, known(point.diagnosis).to_stored()) for point in points]
     return {
-        "progress": [coded(point.progress.as_dict()) for point in points],
-        "exported": [coded(judged_values(point)) for point in points],
+        "progress": [point.progress for point in points],
+        "exported": [
+            {key: value for key, value in judged_values(point).items() if key not in SENTENCES}
+            for point in points
+        ],
         "stored": [codes(diagnosis.warnings or ()) for diagnosis in again],
         "uses": [diagnosis.use for diagnosis in again],
         "translated": list(texts_of(texts)),
@@ -321,7 +319,7 @@ def test_nothing_depends_on_the_english_text_of_a_message(
     } | {notices.OTHER: "{text}"}
     catalogue = notices._catalogue()._replace(templates=only_codes)
     monkeypatch.setattr(notices, "_catalogue", lambda: catalogue)
-    assert str(Notice("no-target")) == "no-target"
+    assert text_of(Notice("no-target")) == "no-target"
     after = judgement_of(full_report)
     for key, value in before.items():
         assert after[key] == value, key

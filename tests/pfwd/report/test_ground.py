@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from inversion.notices import text_notice, text_of
 from inversion.records import Interval
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropAnalysis, DropResult
@@ -75,7 +76,7 @@ def point_of(survey: Path, **options: Any) -> Any:
     return point
 
 
-def text_of(survey: Path, **options: Any) -> str:
+def report_text(survey: Path, **options: Any) -> str:
     target = survey.parent / "report.html"
     write_report(survey, target, ReportOptions(**options))
     page = target.read_text(encoding="utf-8").split('id="', 1)[-1]
@@ -94,7 +95,7 @@ def lines_of(axes: Any) -> list[tuple[list[float], list[float]]]:
 
 
 def test_the_layers_of_every_drop_stand_in_a_table(layered: Path) -> None:
-    text = text_of(layered)
+    text = report_text(layered)
     assert "1 1 120 (110 – 131) 0.250 (0.240 – 0.262) 20.0 1900 0.35" in text.replace("\xa0", " ")
     assert "2 2, subgrade 45.0 (44.0 – 46.0) unlimited" in text.replace("\xa0", " ")
     assert "Effective modulus 71.0 MPa (70.0 – 72.0), down to 0.93 m" in text.replace("\xa0", " ")
@@ -103,7 +104,7 @@ def test_the_layers_of_every_drop_stand_in_a_table(layered: Path) -> None:
 def test_what_the_record_leaves_open_has_no_value(survey: Path, make_drop: Any) -> None:
     open_below = layer(45e6, (40e6, 410e6))
     keep(survey, make_drop, layers=[TOP, open_below], modulus_pa=None, modulus_interval_pa=None)
-    text = text_of(survey)
+    text = report_text(survey)
     assert "2, subgrade left open (40 – 410)" in text
     assert "2, subgrade 45" not in text
     assert point_of(survey).progress.value is None, "nothing is judged that is not known"
@@ -206,18 +207,18 @@ def test_a_sensor_that_was_left_out_is_named(survey: Path, make_drop: Any) -> No
 
 def test_the_modulus_is_said_to_be_that_below_the_layers(layered: Path) -> None:
     judged = point_of(layered, procedure="paper")
-    (said,) = [text for text in judged.warnings if "lowest medium" in text]
+    (said,) = [text for text in map(text_of, judged.warnings) if "lowest medium" in text]
     assert "the average and a target refer to it" in said
-    point, text = point_of(layered), text_of(layered)
-    (said,) = [text for text in point.warnings if "lowest medium" in text]
+    point, text = point_of(layered), report_text(layered)
+    (said,) = [text for text in map(text_of, point.warnings) if "lowest medium" in text]
     assert "lowest of 2 media, half-space" in text
     assert said in text
     # E_vd is no modulus of the inversion, and the equivalent modulus is that of all media.
     other = point_of(layered, procedure="tp-bf-stb-b8.3")
-    (said,) = [text for text in other.warnings if "lowest medium" in text]
+    (said,) = [text for text in map(text_of, other.warnings) if "lowest medium" in text]
     assert "average" not in said
-    assert said in point.warnings
-    assert not any("lowest medium" in text for text in gather(layered).points[0].warnings)
+    assert said in map(text_of, point.warnings)
+    assert not any("lowest medium" in text_of(text) for text in gather(layered).points[0].warnings)
 
 
 def test_drops_with_other_numbers_of_media_are_told_apart(layered: Path, make_drop: Any) -> None:
@@ -242,7 +243,7 @@ class Asked:
         self, drop: Drop, _setup: Any, screening: Any, options: AnalysisOptions, _library: Any
     ) -> DropAnalysis:
         self.options.append(options)
-        return DropAnalysis(drop, screening, None, "not inverted")
+        return DropAnalysis(drop, screening, None, text_notice("not inverted"))
 
 
 def test_layers_are_inverted_for_the_report_whatever_is_stored(

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from inversion.notices import Notice, text_notice
+from inversion.notices import Notice, text_notice, text_of
 from pfwd.errors import TraceError
 from pfwd.files.editing import Edit, edit_survey
 from pfwd.report.blocks import Block, Picture, Together
@@ -51,7 +51,7 @@ def with_text(value: Any, text: str, places: list[int]) -> Any:
         return value
     if isinstance(value, Notice):
         places.append(1)
-        return text_notice(f"{text}{value}")
+        return text_notice(f"{text}{text_of(value)}")
     if isinstance(value, str):
         places.append(1)
         return f"{text}{value}"

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from inversion.notices import text_of
 from pfwd.analysis.result_store import basis_of
 from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.judging import PointView
@@ -77,7 +78,7 @@ def rows_of(point: PointView, language: str = "en") -> dict[str, str]:
     return {label: value.replace("\N{NO-BREAK SPACE}", " ") for label, value in rows if value}
 
 
-def text_of(report: Report) -> str:
+def report_text(report: Report) -> str:
     """Everything that the part on the first point says outside its table of fits."""
     texts = []
     for block in point_blocks(report.points[0], report, load_texts("en"), common_warnings(report)):
@@ -105,7 +106,7 @@ def test_numbers_of_a_diagnosed_point_are_those_of_its_diagnosis(survey: Path) -
         "design value: the record is explained and the interval is narrow; secant modulus at "
         "219 kPa under the plate, 40.0 MPa at 100 kPa"
     )
-    text = text_of(report)
+    text = report_text(report)
     assert not any(number in text for number in ("7.77", "6.66", "8.88", "33", "Modulus E, MPa"))
 
 
@@ -124,8 +125,8 @@ def test_nothing_contradicts_a_modulus_to_use_with_care(survey: Path) -> None:
     point = report.points[0]
     rows = rows_of(point)
     assert rows["Use"].startswith("use with care: 1.4 % of the peak is unexplained")
-    assert "do not use it" not in " ".join(all_warnings(point))
-    text = text_of(report)
+    assert "do not use it" not in " ".join(map(text_of, all_warnings(point)))
+    text = report_text(report)
     assert "do not use" not in text
     # The other point has no diagnosis: there the warning of the fits is one of the report.
     (_, warnings) = warning_blocks(report, load_texts("en"))
@@ -146,7 +147,7 @@ def test_numbers_are_those_of_the_fits_where_the_diagnosis_must_not_be_used(surv
         "the fits count, because the diagnosed modulus must not be used: "
         "20 % of the peak is unexplained (allowance included), at most 3 % is permitted"
     )
-    text = text_of(report)
+    text = report_text(report)
     assert "design value" not in text
     assert "use with care" not in text
     assert "for comparison only" not in text

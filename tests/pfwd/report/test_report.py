@@ -21,7 +21,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from inversion import SurrogateLibrary
-from inversion.notices import Notice, codes
+from inversion.notices import Notice, codes, text_of
 from pfwd.analysis.analyse import analyse_drop
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.fits import curves_of
@@ -175,7 +175,7 @@ def test_sensors_are_named_by_side_and_those_left_out_are_marked(
         assert one.left_out == (-0.6,)
         assert one.curves is not None
         assert one.curves.offsets.tolist() == [0.0, 0.3, -0.3, 0.6]
-        assert any("bad sensor: displacement at -0.6 m" in text for text in one.warnings)
+        assert any("bad sensor: displacement at -0.6 m" in text_of(text) for text in one.warnings)
     figure = Figure()
     draw_point(figure, point, point.drops, load_texts(language))
     names = [text.get_text() for text in figure.axes[1].get_legend().get_texts()]
@@ -246,8 +246,8 @@ def test_what_is_missing_or_stale_is_inverted(short_survey: Path) -> None:
     changed = report.points[0].drops[1]
     assert changed.result is not None
     assert changed.result.poisson_ratio == 0.4
-    assert (
-        "declared values have changed since the stored result: inverted again" in changed.warnings
+    assert "declared values have changed since the stored result: inverted again" in map(
+        text_of, changed.warnings
     )
 
 

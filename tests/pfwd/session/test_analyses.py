@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inversion.notices import text_of
 from inversion.result import StructureResult
 from pfwd.analysis import tasks
 from pfwd.analysis.options import AnalysisOptions
@@ -122,7 +123,7 @@ def test_an_inversion_that_fails_is_a_result_with_the_reason(
     notice, failed = events[:2]
     assert reason in notice.text
     assert notice.details == "Traceback ..."
-    assert failed.result.reason == notice.text
+    assert text_of(failed.result.reason) == notice.text
     assert analyses.n_pending == 0
 
 
@@ -169,7 +170,7 @@ def test_what_is_not_finished_in_time_is_reported_and_has_its_keys(
     assert analyses.n_pending == 0
     (unfinished,) = [event for event in events if isinstance(event, DropAnalysed)]
     assert unfinished.final
-    assert unfinished.result.reason.startswith("the analysis did not end in time")
+    assert text_of(unfinished.result.reason).startswith("the analysis did not end in time")
     assert unfinished.result.modulus_pa is None
     assert [event.serious for event in events if isinstance(event, SessionNotice)] == [True]
 

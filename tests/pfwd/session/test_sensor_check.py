@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from inversion.notices import text_of
 from pfwd.session.sensor_check import CHECK_INTERVAL, SensorChecker
 from pfwd_device.acquisition.items import Samples
 from pfwd_device.identity import Identity
@@ -56,7 +57,8 @@ class Bench:
             self._index += len(part)
             found = self._checker.feed(samples, at_rest=at_rest)
             if found is not None:
-                self.found.append(found)
+                details, faults = found
+                self.found.append((details, tuple(map(text_of, faults))))
 
 
 def test_a_sound_instrument() -> None:

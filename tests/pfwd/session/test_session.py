@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inversion.notices import Notice
+from inversion.notices import Notice, text_of
 from pfwd.analysis.drop_facts import FACTS_KEY, facts_to_store, stored_facts
 from pfwd.analysis.results import DropResult
 from pfwd.analysis.screening.drops import screen
@@ -147,7 +147,7 @@ def test_the_operator_may_trigger(log: Log, writer: Any) -> None:
     session = Session(feed, log, SessionPlan(options=None), writer)
     session.run()
     views = [told.saved.view for told in log.of(DropSaved)]
-    assert [view.marks for view in views] == [("triggered by the operator",)] * 2
+    assert [view.marks for view in views] == [(Notice("triggered-by-operator"),)] * 2
     assert [view.own.kind for view in views] == [Kind.REJECTED] * 2
     assert "no drop was triggered, because no samples arrive" in log.texts
 
@@ -211,7 +211,7 @@ def test_the_end_of_the_instrument_is_the_end_of_the_session(log: Log, writer: A
     feed = ScriptedFeed(connected(), began(), pieces(ONE_DROP[:10_500]), end, forever=True)
     assert run(feed, log, writer) is Ending.DONE
     assert (
-        log.of(DropSaved)[0].saved.view.marks[0]
+        text_of(log.of(DropSaved)[0].saved.view.marks[0])
         == "cut off: the instrument reported the end of its data"
     )
 
@@ -227,7 +227,7 @@ def test_saturated_samples_are_marked(log: Log, writer: Any) -> None:
     counts = ONE_DROP.copy()
     counts[10_060:10_070, 1] = 2**23 - 1
     run(ScriptedFeed(connected(), began(), pieces(counts)), log, writer)
-    mark = "saturated: 10 samples of g0 at the end of the converter's range"
+    mark = Notice("saturated", {"samples": 10, "channel": "g0"})
     assert log.of(DropSaved)[0].saved.view.marks == (mark,)
 
 
@@ -348,7 +348,9 @@ def test_drops_at_a_wrong_sampling_rate_get_no_verdict_now_and_later(log: Log, w
         ]
         progress = dataclasses.replace(point, drops=fitted).progress
         assert (progress.verdict, progress.verdict_reason_code) == ("undecided", "not-supported")
-        assert "the sampling rate was 5.0 % off the declared one" in progress.verdict_reason
+        assert "the sampling rate was 5.0 % off the declared one" in text_of(
+            progress.verdict_reason
+        )
         assert all(drop.facts.record_fault for drop in point.drops)  # that before the report too
 
 
@@ -360,7 +362,7 @@ def test_a_copy_of_a_drop_of_another_point_is_reported_at_once(log: Log, writer:
     (notice,) = (notice for notice in log.of(SessionNotice) if notice.serious)
     assert notice.text.startswith(f"drop B/1: {fault}; its point gets no verdict with it")
     faults = [event.saved.view.facts.record_fault for event in log.of(DropSaved)]
-    assert faults == [None, None, fault]
+    assert [text_of(message) for message in faults] == ["", "", fault]
     copied = {"point": "A", "drop": 1}
     assert [drop.metadata.get("copy_of") for drop in recorded(writer)] == [None, None, copied]
 
@@ -375,5 +377,5 @@ def test_a_saturated_drop_does_not_count_as_measured(log: Log, writer: Any) -> N
     assert (point.progress.used, point.progress.measured_done) == ((2,), 1)
     assert dict(point.progress.kinds)[1] is Kind.MEASURED  # it loaded the ground
     (excluded,) = point.progress.excluded
-    assert re.match(r"saturated: \d+ samples of g0 at the end", excluded.reason)
-    assert point.progress.instruction == "Lift the weight for measured drop 2 of 2."
+    assert re.match(r"saturated: \d+ samples of g0 at the end", text_of(excluded.reason))
+    assert text_of(point.progress.instruction) == "Lift the weight for measured drop 2 of 2."

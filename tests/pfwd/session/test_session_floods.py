@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from inversion.notices import text_of
 from pfwd.session import events
 from pfwd.session.events import (
     N_REPORTED_FIRST,
@@ -129,7 +130,7 @@ def test_a_drop_whose_samples_never_come_does_not_hold_up_the_end(log: Log, writ
     assert session.run() is Ending.DONE
     assert STOPPED_DROP <= time.monotonic() - begun < STOPPED_DROP + 2
     (told,) = log.of(DropSaved)
-    assert "cut off: the session was ended" in told.saved.view.marks
+    assert "cut off: the session was ended" in map(text_of, told.saved.view.marks)
 
 
 def test_a_flood_of_connections_does_not_fill_the_survey(log: Log, writer: Any) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inversion.notices import text_of
 from pfwd.errors import OptionError
 from pfwd.session.events import (
     DropNotSaved,
@@ -145,8 +146,8 @@ def test_a_drop_cut_off_by_a_lost_link_is_saved_and_marked(log: Log, writer: Any
     feed = ScriptedFeed(connected(), began(), pieces(ONE_DROP[:10_500]), lost(), forever=False)
     run(feed, log, writer)
     (told,) = log.of(DropSaved)
-    assert told.saved.view.marks[0] == "cut off: the link was lost"
-    assert "samples missing, the first at 49." in told.saved.view.marks[1]
+    assert text_of(told.saved.view.marks[0]) == "cut off: the link was lost"
+    assert "samples missing, the first at 49." in text_of(told.saved.view.marks[1])
     assert log.index(told) < log.index(log.of(InstrumentLost)[0])
     (record,) = recorded(writer)
     assert np.isnan(record.drop.load[-400:]).all()
@@ -195,7 +196,7 @@ def test_another_stream_begins_anew_without_being_announced(log: Log, writer: An
     feed = ScriptedFeed(connected(), pieces(ONE_DROP[:10_500]), pieces(ONE_DROP, 99, 5_000_000))
     run(feed, log, writer)
     first, second = log.of(DropSaved)
-    assert first.saved.view.marks[0] == "cut off: the instrument restarted its sampling"
+    assert text_of(first.saved.view.marks[0]) == "cut off: the instrument restarted its sampling"
     assert second.saved.view.marks == ()
 
 
@@ -349,8 +350,9 @@ def test_missing_samples_are_marked_and_judged(
     run(ScriptedFeed(connected(), began(), with_gaps(pieces(ONE_DROP), [gap])), log, writer)
     (told,) = log.of(DropSaved)
     assert told.saved.screening.status == status
-    assert text in " ".join([told.saved.screening.reason or "", *told.saved.screening.warnings])
-    assert f"{gap[1]} of 1200 samples missing" in told.saved.view.marks[0]
+    screening = told.saved.screening
+    assert text in " ".join(map(text_of, [screening.reason, *screening.warnings]))
+    assert f"{gap[1]} of 1200 samples missing" in text_of(told.saved.view.marks[0])
     (record,) = recorded(writer)
     missing = np.isnan(record.drop.load)
     assert missing.sum() == gap[1]

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from inversion.notices import codes, text_notice
+from inversion.notices import Notice, codes, text_notice
 from inversion.result import TimeHistories
 from pfwd.analysis.drop_facts import unbroken_peaks
 from pfwd.analysis.results import DropResult
@@ -103,7 +103,7 @@ def saved_drop(
     status: str = "measured",
     reason: str | None = None,
     record: int | None = None,
-    marks: tuple[str, ...] = (),
+    marks: tuple[str | Notice, ...] = (),
     load: float = 9900.0,
 ) -> SavedDrop:
     # Drops are judged by their own records.
@@ -113,10 +113,10 @@ def saved_drop(
         SETUP,
         record=number if record is None else record,
         peaks=unbroken_peaks(traces),
-        metadata={"marks": codes(map(text_notice, marks))},
+        metadata={"marks": codes(text_notice(m) if isinstance(m, str) else m for m in marks)},
         awaits_result=status != "rejected",
     )
-    screening = Screening(status, reason)  # type: ignore[arg-type]
+    screening = Screening(status, reason and text_notice(reason))  # type: ignore[arg-type]
     file = f"survey/drops/drop-{number:06d}.h5"
     return SavedDrop(point, dataclasses.replace(view, screening=screening), traces, file)
 
@@ -131,7 +131,7 @@ def stored_drop(number: int, result: DropResult | None, **more: Any) -> DropView
     return drop.with_result(result)
 
 
-def result(modulus: float | None = 47.3e6, **more: Any) -> DropResult:
+def result(modulus: float | None = 47.3e6, *, reason: str | None = None, **more: Any) -> DropResult:
     fields: dict[str, Any] = {
         "status": "measured",
         "method": "posterior",
@@ -171,6 +171,8 @@ def result(modulus: float | None = 47.3e6, **more: Any) -> DropResult:
         "seed": 0,
         "warnings": [],
     }
+    if reason is not None:
+        fields["reason"] = text_notice(reason).to_json()
     return read(DropResult, fields | more)
 
 

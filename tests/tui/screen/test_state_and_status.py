@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from inversion.notices import Notice
+from inversion.notices import Notice, text_notice, text_of
 from pfwd.analysis.result_store import basis_of
 from pfwd.analysis.results import DiagnosisResult, DropResult, EffectResult, FittedState
 from pfwd.judging import Job, PointView
@@ -126,7 +126,7 @@ def test_rebounds_notes_marks_and_names_are_stored() -> None:
     )
     drop = state.current_drops[1]
     assert drop.view.rebounds == (3300.0,)
-    assert drop.view.marks == ("3 samples missing",)
+    assert drop.view.marks == (text_notice("3 samples missing"),)
     assert drop.view.notes == ("wet",)
     point = state.current
     assert (point.shown_name, point.position, point.discarded) == ("km 3", (48.1, 11.5), True)
@@ -142,7 +142,7 @@ def test_a_new_point_is_empty_and_the_first_point_stays() -> None:
 def test_the_stored_survey_is_merged_and_newer_results_win() -> None:
     result = DropResult(modulus_pa=30e6, status="measured")
     first = stored_drop(1, result, record=11, notes=("old",))
-    second = stored_drop(2, None, record=12, discarded="")
+    second = stored_drop(2, None, record=12, discarded=Notice("discarded"))
     contents = PointView(
         "7", (first, second), 45e6, title="km 3", place={"latitude": 1.0, "longitude": 2.0}
     )
@@ -239,7 +239,9 @@ def test_removed_files_have_priority() -> None:
 
 
 def test_a_faulty_load_cell_is_reported() -> None:
-    state = state_after(ready(), Ready(), SensorCheck({}, ("zero of the load cell is off",)))
+    state = state_after(
+        ready(), Ready(), SensorCheck({}, (text_notice("zero of the load cell is off"),))
+    )
     point_diagnosis = status_of(state, 110.0)
     assert (point_diagnosis.word, point_diagnosis.role) == ("CHECK", "alarm")
     assert "zero" in point_diagnosis.action
@@ -299,7 +301,7 @@ def test_a_verdict_on_a_fitted_modulus_waits_for_the_diagnosis() -> None:
 
 def test_a_point_that_could_not_be_diagnosed_says_why() -> None:
     no_drop = DiagnosisResult(
-        drops=(), verdict="unexplained", warnings=("no measured drop to diagnose",)
+        drops=(), verdict="unexplained", warnings=(Notice("no-measured-drop"),)
     )
     assert diagnosis_sentence(no_drop, SI) == "not made: no measured drop to diagnose"
 
@@ -342,7 +344,7 @@ def test_the_fit_of_a_drop_is_not_shown_where_its_point_has_no_modulus() -> None
     )
     report(state, PointDiagnosed("7", diagnosis))
     assert SI.value_and_ends(modulus_of_drop(state.last)) == ("-", "")
-    assert f"no modulus: {diagnosis.use_reason}" in remark(state.last, SI)
+    assert f"no modulus: {text_of(diagnosis.use_reason)}" in remark(state.last, SI)
     report(state, PointDiagnosed("7", dataclasses.replace(diagnosis, drops=())))
     assert SI.value_and_ends(modulus_of_drop(state.last)) == shown, (
         "the diagnosis is not in force any more"

@@ -16,6 +16,7 @@ from textual.widgets._tabs import Underline
 
 from pfwd.digits import significant
 from pfwd.errors import DeviceError, SurveyError
+from pfwd.message_groups import text_of
 from tui.output import clean, counted, say
 from tui.screen.command_process import run_command
 from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
@@ -554,12 +555,12 @@ class OpenApp(App[int]):
                 significant(facts.peak_deflection and facts.peak_deflection * 1e3),
                 significant(modulus and modulus / 1e6),
                 "-" if residual is None else f"{100 * residual:.2g} %",
-                clean(why.get(number, "averaged")),
+                clean(text_of(why.get(number)) or "averaged"),
             )
             rows.append((str(number), cells))
         table.fill(rows)
         self.show_message(
-            f"point {point.shown_name}: {progress.verdict.word}, {progress.verdict_reason}"
+            f"point {point.shown_name}: {progress.verdict.word}, {text_of(progress.verdict_reason)}"
         )
         self._overlay("#drops-plot", [(str(drop.number), drop.source) for drop in point.drops])
 

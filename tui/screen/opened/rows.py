@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from pfwd.errors import DeviceError, SurveyError
 from pfwd.files.folders import refuse_no_survey
 from pfwd.files.output_path import replaced_at_once
+from pfwd.message_groups import text_of
 from pfwd.procedures import Quantity
 from pfwd.units import SI, Fact
 from pfwd_plugins.quantities import Unit
@@ -276,7 +277,7 @@ def judged_row(row: PointRow, point: "PointView") -> PointRow:
         high=high,
         target=progress.target,
         verdict=progress.verdict.value,
-        reason=progress.verdict_reason,
+        reason=text_of(progress.verdict_reason),
         modulus=fitted,
         modulus_low=None if ends is None else ends[0],
         modulus_high=None if ends is None else ends[1],

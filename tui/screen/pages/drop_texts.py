@@ -8,6 +8,7 @@ from pfwd.analysis.results import DropResult
 from pfwd.digits import MISSING
 from pfwd.facts import UNEXPLAINED, fact_of_modulus, fact_of_value, facts_of_drop
 from pfwd.judging import PointView
+from pfwd.message_groups import text_of
 from pfwd.procedures import Quantity, Verdict
 from pfwd.procedures.point import UNSUPPORTED_MARK
 from pfwd.units import Fact, Units, percent
@@ -190,8 +191,8 @@ def remark(drop: ScreenDrop, units: Units) -> str:
     elif drop.is_refined:
         parts.append("refining the fit")
     elif drop.withheld is not None:
-        parts.append(f"no modulus: {drop.withheld}")
-    parts += drop.view.marks
+        parts.append(f"no modulus: {text_of(drop.withheld)}")
+    parts += map(text_of, drop.view.marks)
     if drop.curves_result is not None and drop.curves_result.explained is False:
         parts.append("unexplained")
     parts += [f"note: {note}" for note in drop.view.notes]
@@ -225,7 +226,7 @@ def point_summary(state: SessionState, point: PointView, units: Units, width: in
     judged = progress.value
     if judged is None:
         withheld = progress.withheld
-        text = "nothing measured yet" if withheld is None else f"no modulus: {withheld}"
+        text = "nothing measured yet" if withheld is None else f"no modulus: {text_of(withheld)}"
         return fit([piece(0, cell(f"point: {text}", "dim"))], width)
     value = units.show(fact_of_value(judged))
     text = f"point: {judged.quantity.label} {value}, mean of {judged.drops}"
@@ -234,7 +235,7 @@ def point_summary(state: SessionState, point: PointView, units: Units, width: in
         pieces.append(piece(1, cell(f"{UNSUPPORTED_MARK} not supported", "warn")))
     if verdict := verdict_word(point):
         pieces.append(piece(0, cell(*verdict)))
-        pieces.append(piece(3, cell(progress.verdict_reason)))
+        pieces.append(piece(3, cell(text_of(progress.verdict_reason))))
     if progress.modulus is not None:
         other = judged.quantity.other_fitted
         modulus = units.show(fact_of_modulus(progress.modulus, other))

@@ -11,6 +11,7 @@ from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.analysis.screening.drops import channels_outward
 from pfwd.digits import MISSING, declared, significant
 from pfwd.facts import facts_of_drop, facts_of_state
+from pfwd.message_groups import text_of
 from pfwd.units import Units, percent
 from tui.diagnosis_lines import diagnosis_lines, diagnosis_sentence
 from tui.format import word
@@ -305,8 +306,8 @@ def _fit_lines(view: DropPageState, result: DropResult, width: int) -> list[Line
 
 def _warnings(result: DropResult, width: int) -> list[Line]:
     lines: list[Line] = []
-    for text in result.warnings:
-        lines += _paragraph(f"warning: {text}", width, "warn")
+    for warning in result.warnings:
+        lines += _paragraph(f"warning: {text_of(warning)}", width, "warn")
     return lines
 
 
@@ -331,7 +332,7 @@ def _short_result(result: DropResult, units: Units) -> str:
     modulus = result.modulus_pa
     if modulus is None:
         open_below = effective_text(result, units) if has_layers(result) else ""
-        return open_below or result.reason or "no modulus"
+        return open_below or text_of(result.reason) or "no modulus"
     text = units.show(facts_of_drop(result)["modulus"])
     return f"{text}, residual {percent(result.residual_rms_over_peak)}"
 

@@ -6,6 +6,7 @@ from functools import cached_property
 
 from pfwd.digits import MISSING, declared
 from pfwd.facts import fact_of_value
+from pfwd.message_groups import text_of
 from pfwd.procedures import NO_PROCEDURE, PLAIN
 from pfwd.session.live_trace import WINDOW, Envelope
 from pfwd.units import Units
@@ -158,7 +159,10 @@ def complete_point_lines(view: MeasureView, width: int, room: int) -> list[Line]
     pieces = [piece(rank, cell(text, "strong")) for rank, text in enumerate(texts)]
     facts = [line(" ", *row) for row in flow(pieces, width - 1, 2, "   ")]
     if verdict is not None:
-        facts += [line(" ", cell(text, role)) for text in wrap(progress.verdict_reason, width - 2)]
+        facts += [
+            line(" ", cell(text, role))
+            for text in wrap(text_of(progress.verdict_reason), width - 2)
+        ]
     settled = [
         units.text("settlement", depth)
         for number, _, depth in progress.compaction
@@ -500,7 +504,7 @@ def _unit_text(view: MeasureView, drop: ScreenDrop | None, *, short: bool = Fals
     unit, (value, ends) = view.units.unit(fact.quantity), view.units.value_and_ends(fact)
     if value == MISSING:
         if quantity.is_fitted and drop is not None and drop.withheld is not None:
-            return f"no modulus: {drop.withheld}"
+            return f"no modulus: {text_of(drop.withheld)}"
         return "no result yet" if quantity.is_fitted else f"no {quantity.label} yet"
     if not quantity.is_fitted:
         return f"{unit}  {quantity.label}" if short else unit

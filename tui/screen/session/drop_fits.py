@@ -11,6 +11,7 @@ from pfwd.analysis.results import DropResult
 from pfwd.analysis.tasks import Urgency
 from pfwd.errors import DeviceError, SurveyError
 from pfwd.jobs import Jobs, Task
+from pfwd.message_groups import text_of
 from pfwd.session.events import SavedDrop, TableBuilding
 from pfwd.session.stored_drops import add_result, recorded_drop, stored_results
 from pfwd.units import Units
@@ -122,7 +123,7 @@ class DropFits:
         if not label or result is None:
             return
         if result.modulus_pa is None and not result.layers:
-            self._show_message(f"drop {number}, {label}: no fit, {result.reason}")
+            self._show_message(f"drop {number}, {label}: no fit, {text_of(result.reason)}")
             return
         # The modulus of the lowest layer may be undetermined.
         is_effective = result.modulus_pa is None

@@ -2,6 +2,7 @@
 
 import logging
 
+from pfwd.message_groups import text_of
 from pfwd.session.events import (
     DropAnalysed,
     DropNotSaved,
@@ -39,13 +40,14 @@ def log_event(event: ScreenEvent) -> None:
         case SensorCheck(details, faults):
             log.info("load cell: zero %s N, span %s", details["zero_n"], details["span_ratio"])
             for fault in faults:
-                log.warning("%s", fault)
+                log.warning("%s", text_of(fault))
         case DropSaved(one):
             log.info("drop %s/%s saved as %s", one.point, one.number, one.record)
             for mark in one.view.marks:
-                log.warning("drop %s/%s: %s", one.point, one.number, mark)
+                log.warning("drop %s/%s: %s", one.point, one.number, text_of(mark))
             if one.screening.status == "rejected":
-                log.info("drop %s/%s rejected: %s", one.point, one.number, one.screening.reason)
+                reason = text_of(one.screening.reason)
+                log.info("drop %s/%s rejected: %s", one.point, one.number, reason)
         case DropNotSaved(point, number, reason):
             log.error("drop %s/%s is not safe yet: %s", point, number, reason)
         case DropAnalysed(one, delay, result):

@@ -7,6 +7,7 @@ from pfwd.analysis.diagnosed_drop import DiagnosedDrop
 from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState, TimeHistories
 from pfwd.analysis.sensor_fits import sensor_fits
 from pfwd.judging import DropView, PointView, value_of_drop
+from pfwd.message_groups import Notice, text_of
 from pfwd.procedures import Kind, PointValue, Quantity
 from pfwd.session.events import SavedDrop
 from tui.screen.session.screen_events import Refit
@@ -82,7 +83,7 @@ class ScreenDrop:
         facts = next((fact for fact in self.owner.facts if fact.number == number), None)
         if facts is None or facts.kind is not Kind.REJECTED:
             return ""
-        return facts.reason or ""
+        return text_of(facts.reason)
 
     @property
     def exclusion_reason(self) -> str:
@@ -90,7 +91,7 @@ class ScreenDrop:
         if self.status != Kind.MEASURED.value or self.discarded:
             return ""
         number, excluded = self.number, self.owner.progress.excluded
-        return next((drop.reason for drop in excluded if drop.number == number), "")
+        return text_of(next((e.reason for e in excluded if e.number == number), None))
 
     @property
     def discarded(self) -> bool:
@@ -100,7 +101,7 @@ class ScreenDrop:
     @property
     def moved_to(self) -> str:
         """New place of a moved drop in words; empty: it was not moved."""
-        return self.view.moved_to or ""
+        return text_of(self.view.moved_to)
 
     @property
     def edited_word(self) -> str:
@@ -129,7 +130,7 @@ class ScreenDrop:
         return next((peak for peak in candidates if peak is not None), math.nan)
 
     @property
-    def withheld(self) -> str | None:
+    def withheld(self) -> Notice | None:
         """Reason why neither fit nor diagnosis of the point permits a modulus; None: one does."""
         return self.owner.progress.withheld
 
@@ -203,7 +204,7 @@ class ScreenDrop:
         last = self.view.last_result
         if last is None or last.has_ground or self.result is not None:
             return ""
-        return last.reason or "the analysis failed"
+        return text_of(last.reason) or "the analysis failed"
 
     @property
     def saturated(self) -> bool:

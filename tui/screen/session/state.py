@@ -10,6 +10,7 @@ from typing import Any
 from pfwd.judging import DropView, Job, PointView, SurveyView
 from pfwd.judging.advice import ACTIONABLE_EFFECTS, advice_on_drop, advice_on_point
 from pfwd.judging.view import NO_SETUP
+from pfwd.message_groups import text_of
 from pfwd.procedures import Kind, PointDrop, PointProgress, Procedure, plain_procedure
 from pfwd.session.events import (
     BatteryLow,
@@ -255,7 +256,7 @@ class SessionState:
             case Ready():
                 self.device.ready, self.device.not_ready_reason = True, ""
             case SensorCheck(_, faults):
-                self.device.check_faults = faults
+                self.device.check_faults = tuple(map(text_of, faults))
             case DropSaved(saved):
                 key = saved.point, saved.number
                 self.unsafe.pop(key, None)

@@ -17,6 +17,7 @@ from inversion.forward.model import Instrument
 from inversion.inference import structures
 from inversion.inference.next_drop import DropPredictor
 from inversion.inference.structures import Structure
+from inversion.notices import text_of
 from pfwd.analysis.diagnosis import hold_out
 from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_entries
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint, DiagnosisRequest, instrument_of
@@ -163,7 +164,7 @@ def test_a_point_that_cannot_be_predicted_without_a_part_says_so(
     (diagnosis,) = hold_out.with_predictions([point], found, request, Workers(1)).values()
     assert isinstance(diagnosis, PointDiagnosis)
     assert diagnosis.held_out is None
-    assert diagnosis.warnings[-2:] == (
+    assert tuple(map(text_of, diagnosis.warnings[-2:])) == (
         "nothing is predicted without part 1 (drop): no load",
         "nothing is predicted without part 2 (drop): no load",
     )

@@ -12,6 +12,7 @@ import pytest
 
 from inversion.diagnosis.findings import DeviceFindings, PointDiagnosis, PointSummary
 from inversion.inference.instrument import InstrumentKnowledge
+from inversion.notices import text_of
 from pfwd.analysis.diagnosis import shared_device
 from pfwd.analysis.diagnosis.shared_device import (
     DiagnosisFailure,
@@ -311,7 +312,7 @@ def test_what_points_could_not_tell_apart_is_told_of_the_survey() -> None:
     (effect,) = shown.effects
     assert effect.alternatives == ("acquisition_filter", "geophone_response")
     said = "sensor_lag cannot be distinguished from acquisition_filter, geophone_response"
-    assert shown.warnings == (said,)
+    assert tuple(map(text_of, shown.warnings)) == (said,)
     plain = with_device(diagnosis(0.01), findings)
     assert plain.effects[0].alternatives == ()
     assert plain.warnings == ()

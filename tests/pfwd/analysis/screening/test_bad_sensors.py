@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from inversion import InversionError, Record, Settings, SurrogateLibrary
+from inversion.notices import text_of
 from pfwd.analysis import analyse
 from pfwd.analysis.analyse import analyse_drop, analyse_point
 from pfwd.analysis.diagnosis.entries import entry_of
@@ -52,7 +53,7 @@ def test_a_sensor_that_is_bad_once_is_left_out_of_all_drops_of_the_point(
 ) -> None:
     for found in screened(point):
         assert found.left_out == (-0.6,)
-        assert [text for text in found.warnings if text.startswith(BAD)]
+        assert [text for text in found.warnings if text_of(text).startswith(BAD)]
     sound = replace(point, drops=(point.drops[0], point.drops[2]))
     assert screened(sound) == screen_point(sound)
 
@@ -66,8 +67,10 @@ def test_every_reason_is_said_once(point: TracePoint) -> None:
     )
     third = Drop(3, third.time, third.load, away)
     found = screened(replace(point, drops=(loose(first), second, third)))
-    (text,) = {text for one in found for text in one.warnings if "bad sensor" in text}
-    assert "unlike the others; it moves more than the sensors nearer to the plate; left" in text
+    (text,) = {text for one in found for text in one.warnings if "bad sensor" in text_of(text)}
+    assert "unlike the others; it moves more than the sensors nearer to the plate; left" in text_of(
+        text
+    )
 
 
 def test_a_drop_that_is_none_judges_no_sensor(point: TracePoint) -> None:
@@ -109,7 +112,7 @@ def test_an_inversion_goes_on_without_it(
     assert used == [[[0.0, 0.3, -0.3, 0.6]]]
     for one in (*every, alone):
         said = drop_result("f", one).warnings or ()
-        assert len([text for text in said if text.startswith(BAD)]) == 1
+        assert len([text for text in said if text_of(text).startswith(BAD)]) == 1
 
 
 def test_a_diagnosis_goes_on_without_it(point: TracePoint) -> None:
@@ -117,7 +120,7 @@ def test_a_diagnosis_goes_on_without_it(point: TracePoint) -> None:
     assert entry.records is not None
     for record in entry.records.records:
         assert [sensor.offset for sensor in record.sensors] == [0.0, 0.3, -0.3, 0.6]
-    assert len([text for text in entry.warnings if text.startswith(BAD)]) == 1
+    assert len([text for text in entry.warnings if text_of(text).startswith(BAD)]) == 1
 
 
 # Real records

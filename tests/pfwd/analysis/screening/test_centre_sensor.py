@@ -14,6 +14,7 @@ from scipy.signal import butter, lfilter
 
 from inversion import SurrogateLibrary
 from inversion.effects.base import geophone
+from inversion.notices import text_of
 from pfwd.analysis.analyse import analyse_point
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.options import AnalysisOptions
@@ -52,7 +53,7 @@ SPRING = PEAK * half_sine()
 
 
 def fault(motion: Vector, load: Vector = LOAD, **more: Any) -> str | None:
-    return centre_sensor_fault(TIME, load, motion, **more)
+    return text_of(centre_sensor_fault(TIME, load, motion, **more)) or None
 
 
 # Sound records
@@ -191,7 +192,7 @@ def test_such_a_drop_is_rejected_with_the_reason(make_drop: Make) -> None:
     for changed, reason in ((stopped, "it stops at 350 um"), (early, "it is back at ")):
         found = screen(changed(make_drop(offsets=(0.0, 0.3))), setup)
         assert found.status == "rejected"
-        assert str(found.reason).startswith(f"centre sensor cannot be believed: {reason}")
+        assert text_of(found.reason).startswith(f"centre sensor cannot be believed: {reason}")
 
 
 def test_the_neighbours_are_the_two_nearest_on_any_side(make_drop: Make) -> None:
@@ -201,7 +202,7 @@ def test_the_neighbours_are_the_two_nearest_on_any_side(make_drop: Make) -> None
     weak = replace(channels[0.0], values=0.3 * channels[0.0].values)
     others = [channels[0.9], channels[-0.3], channels[0.3]]
     found = screen(replace(drop, channels=(*others, weak)), setup)
-    assert "both sensors next to it" in str(found.reason)
+    assert "both sensors next to it" in text_of(found.reason)
     # Of the two nearest one has a good reason to be less: nothing contradicts the centre.
     lesser = replace(channels[0.3], values=0.1 * channels[0.3].values)
     apart = replace(drop, channels=(channels[0.9], channels[-0.3], lesser, weak))
@@ -226,8 +227,10 @@ def test_a_point_of_such_drops_has_no_modulus(make_drop: Make) -> None:
     for analysis in analyse_point(point, options, SurrogateLibrary()):
         result = drop_result("f", analysis)
         assert (result.status, result.modulus_pa) == ("rejected", None)
-        assert str(result.reason).startswith("centre sensor cannot be believed: it stops at 350 um")
-        assert result.to_json()["reason"] == result.reason, "a sentence also in JSON"
+        assert text_of(result.reason).startswith(
+            "centre sensor cannot be believed: it stops at 350 um"
+        )
+        assert result.to_json()["reason"] == text_of(result.reason), "a sentence also in JSON"
 
 
 # Real records
@@ -246,4 +249,4 @@ def test_no_sound_drop_is_rejected(shared: Path, folder: str) -> None:
     for file in files:
         for point in read_points(file):
             for found in screen_point(point):
-                assert "centre sensor" not in str(found.reason), file
+                assert "centre sensor" not in text_of(found.reason), file

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from inversion.notices import text_of
 from pfwd.analysis.screening.drops import Screening, screen, screen_point
 from pfwd.files.header import PointSetup
 from pfwd.files.traces import TracePoint, read_traces
@@ -39,13 +40,13 @@ def rejected(drop: Drop) -> str:
     assert found.status == "rejected"
     assert found.reason is not None
     assert found.warnings == ()
-    return found.reason
+    return text_of(found.reason)
 
 
 def warned(drop: Drop) -> tuple[str, ...]:
     found = screen(drop, SETUP)
     assert found.status == "measured"
-    return found.warnings
+    return tuple(map(text_of, found.warnings))
 
 
 # What passes
@@ -248,7 +249,9 @@ def test_a_flat_top_below_what_the_channel_shows_elsewhere_is_not_clipped(
         point = TracePoint("made up", SETUP, drops)
         screenings = screen_point(point)
         for screening in screenings:
-            assert screening.clipped == any("clipped" in text for text in screening.warnings)
+            assert screening.clipped == any(
+                "clipped" in text_of(text) for text in screening.warnings
+            )
         return [screening.clipped for screening in screenings]
 
     assert found(cut) == [True]
@@ -267,7 +270,7 @@ def test_one_refuted_channel_does_not_clear_another(make_drop: MakeDrop) -> None
     load_only = changed(dataclasses.replace(drop, number=2), centre=lambda v: np.minimum(v, limit))
     first, _ = screen_point(TracePoint("made up", SETUP, (both, load_only)))
     assert first.clipped
-    assert [text.partition(",")[0] for text in first.warnings] == [
+    assert [text_of(text).partition(",")[0] for text in first.warnings] == [
         "clipped samples: velocity at 0 m"
     ]
 
@@ -290,7 +293,7 @@ def point_of(make_drop: MakeDrop, *peaks: float, seating: int = 0) -> TracePoint
 def test_a_rebound_is_rejected_beside_its_drop(make_drop: MakeDrop) -> None:
     found = screen_point(point_of(make_drop, 80e3, 9e3, 75e3))
     assert [one.status for one in found] == ["measured", "rejected", "measured"]
-    assert found[1].reason == (
+    assert text_of(found[1].reason) == (
         "false trigger: peak load 9 kN is 11% of the largest of this point (80 kN): "
         "a rebound or a knock"
     )
@@ -299,7 +302,7 @@ def test_a_rebound_is_rejected_beside_its_drop(make_drop: MakeDrop) -> None:
 def test_a_partial_drop_is_warned_of(make_drop: MakeDrop) -> None:
     found = screen_point(point_of(make_drop, 3900, 8000, 7000, seating=1))
     assert [one.status for one in found] == ["seating", "measured", "measured"]
-    assert found[0].warnings == (
+    assert tuple(map(text_of, found[0].warnings)) == (
         "partial drop: peak load 3.9 kN is 49% of the largest of this point (8 kN)",
     )
     assert found[2].warnings == ()
@@ -339,7 +342,7 @@ def test_partial_drops_are_all_that_is_warned_of(shared: Path) -> None:
         for drop, one in zip(point.drops, screen_point(point), strict=True)
         if one.warnings
     }
-    assert all(text.startswith("partial drop") for (text,) in warnings.values())
+    assert all(text_of(text).startswith("partial drop") for (text,) in warnings.values())
     assert set(warnings) == {
         ("minidyn_a_03", 1),
         ("minidyn_a_05", 3),

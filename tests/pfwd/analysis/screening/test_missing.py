@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inversion.notices import text_of
 from pfwd.analysis.screening.drops import screen, unbroken_part
 from pfwd.files.header import PointSetup
 from pfwd_device import Drop
@@ -49,7 +50,7 @@ def test_gaps_outside_of_the_needed_part(
     whole, reason, warning = unbroken_part(without(drop, start, end))
     assert reason is None
     assert warning is not None
-    assert f"the first at {start * 1e3:.1f} ms" in warning
+    assert f"the first at {start * 1e3:.1f} ms" in text_of(warning)
     assert (whole.time[0], whole.time[-1]) == pytest.approx(left)
     for values in (whole.load, *(channel.values for channel in whole.channels)):
         assert np.isfinite(values).all()
@@ -67,7 +68,7 @@ def test_gaps_in_the_needed_part(drop: Drop, start: float, end: float) -> None:
     whole, reason, warning = unbroken_part(damaged)
     assert whole is damaged
     assert reason is not None
-    assert reason.startswith("damaged record")
+    assert text_of(reason).startswith("damaged record")
     assert warning is None
     assert screen(damaged, PointSetup(plate_radius=0.15)).status == "rejected"
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from inversion.notices import text_of
 from pfwd.errors import SurveyError
 from pfwd.files.reading import read_points
 from tests.pfwd.files.foreign.builders import pulse, thy
@@ -69,7 +70,7 @@ def test_sensors_are_where_they_are_declared(
         assert [channel.offset for channel in drop.channels] == offsets
         for channel, values in zip(drop.channels, recorded.sensors, strict=False):
             np.testing.assert_allclose(channel.values, values, atol=2e-11)
-    sensors = [text for text in first.warnings if "sensor" in text]
+    sensors = [text for text in map(text_of, first.warnings) if "sensor" in text]
     assert len(sensors) == (remark is not None)
     assert all(remark is not None and remark in text for text in sensors)
 
@@ -183,20 +184,22 @@ def test_peaks_beside_histories_are_compared(tmp_path: Path, file: Path, header:
     first, second = read_points(file, header)
     assert (second.setup.latitude, second.setup.longitude) == (34.5, -89.25)
     assert second.setup.extra["imported"]["note"] == "again"
-    assert not any(".DAT" in text for text in first.warnings)
-    said = [text for text in second.warnings if "a.DAT" in text]
-    assert [text.split(" is ")[0] for text in said] == [
+    assert not any(".DAT" in text_of(text) for text in first.warnings)
+    said = [text for text in second.warnings if "a.DAT" in text_of(text)]
+    assert [text_of(text).split(" is ")[0] for text in said] == [
         "a.DAT, line 14: peak of sensor 2",
         "a.DAT, line 14: peak of sensor 3",
     ]
     (tmp_path / "a.DAT").write_text(HEAD + dat(1, good[:1]) + dat(2, [(1.1 * load, moved)]))
     first, second = read_points(file, header)
-    assert any("1 drops of this station, 2 in the .THY" in text for text in first.warnings)
-    assert any("line 13: load" in text for text in second.warnings)
+    assert any("1 drops of this station, 2 in the .THY" in text_of(text) for text in first.warnings)
+    assert any("line 13: load" in text_of(text) for text in second.warnings)
     # A damaged one keeps nobody from the histories.
     (tmp_path / "a.DAT").write_text(HEAD + "1 1   0.000 1 x 5.83 71.3\n")
     first, _ = read_points(file, header)
-    assert any(text.startswith("a.DAT: not read: line 9: expected") for text in first.warnings)
+    assert any(
+        text_of(text).startswith("a.DAT: not read: line 9: expected") for text in first.warnings
+    )
 
 
 def test_damage_of_peaks_is_one_line(tmp_path: Path, header: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from inversion.notices import text_of
 from pfwd.files.reading import read_points
 from pfwd.files.traces import TracePoint
 from pfwd_device.signals import trace_peaks
@@ -33,7 +34,7 @@ OTHER_RATE = "{name}: the traces state 15000 Hz and 750 samples, database.json s
 
 
 def said(points: list[TracePoint]) -> list[str]:
-    texts = [text for point in points for text in point.warnings]
+    texts = [text_of(warning) for point in points for warning in point.warnings]
     return list(dict.fromkeys(texts))
 
 
@@ -133,7 +134,7 @@ def test_a_dat_beside_a_thy(original: Callable[[str], Path], tmp_path: Path) -> 
     differing = {
         str(point.setup.point)
         for point in traced
-        if any("off that of the time history" in text for text in point.warnings)
+        if any("off that of the time history" in text_of(text) for text in point.warnings)
     }
     assert differing == {"station 2 lane 1", "station 3 lane 1"}
 
@@ -151,7 +152,7 @@ def test_a_rig_is_a_stiffness_test(original: Callable[[str], Path], name: str) -
     texts = said(found)
     assert any("smoothed alike these agree within 0.5 %" in text for text in texts)
     # Three points of the one file have peaks that are not of their channels.
-    off = [p.setup.point for p in found if any(" % off " in text for text in p.warnings)]
+    off = [p.setup.point for p in found if any(" % off " in text_of(text) for text in p.warnings)]
     assert off == ([] if name == "rig-no-plate.dynz" else ["4s1p 1", "4s1p 2", "4s1p 3"])
     stiffness = []
     for point in found:

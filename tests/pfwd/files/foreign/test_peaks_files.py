@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inversion.notices import text_of
 from pfwd.errors import TraceError
 from pfwd.files.importing import import_files
 from pfwd.files.reading import read_points
@@ -82,7 +83,7 @@ def test_every_layout_gives_the_numbers_it_was_written_with(read: Reader, name: 
     assert (first.setup.latitude, first.setup.longitude) == pytest.approx((48.5, 2.25), abs=1e-7)
     assert noted(first)["air_temperature_c"] == pytest.approx(8.6)
     assert noted(first)["surface_temperature_c"] == pytest.approx(3.0)
-    assert any("peaks as another program recorded them" in one for one in first.warnings)
+    assert any("peaks as another program recorded them" in text_of(one) for one in first.warnings)
     if name != "a-dynatest.fwd":
         assert noted(first)["time_local"].startswith("2024-05-06T07:30")
     assert noted(points[1]).get("chainage_m", 20.0) == 20.0
@@ -100,11 +101,13 @@ def test_zeros_and_what_stands_for_them(read: Reader) -> None:
 
 def test_a_dynatest_file_says_what_was_assumed(read: Reader) -> None:
     (first, _) = read("a.fwd", ALL["a-dynatest.fwd"])
-    assert any("line 3: the plate radius is 0, 0.15 m was assumed" in w for w in first.warnings)
-    assert any("7 sensor positions, but 11 deflections" in w for w in first.warnings)
+    assert any(
+        "line 3: the plate radius is 0, 0.15 m was assumed" in text_of(w) for w in first.warnings
+    )
+    assert any("7 sensor positions, but 11 deflections" in text_of(w) for w in first.warnings)
     (first, _) = read("a.fwd", dynatest(places(), radius=0.225))
     assert first.setup.plate_radius == 0.225
-    assert not any("assumed" in w for w in first.warnings)
+    assert not any("assumed" in text_of(w) for w in first.warnings)
     (first, _) = read("a.fwd", ALL["a-dynatest.fwd"], "plate_radius_m = 0.3")
     assert first.setup.plate_radius == 0.3
     assert numbers([first])[0][0] == pytest.approx(4 * newtons(992.67))
@@ -123,12 +126,13 @@ def test_columns_of_a_dynatest_file_are_not_guessed(read: Reader) -> None:
 def test_the_viewers_pddx_is_told_from_a_sound_one(read: Reader) -> None:
     (first, _) = read("a.pdx", ALL["a.pdx"])
     assert any(
-        "a.pdx, line 19: LoadPlateRadius 0.3 is the diameter in m" in w for w in first.warnings
+        "a.pdx, line 19: LoadPlateRadius 0.3 is the diameter in m" in text_of(w)
+        for w in first.warnings
     )
     sound = read("a.pdx", pddx(places(), viewer=False))
     assert [point.setup.point for point in sound] == ["km 1", "km 1 (2)"]
     assert sound[0].setup.plate_radius == 0.15
-    assert not any("diameter" in w for w in sound[0].warnings)
+    assert not any("diameter" in text_of(w) for w in sound[0].warnings)
     for (load, moved), (other, others) in zip(numbers(sound), numbers([first]), strict=False):
         assert load == pytest.approx(other, rel=1e-3)
         assert moved == pytest.approx(others)
@@ -231,7 +235,7 @@ def test_columns_of_an_f25_that_do_not_fit_its_positions(
     (point,) = read("a.f25", f25_of(*rows))
     assert [moved for _, moved in numbers([point])] == [pytest.approx(d) for d in deflections]
     if remark is not None:
-        assert any(text.startswith(f"a.f25, line 6: {remark}") for text in point.warnings)
+        assert any(text_of(w).startswith(f"a.f25, line 6: {remark}") for w in point.warnings)
 
 
 def test_an_f25_of_which_no_drop_can_be_read_is_refused(read: Reader) -> None:
@@ -242,7 +246,7 @@ def test_an_f25_of_which_no_drop_can_be_read_is_refused(read: Reader) -> None:
 def test_a_position_of_an_f25_may_be_missing_between_others(read: Reader) -> None:
     (point,) = read("a.f25", f25_of(FIRST, positions="0,N0    ,   600"))
     assert numbers([point])[0][1] == pytest.approx({0.0: 400e-6, 0.6: 80e-6})
-    assert any("deflection 2 was left out" in w for w in point.warnings)
+    assert any("deflection 2 was left out" in text_of(w) for w in point.warnings)
 
 
 def test_sensors_of_an_f25_that_change_within_the_file(read: Reader) -> None:
@@ -256,7 +260,7 @@ def test_sensors_of_an_f25_that_change_within_the_file(read: Reader) -> None:
     assert numbers([first])[0][1] == pytest.approx({0.0: 400e-6, 0.3: 90e-6, 0.6: 80e-6})
     expected = {0.0: 400e-6, 0.3: 90e-6, 0.9: 50e-6, 1.2: 30e-6}
     assert numbers([second])[0][1] == pytest.approx(expected)
-    assert not any("line 5020" in w for point in (first, second) for w in point.warnings)
+    assert not any("line 5020" in text_of(w) for point in (first, second) for w in point.warnings)
 
 
 def test_the_plate_of_an_f25_may_change_between_stations(read: Reader) -> None:
@@ -269,7 +273,7 @@ def test_the_plate_of_an_f25_may_change_between_stations(read: Reader) -> None:
     assert (first.setup.plate_radius, second.setup.plate_radius) == (0.15, 0.225)
     loads = [load for load, _ in numbers([first, second])]
     assert loads[1] == pytest.approx(2.25 * loads[0])
-    assert any("radius 0.15 or 0.225 m" in w for w in first.warnings)
+    assert any("radius 0.15 or 0.225 m" in text_of(w) for w in first.warnings)
     with pytest.raises(TraceError, match="line 7: expected one plate at a station, of radius 150"):
         read("b.f25", f25_of(basin_row(1, 3), later[0], basin_row(2, 3)))
 
@@ -321,8 +325,8 @@ def test_a_project_without_traces_has_peaks(tmp_path: Path) -> None:
     assert numbers([point])[1] == (61e3, {-0.3: 3e-4, 0.0: 8e-4, 0.6: 1e-4})
     assert point.setup.source == "Rincent project (.prjz), peaks"
     assert noted(point)["pulse_durations_s"] == [0.025] * 3
-    assert any("drop 2: no peaks, left out" in one for one in point.warnings)
-    assert not any("processed and stored" in one for one in point.warnings)
+    assert any("drop 2: no peaks, left out" in text_of(one) for one in point.warnings)
+    assert not any("processed and stored" in text_of(one) for one in point.warnings)
 
 
 def test_a_viewers_project_names_its_sensors(tmp_path: Path) -> None:
@@ -373,7 +377,9 @@ def test_what_says_not_what_it_is_is_a_remark(read: Reader) -> None:
     lines = ALL["a.F25"].split("\r\n")
     lines.insert(12, "EOJ")
     (first, second) = read("a.f25", "\r\n".join(lines) + "\x1a")
-    assert any("a.f25, line 13: not read, because it does not begin" in w for w in first.warnings)
+    assert any(
+        "a.f25, line 13: not read, because it does not begin" in text_of(w) for w in first.warnings
+    )
     assert len(first.drops) == len(second.drops) == 3
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inversion.notices import text_of
 from pfwd.errors import SurveyError, TraceError
 from pfwd.files.foreign import archive as archive_module
 from pfwd.files.foreign.common import Channels
@@ -63,9 +64,9 @@ def test_raw_channels_are_taken_as_they_are(read: Reader) -> None:
     assert (setup.time_utc, setup.temperature) == ("2024-05-06T08:00:00+00:00", 12.0)
     assert setup.device == "Minidyn T-1"
     assert setup.extra["imported"]["position_dop"] == 0.7
-    assert any("geophone_natural_frequency_hz" in text for text in first.warnings)
+    assert any("geophone_natural_frequency_hz" in text_of(text) for text in first.warnings)
     # What another program's file said is no mistake of the user.
-    assert not any("not known to the format" in text for text in first.warnings)
+    assert not any("not known to the format" in text_of(text) for text in first.warnings)
 
 
 def test_stored_channels_are_there_for_the_asking(read: Reader) -> None:
@@ -74,7 +75,7 @@ def test_stored_channels_are_there_for_the_asking(read: Reader) -> None:
     for drop, one in zip(first.drops, RAW["1"], strict=True):
         np.testing.assert_array_equal(drop.load, (2 * one.load).astype("f4"))
         assert drop.channels[0].quantity == "displacement"
-    assert any("processed and stored" in text for text in first.warnings)
+    assert any("processed and stored" in text_of(text) for text in first.warnings)
 
 
 @pytest.mark.parametrize("folder", ["Rawdata\\", "rawdata/", "RAWDATA/"])
@@ -112,7 +113,7 @@ def test_several_sensors_stand_where_the_database_says(read: Reader, by_sample: 
         assert [channel.offset for channel in drop.channels] == offsets
         for channel, values in zip(drop.channels, one.sensors, strict=True):
             np.testing.assert_array_equal(channel.values, values.astype("f4"))
-    assert not any("left out" in text for text in point.warnings)
+    assert not any("left out" in text_of(text) for text in point.warnings)
 
 
 def test_of_two_sensors_that_a_database_puts_at_one_place_the_first_is_taken(read: Reader) -> None:
@@ -121,13 +122,13 @@ def test_of_two_sensors_that_a_database_puts_at_one_place_the_first_is_taken(rea
     (drop,) = point.drops
     assert [channel.offset for channel in drop.channels] == [-0.3, 0.0, 0.3]
     np.testing.assert_array_equal(drop.channels[0].values, drops["1F"][0].sensors[0].astype("f4"))
-    assert any("a second sensor at -0.3 m is left out" in text for text in point.warnings)
+    assert any("a second sensor at -0.3 m is left out" in text_of(text) for text in point.warnings)
 
 
 def test_accelerations_are_no_traces_but_the_stored_ones_are(read: Reader) -> None:
     point, _ = read(dynz(RAW, kind=1), "a.dynz")
     assert point.drops[0].channels[0].quantity == "displacement"
-    assert any("accelerations" in text for text in point.warnings)
+    assert any("accelerations" in text_of(text) for text in point.warnings)
     with pytest.raises(TraceError, match="got accelerations; import the stored traces with"):
         read(dynz(RAW, kind=1), "a.dynz", "raw")
     with pytest.raises(TraceError, match="got accelerations"):
@@ -145,7 +146,7 @@ def test_traces_that_no_point_claims_are_not_lost(read: Reader) -> None:
     # Nobody can read out what a program calls its files.
     assert point.setup.point == "point 1"
     said = "a.prjz, rawdata/f0000000000000ab: no point of the database has these traces"
-    assert any(text.startswith(said) for text in point.warnings)
+    assert any(text_of(text).startswith(said) for text in point.warnings)
 
 
 def test_no_fix_is_no_position(read: Reader) -> None:
@@ -176,7 +177,7 @@ def test_a_survey_keeps_what_the_file_said(tmp_path: Path) -> None:
     ]
     points = read_points(tmp_path / "s")
     assert points[0].setup.extra["imported"]["position_dop"] == 0.7
-    assert any("geophone_natural_frequency_hz" in text for text in points[0].warnings)
+    assert any("geophone_natural_frequency_hz" in text_of(text) for text in points[0].warnings)
     assert all(one.before for one in import_files([str(path)], tmp_path / "s"))
     assert len(read_survey(tmp_path / "s").drops) == 4
 

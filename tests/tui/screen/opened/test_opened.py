@@ -12,6 +12,7 @@ from textual.geometry import Region
 from textual.widgets import DataTable, Input, TabbedContent
 from textual.widgets._tabs import Underline
 
+from inversion.notices import text_notice
 from pfwd.analysis.result_store import basis_of
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.errors import OptionError, SurveyError
@@ -461,7 +462,7 @@ def test_screen_and_diagnose_print_the_same_modulus_and_unexplained_part(survey:
     page_row = result_row(judged, "0+000", SI, chosen=False).texts
     assert {"81 (72 to 112)", "1.4 %", "UNEXPLAINED"} <= set(page_row)
     assert modulus is not None
-    fault = dataclasses.replace(modulus, not_supported="the plate was lifted")
+    fault = dataclasses.replace(modulus, not_supported=text_notice("the plate was lifted"))
     unsupported = dataclasses.replace(result, point_modulus=fault)
     printed = point_cells("0+000", unsupported)
     page_row = result_row(unsupported, "0+000", SI, chosen=False).texts
