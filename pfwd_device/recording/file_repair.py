@@ -5,12 +5,13 @@ missing or damaged file is restored from the journal; a damaged one is moved to 
 ``damaged``.
 """
 
+from __future__ import annotations
+
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.jobs import Jobs
 from pfwd_device.recording.files import file_facts, now, set_aside
 from pfwd_device.recording.framing import RecordKind
 from pfwd_device.recording.index import DropEntry, FileEntry, Index
@@ -19,6 +20,9 @@ from pfwd_device.recording.layout import names_in
 from pfwd_device.recording.payload import decode_json, payload_data
 from pfwd_device.recording.publishing import publish, result_of
 from pfwd_device.recording.record_log import RecordLog
+
+if TYPE_CHECKING:
+    from pfwd_device.jobs import Jobs
 
 MAX_PUBLISHING_FAILURES = 3
 """Number of files that cannot be made after which the other drops wait for the next recovery."""

@@ -4,14 +4,14 @@ A worker process makes and reads them, so that an error in the HDF5 library cann
 recording, and no drop waits for a file.
 """
 
+from __future__ import annotations
+
 import hashlib
 from collections.abc import Sequence
-from concurrent.futures import CancelledError, Future
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.jobs import Jobs
 from pfwd_device.recording.drop_file import (
     drop_digest,
     drop_file_bytes,
@@ -30,6 +30,11 @@ from pfwd_device.recording.payload import decode_payload
 from pfwd_device.recording.record import DropRecord
 from pfwd_device.recording.storage import Storage, draft_of
 
+if TYPE_CHECKING:
+    from concurrent.futures import Future
+
+    from pfwd_device.jobs import Jobs
+
 PUBLISHING_TIMEOUT_S = 60.0
 """Longest time for a file, s: it takes 0.1 s, the start of the process 0.5 s."""
 
@@ -43,6 +48,8 @@ _R = TypeVar("_R")
 def publishing_process() -> Jobs:
     """Return the process that makes and reads drop files; it starts with its first call."""
     # After an error the later behaviour of HDF5 is undefined.
+    from pfwd_device.jobs import Jobs  # takes time to import, and reading needs none
+
     return Jobs(1, attempts=1, timeout_s=PUBLISHING_TIMEOUT_S, end_after_error=True)
 
 
@@ -54,6 +61,8 @@ def result_of(task: Future[_R]) -> _R:
     RecordingError
         If the call fails; an error of the HDF5 library may be of any type.
     """
+    from concurrent.futures import CancelledError
+
     try:
         return task.result()
     except RecordingError:

@@ -6,16 +6,17 @@ as far as possible. It also merges the records of the spare folder, a second fol
 records while the folder of the survey could not be written.
 """
 
+from __future__ import annotations
+
 import contextlib
 import os
 import uuid
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.jobs import Jobs
 from pfwd_device.recording.drop_file import read_drop_file_parts, software_version
 from pfwd_device.recording.drop_payload import (
     drop_from_parts,
@@ -49,6 +50,9 @@ from pfwd_device.recording.spare_merge import (
     merge_spare_records,
 )
 from pfwd_device.recording.storage import Storage, has_content
+
+if TYPE_CHECKING:
+    from pfwd_device.jobs import Jobs
 
 PUBLISHER_WAIT_S = 30.0
 """Longest wait for a process of a killed program to finish the drop file that it is making, s."""

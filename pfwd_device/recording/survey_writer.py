@@ -5,6 +5,8 @@ from the journal ("publishing"). After the folder of the survey (home) could not
 changed by others, all records go to the spare folder, and a recovery merges them.
 """
 
+from __future__ import annotations
+
 import contextlib
 import hashlib
 import logging
@@ -14,10 +16,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from pfwd_device.errors import RecordingError, StorageFull
-from pfwd_device.jobs import Jobs, Task
 from pfwd_device.recording.capture import CaptureWriter
 from pfwd_device.recording.drop_payload import (
     drop_parts,
@@ -37,6 +38,9 @@ from pfwd_device.recording.spare import SpareFolder
 from pfwd_device.recording.storage import Storage
 from pfwd_device.recording.storage_reports import PublishingFailed, StorageReport
 from pfwd_device.recording.survey_reader import Survey
+
+if TYPE_CHECKING:
+    from pfwd_device.jobs import Jobs, Task
 
 WARNING_FREE_BYTES = 200 * 10**6
 """Free space of the disk below which the operator is warned, bytes."""
