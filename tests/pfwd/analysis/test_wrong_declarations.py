@@ -112,7 +112,7 @@ CASES = (
     Case(
         "geophone not declared",
         replace(SOUND, geophone_natural_frequency=None, geophone_damping=None),
-        GEOPHONE_NOT_DECLARED,
+        text_of(GEOPHONE_NOT_DECLARED),
     ),
     Case("1 Hz in place of 4.5 Hz", replace(SOUND, geophone_natural_frequency=1.0), TAIL),
     Case(

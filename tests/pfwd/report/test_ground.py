@@ -113,7 +113,7 @@ def test_what_the_record_leaves_open_has_no_value(survey: Path, make_drop: Any) 
 def test_a_given_thickness_is_named_so(survey: Path, make_drop: Any) -> None:
     given = TOP | {"thickness_sd_m": None, "thickness_interval_m": None}
     keep(survey, make_drop, layers=[given, BELOW])
-    assert "0.25 (given)" in text_of(survey)
+    assert "0.25 (given)" in report_text(survey)
 
 
 @pytest.mark.parametrize("language", languages())
@@ -200,7 +200,7 @@ def test_a_sensor_that_was_left_out_is_named(survey: Path, make_drop: Any) -> No
         kept = Drop(1, drop.time, drop.load, loose)
         saved = writer.save_drop(DropRecord("L", kept, None, DECLARED, {}))
         writer.save_result(saved, complete(DropResult, result_of(1)))
-    text = text_of(survey)
+    text = report_text(survey)
     assert "0.6 m: left out – – – –" in text
     assert re.search(r"-0\.3 m \d", text)
 
