@@ -186,9 +186,15 @@ class PortlessLogger(ABC):
         """Produce a fault."""
 
 
-DATAQ_RANGES = {"4108": (10.0, 5.0, 2.0, 1.0, 0.5, 0.2), "1100": (10.0,), "2108": (10.0,)}
+DATAQ_RANGES = {
+    "4108": (10.0, 5.0, 2.0, 1.0, 0.5, 0.2),
+    "1100": (10.0,),
+    "1110": (10.0,),
+    "2108": (10.0,),
+    "2108P": (10.0, 5.0, 2.5),
+}
 """Full scale by range code (page 45), V; of the models that are simulated."""
-_DATAQ_BITS = {"4108": 16, "1100": 12, "2108": 16}
+_DATAQ_BITS = {"4108": 16, "1100": 12, "1110": 12, "2108": 16, "2108P": 16}
 _OPEN_DIGITAL_INPUTS = 0x7F00
 """Word of open digital inputs, which are pulled up: D6 to D0 in the high byte, D1 and D0 inverted
 in the low byte (page 67)."""
@@ -206,6 +212,10 @@ class DataqLogger(PortlessLogger):
         self._packed = b""
         self._lost_bytes = 0
         self._factors = {"dec": 1, "deca": 3}  # as another program left it
+        self.dividend = 60_000_000
+        if model == "2108P":  # page 48
+            self.dividend = 120_000_000
+            del self._factors["deca"]
 
     def receive(self, data: bytes) -> None:
         """Process bytes from the host; answers are appended to `output`."""
@@ -220,7 +230,7 @@ class DataqLogger(PortlessLogger):
         answer = line
         match name, numbers:
             case "info", [number]:
-                values = {0: "DATAQ", 1: self.model, 2: "65", 6: "4D5B903E"}
+                values = {0: "DATAQ", 1: self.model, 2: "65", 6: "4D5B903E", 9: self.dividend}
                 answer = f"info {number} {values.get(number, 0)}"
             case "ps", [code] if code < 8:  # page 20
                 self._packet = 16 << code
@@ -232,14 +242,17 @@ class DataqLogger(PortlessLogger):
                 self._divisor = divisor
             case "start", _:  # never echoes (page 49)
                 self._packed = b""
-                self._start(60e6 / self._divisor / math.prod(self._factors.values()))
+                factor = math.prod(self._factors.values())
+                if self.model == "2108P":  # the rate of all words together (page 49)
+                    factor *= len(self._scan_list)
+                self._start(self.dividend / self._divisor / factor)
                 return
             case "stop", _:
                 self.sampling = False
                 self._packed = b""
             case "dec", [factor] if self.model not in ("1100", "1110"):  # page 48
                 self._factors["dec"] = factor
-            case "deca", [factor]:
+            case "deca", [factor] if "deca" in self._factors:
                 self._factors["deca"] = factor
             case "encode", [_]:
                 pass

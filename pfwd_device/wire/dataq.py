@@ -5,9 +5,9 @@ Samples are words of 16 bits without any frame, counter or check sum. Page numbe
 are those of the maker's document "Data Acquisition Instrument Command Protocol", 1 August 2019.
 
 The stream itself does not show a loss of bytes. So the scan list ends with the digital inputs where
-the model has them: seven bits of their word are always zero, and a scan in which they are not shows
-that words are out of order. Any irregularity ends the run; the host starts the logger again, and
-the samples in between are missing.
+the model has them: seven bits of their word are always zero, two inputs are in it twice, and a scan
+in which this is not so shows that words are out of order. Any irregularity ends the run; the host
+starts the logger again, and the samples in between are missing.
 """
 
 import re
@@ -45,19 +45,25 @@ _START = "start 0"
 """Command that starts the samples (page 49)."""
 _OVERFLOW = b"stop 01"
 """Last bytes of a logger that stopped because its buffer was full (page 50)."""
-_QUESTIONS = ("0", "1", "2", "6")
-"""Arguments of `info` for maker, model, firmware and serial number (page 20)."""
+_STOPPED = re.compile(rb"stop(?: 01)?\r")
+"""Answer to `stop`, behind samples of any value (page 50)."""
+_QUESTIONS = ("0", "1", "2", "6", "9")
+"""Arguments of `info` for maker, model, firmware, serial number and dividend of the sampling rate
+(page 20)."""
 _MAX_ANSWER_BYTES = 256
 _DIGITAL_INPUTS = 8
 """Word of the scan list for the digital inputs (pages 41 to 46)."""
 _MARK_ZERO_BITS = 0x80FC
 """Bits of the word of the digital inputs that are always zero (pages 63 to 69)."""
+_TWICE, _TWICE_DISTANCE = 0x0003, 8
+"""Bits of that word which the inputs D0 and D1 have inverted, and places from them to the upright
+ones (pages 63 to 69). A quiet channel has the zero bits too, but not the same difference."""
 _FIRST_WORD_ZERO_BITS = 0x000C
 """Bits of the first word of a DI-1100 that are always zero; two digital inputs are below (page 61).
 """
 _WAITING_SCANS = 64
-"""Number of latest scans that wait. A quiet channel can look like the digital inputs for some scans
-after channels have changed their order, but not for so many."""
+"""Number of latest scans that wait. A channel can look like the digital inputs for some scans after
+channels have changed their order, but not for so many."""
 _LARGEST_DIVISOR = 65_535
 """Largest argument of `srate` (page 48)."""
 _RATE_TOLERANCE = 0.01
@@ -107,6 +113,9 @@ class DataqModel:
         return self.divisor if self.divisor else 1000 + 500 * channels
 
 
+# The heading of the ranges on page 45 is out of place. Its columns are those of the DI-4108,
+# of DI-1120 and DI-4208, and of the DI-2108P; ranges from 0 V are left out. The DI-4718B has 5 V in
+# the table of page 70 and 10 V in the equation below it; 5 V is used, as in its maker's examples.
 _TO_10_V = 10.0, 5.0, 2.0, 1.0, 0.5, 0.2
 _TO_100_V = tuple(10 * volts for volts in _TO_10_V)
 MODELS = {
@@ -154,6 +163,8 @@ class DataqDialect:
         """Commands to send; the logger has not repeated the first one yet."""
         self._stream, self._index = first_stream, 0
         self._zero_bits = np.zeros(0, np.uint16)
+        self._difference: int | None = None
+        """Difference of the bits of the digital inputs that are there twice; None before a scan."""
         self._data = b""
 
     def feed(self, data: bytes) -> list[InstrumentMessage]:
@@ -204,6 +215,8 @@ class DataqDialect:
             self.outgoing += self._commands[0].encode() + _END
             if self._commands[0] == _START:
                 self._commands.clear()
+                self._discard(len(self._data))  # received before the command was sent
+                self._difference = None
                 self._stage = _Stage.STREAMING
                 self._stream, self._index = self._stream + 1, 0
 
@@ -215,15 +228,17 @@ class DataqDialect:
     def _next_line(self) -> str | None:
         """Remove and return the next answer; None without a complete one."""
         if self._stage is _Stage.STOPPING:
-            start = self._data.find(b"stop")
-            if start < 0:
-                self._discard(max(0, len(self._data) - len(b"sto")))
+            answer = _STOPPED.search(self._data)
+            self._discard(max(0, len(self._data) - len(_OVERFLOW)) if answer is None else 0)
+            if answer is None:
                 return None
-            self._discard(start)
+            self._discard(answer.start())
+            self._data = self._data[len(answer[0]) :]
+            return answer[0].decode().strip()
         line, end, rest = self._data.partition(_END)
         if end:
             self._data = rest
-            return line.decode("latin-1").strip()
+            return line.decode("latin-1").strip("\0\n ")
         if len(line) > _MAX_ANSWER_BYTES:
             self.counters.frames_damaged += 1
             self._discard(len(line))
@@ -232,12 +247,9 @@ class DataqDialect:
     def _take_line(self, line: str) -> list[InstrumentMessage]:
         """Process one answer of the logger."""
         if self._stage is _Stage.STOPPING:
-            if line in ("stop", _OVERFLOW.decode()):
-                self._stage = _Stage.TALKING
-                self._send_next()
-                return [Status(0, None, None, 0, sampling=False)]
-            self.counters.bytes_discarded += len(line) + 1
-            return []
+            self._stage = _Stage.TALKING
+            self._send_next()
+            return [Status(0, None, None, 0, sampling=False)]
         self.counters.frames_good += 1
         if not self._commands or line == "stop":  # an answer to an earlier command
             return []
@@ -247,7 +259,7 @@ class DataqDialect:
             text = f"expected the answer {expected!r}, got {line[:60]!r}; update its firmware"
             return [Refusal(RefusalCode.ARGUMENT, text)]
         self._send_next()
-        match = re.fullmatch(r"info ([0-9]) +(\S.*)", line)
+        match = re.fullmatch(r"info ([0-9]) *(.*)", line)
         if match is not None:
             self._answers[match[1]] = match[2]
             if self._answers.keys() == set(_QUESTIONS):
@@ -256,8 +268,13 @@ class DataqDialect:
 
     def _introduce(self) -> Identity | Refusal:
         """Return the identity of the logger, or the reason why it cannot be used."""
-        maker, number, firmware, serial_number = (self._answers[key] for key in _QUESTIONS)
-        self._model = model = MODELS.get(number) if maker == "DATAQ" else None
+        maker, number, firmware, serial_number, dividend = (
+            self._answers[key] for key in _QUESTIONS
+        )
+        model = MODELS.get(number) if maker == "DATAQ" else None
+        if model is not None and model.is_shared and dividend == "60000000":  # older firmware
+            model = replace(model, dividend=60e6, divisor=model.divisor // 2)
+        self._model = model
         where = f"logger {maker} DI-{number}"
         try:
             if model is None:
@@ -346,7 +363,13 @@ class DataqDialect:
         if scans <= 0 and not has_ended:
             return []
         raw = np.frombuffer(self._data[: max(0, scans) * size], "<u2").reshape(-1, size // 2)
-        faults = np.flatnonzero((raw & self._zero_bits).any(axis=1))
+        is_wrong = (raw & self._zero_bits).any(axis=1)
+        if len(raw) and self._model is not None and self._model.has_mark:
+            differences = (raw[:, -1] >> _TWICE_DISTANCE ^ raw[:, -1]) & _TWICE
+            if self._difference is None:  # the first scan of a run is in order
+                self._difference = int(differences[0])
+            is_wrong |= differences != self._difference
+        faults = np.flatnonzero(is_wrong)
         end = int(faults[0]) if len(faults) else len(raw)
         messages = self._block(raw[: max(0, end - _WAITING_SCANS)])
         if len(faults) or has_ended:

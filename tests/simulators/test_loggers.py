@@ -111,7 +111,7 @@ def wrong_samples(host: Host) -> tuple[int, int]:
         start = first + block.first_sample
         volts = logger.volts(start, start + len(block.counts))
         if isinstance(logger, DataqLogger):
-            bits = 12 if logger.model == "1100" else 16
+            bits = 12 if logger.model in ("1100", "1110") else 16
             words = logger.words(volts)[:, : volts.shape[1]].view(np.int16).astype(np.int32)
             wrong += int(((words >> 16 - bits) != block.counts).any(axis=1).sum())
         else:
@@ -134,10 +134,11 @@ def test_each_dataq_sample_is_that_of_its_scan(scenario: Scenario, model: str) -
     assert count > 78_000
     assert host.identity is not None
     assert (host.identity.model, host.identity.sampling_rate) == (f"DATAQ DI-{model}", 1e4)
+    assert host.logger.started[0][0] == pytest.approx(1e4)
     assert (host.identity.serial_number, host.identity.firmware) == ("4D5B903E", "1.01")
 
 
-@pytest.mark.parametrize(("model", "seed"), [("4108", 1), ("4108", 2), ("1100", 3)])
+@pytest.mark.parametrize(("model", "seed"), [("4108", 1), ("4108", 2), ("1100", 3), ("1110", 4)])
 def test_no_rotated_dataq_sample_is_passed_on(scenario: Scenario, model: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     kinds = ["overflow", "rotate", "unplug"]
@@ -154,6 +155,18 @@ def test_no_rotated_dataq_sample_is_passed_on(scenario: Scenario, model: str, se
     assert wrong == 0
     assert count > 250_000
     assert len(host.stops) + sum(fault.kind == "unplug" for fault in faults) == len(faults)
+
+
+@pytest.mark.parametrize("model", ["1110", "4108"])
+def test_rotated_channels_without_any_signal_are_found(scenario: Scenario, model: str) -> None:
+    class QuietLogger(DataqLogger):
+        def volts(self, start: int, stop: int) -> np.ndarray:
+            return np.zeros((stop - start, len(self.scenario.device.channels)))
+
+    logger = QuietLogger(scenario, faults=[LoggerFault(0.5, "rotate")], model=model)
+    host = Host(dialect_for(scenario, "dataq"), logger, 1)
+    host.run(1.0)
+    assert (wrong_samples(host)[0], len(host.stops)) == (0, 1)
 
 
 def test_skipped_labjack_scans_are_exact_gaps(scenario: Scenario) -> None:
@@ -236,7 +249,41 @@ def test_stop_ends_the_samples(scenario: Scenario) -> None:
         assert dialect.feed(b"") == []
 
 
-def test_a_stopped_logger_says_that_it_does_not_sample(scenario: Scenario) -> None:
-    dialect = dialect_for(scenario, "dataq")
-    dialect.encode(Stop())
-    assert [type(each) for each in dialect.feed(b"\x01\x02stop\r")] == [Status]
+@pytest.mark.parametrize(
+    "samples", [b"\x01\x02", b"\rstop\x07", b"stop 01", b"stop 0", bytes(range(256)) * 5, b"sto"]
+)
+def test_a_stopped_logger_says_that_it_does_not_sample(scenario: Scenario, samples: bytes) -> None:
+    data = samples + b"stop\r"
+    for cut in (0, len(samples) - 1, len(data) - 1):
+        dialect = dialect_for(scenario, "dataq")
+        dialect.encode(Stop())
+        messages = dialect.feed(data[:cut]) + dialect.feed(data[cut:])
+        assert [type(each) for each in messages] == [Status]
+
+
+@pytest.mark.parametrize("end", [b"\r", b"\r\n", b"\r\0"])
+def test_dataq_samples_begin_behind_the_end_of_the_last_answer(
+    scenario: Scenario, end: bytes
+) -> None:
+    dialect, logger = dialect_for(scenario, "dataq"), DataqLogger(scenario)
+    logger.receive(dialect.encode(Hello()))
+    for _ in range(20):
+        answer = bytes(logger.output).replace(b"\r", end)
+        logger.output.clear()
+        messages = dialect.feed(answer)
+        logger.receive(dialect.outgoing)
+        dialect.outgoing = b""
+        if any(isinstance(each, Identity) for each in messages):
+            logger.receive(dialect.encode(Start()))
+    assert logger.sampling
+    logger.advance(0.1)
+    assert [type(each) for each in dialect.feed(bytes(logger.output))] == [SampleBlock]
+
+
+def test_an_older_logger_states_the_dividend_of_its_rate(scenario: Scenario) -> None:
+    logger = DataqLogger(scenario, model="2108P")
+    logger.dividend = 60_000_000
+    host = Host(dialect_for(scenario, "dataq"), logger, 1)
+    host.run(1.0)
+    assert host.identity is not None
+    assert logger.started[0][0] == pytest.approx(host.identity.sampling_rate) == 1e4
