@@ -11,7 +11,6 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from inversion.notices import text_of
 from pfwd.errors import OptionError, SurveyError
 from pfwd.export.columns import DROP_COLUMNS
 from pfwd.export.export import export_survey
@@ -100,8 +99,8 @@ def test_csv_is_a_folder_that_comes_back(survey: Path, tmp_path: Path) -> None:
         "0002-CON.csv",
     ]
     # The record that was cut short keeps its unbroken part, and that is said.
-    assert any("CON/1" in note and "unbroken part" in text_of(note) for note in done.notes)
-    assert any("1 discarded" in text_of(note) for note in done.notes)
+    assert any("CON/1" in note and "unbroken part" in note for note in done.notes)
+    assert any("1 discarded" in note for note in done.notes)
     wanted = read_points(survey)[0]
     (found,) = read_points(folder / "0001-north, end.csv")
     assert found.setup == wanted.setup
@@ -221,8 +220,8 @@ def test_geojson_is_valid_and_null_where_nobody_knows(survey: Path, tmp_path: Pa
     assert features[0]["geometry"]["coordinates"] == [11.5, 48.1, 520.0]
     assert all(features[0]["properties"][name] for name in BELONGS)
     assert features[2]["geometry"] is None
-    assert any("1 of 3 drops have no position" in text_of(note) for note in done.notes)
-    assert any("1 discarded" in text_of(note) for note in done.notes)
+    assert any("1 of 3 drops have no position" in note for note in done.notes)
+    assert any("1 discarded" in note for note in done.notes)
 
 
 def test_a_position_that_was_said_later_wins(survey: Path, tmp_path: Path) -> None:
@@ -291,7 +290,7 @@ def test_pddx_holds_the_peaks_in_its_units(survey: Path, tmp_path: Path) -> None
     assert "GPSLocation" not in found["Test Location 2"]
     # What is not certain stands in the file and is said.
     assert "not verified" in path.read_text(encoding="utf-8")
-    assert any("not verified" in text_of(note) for note in done.notes)
+    assert any("not verified" in note for note in done.notes)
     text = path.read_text(encoding="utf-8")
     assert (
         "PointQuantity = equivalent-modulus\nPointValue = 45000.00\nPointTarget = 45000.00\n"
@@ -314,7 +313,7 @@ def test_pddx_has_one_configuration_a_file(survey: Path, tmp_path: Path) -> None
     }
     assert len(radii) == 2
     assert "100" in radii
-    assert any("r-2.pdx" in text_of(note) for note in done.notes)
+    assert any("r-2.pdx" in note for note in done.notes)
 
 
 def test_a_row_of_the_table_reads_a_drop_without_its_later_rebounds(
