@@ -10,9 +10,8 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Literal
 
 from pfwd.files.photos import photos_of
-from pfwd.judging.job import target_text
 from tui.output import counted
-from tui.screen.opened.rows import PointRow, judged_texts, shares
+from tui.screen.opened.rows import PointRow, judged_cells, shares
 
 if TYPE_CHECKING:
     import jinja2
@@ -102,14 +101,13 @@ def overview_page(folder: str, title: str, rows: Sequence[PointRow]) -> str:
 def _overview_row(folder: str, row: PointRow) -> dict[str, str]:
     photos = len(photos_of(folder, row.name))
     remarks = (row.notes, row.diagnosis_text, counted(photos, "photo") if photos else "")
-    value, ends = judged_texts(row)
+    cells = judged_cells(row)
     return {
+        **cells,
         "address": point_address(row.name),
         "title": row.title,
         "remark": "; ".join(filter(None, remarks)),
-        "value": value if row.value is None else f"{value} {row.display_unit.name}",
-        "interval": ends or "-",
-        "target": "-" if row.target is None else target_text(row.target),
+        "interval": cells["interval"] or "-",
         "kind": row.state.lower() if row.state in ("PASS", "FAIL", "UNDECIDED") else "none",
         "state": row.state,
     }

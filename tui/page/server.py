@@ -150,7 +150,7 @@ class SurveyServer(ThreadingHTTPServer):
         self.survey = survey
         self.folder = os.fspath(survey.folder)
         self.photos = photos
-        self._report = report
+        self.report = report
         digits = (secrets.choice("0123456789") for _ in range(CODE_DIGITS))
         self.code = "" if is_local(host) else "".join(digits)
         """Code that gives one browser access; empty: no code is needed, or it was used."""
@@ -206,12 +206,12 @@ class SurveyServer(ThreadingHTTPServer):
                 return self._token
             self._wrong[network] += 1
             if self._wrong.total() >= MAX_WRONG_CODES:
-                self._report(
+                self.report(
                     f"{MAX_WRONG_CODES} wrong codes, the last from {client}: no browser gets "
                     "access any more. End with ctrl+c and start again for a new code"
                 )
             elif self._wrong[network] >= MAX_WRONG_PER_CLIENT:
-                self._report(
+                self.report(
                     f"client {client}: {MAX_WRONG_PER_CLIENT} wrong codes, it gets no more access; "
                     "others do. If it is yours, end with ctrl+c and start again"
                 )
@@ -224,10 +224,6 @@ class SurveyServer(ThreadingHTTPServer):
         wrong = self._wrong
         return wrong[_network(client)] >= MAX_WRONG_PER_CLIENT or wrong.total() >= MAX_WRONG_CODES
 
-    def report(self, text: str) -> None:
-        """Show the owner a line of text."""
-        self._report(text)
-
     def answers_to(self, host: str) -> bool:
         """Return whether requests with this ``Host`` header are answered."""
         return not self.only_this_computer or is_local(_host_name(host))
@@ -238,7 +234,7 @@ class SurveyServer(ThreadingHTTPServer):
         """
         error = sys.exception()
         if not isinstance(error, OSError):
-            self._report(f"request of {client_address[0]}: {type(error).__name__}: {error}")
+            self.report(f"request of {client_address[0]}: {type(error).__name__}: {error}")
 
     def is_valid(self, token: str) -> bool:
         """Return whether an access token is valid."""

@@ -16,25 +16,35 @@ from tui.screen.drawing.lines import TextRole
 class ScreenTheme:
     """Colours of the screen, for the roles of lines and for the widgets of the toolkit."""
 
-    name: str
-    title: str
-    background: str
     styles: Mapping[TextRole, Style]
     theme: Theme
 
 
 def _theme(
-    name: str, title: str, background: str, colours: Mapping[TextRole, str], theme: Theme
+    name: str, colours: Mapping[TextRole, str], background: str, surface: str, panel: str
 ) -> ScreenTheme:
     base = Style.parse(f"{colours['text']} on {background}")
-    styles = {role: base + Style.parse(text) for role, text in colours.items()}
-    return ScreenTheme(name, title, background, styles, theme)
+    own = {role: Style.parse(text) for role, text in colours.items()}
+    colour = {role: style.color.name for role, style in own.items() if style.color}
+    theme = Theme(
+        name=name,
+        primary=colour["load"],
+        secondary=colour["fitted"],
+        accent=colour["key"],
+        foreground=colour["text"],
+        background=background,
+        surface=surface,
+        panel=panel,
+        success=colour["good"],
+        warning=colour["warn"],
+        error=colour["bad"],
+        dark=name == "pfwd-dark",
+    )
+    return ScreenTheme({role: base + style for role, style in own.items()}, theme)
 
 
 DARK = _theme(
     "pfwd-dark",
-    "dark",
-    "#101418",
     {
         "text": "#e6e6e6",
         "dim": "#9aa4ad",
@@ -54,26 +64,13 @@ DARK = _theme(
         "busy": "bold #0b1a2b on #8ecbff",
         "alarm": "bold #2b0500 on #ff8b81",
     },
-    Theme(
-        name="pfwd-dark",
-        primary="#8ecbff",
-        secondary="#ffb454",
-        accent="#ffd166",
-        foreground="#e6e6e6",
-        background="#101418",
-        surface="#1a2128",
-        panel="#24303a",
-        success="#7ee787",
-        warning="#ffd166",
-        error="#ff8b81",
-        dark=True,
-    ),
+    background="#101418",
+    surface="#1a2128",
+    panel="#24303a",
 )
 
 DAYLIGHT = _theme(
     "pfwd-daylight",
-    "daylight",
-    "#ffffff",
     {
         "text": "#000000",
         "dim": "#303030",
@@ -93,20 +90,9 @@ DAYLIGHT = _theme(
         "busy": "bold #ffffff on #00307a",
         "alarm": "bold #ffffff on #8f0000",
     },
-    Theme(
-        name="pfwd-daylight",
-        primary="#00307a",
-        secondary="#a03000",
-        accent="#000000",
-        foreground="#000000",
-        background="#ffffff",
-        surface="#ffffff",
-        panel="#e8e8e8",
-        success="#004d12",
-        warning="#6b3d00",
-        error="#8f0000",
-        dark=False,
-    ),
+    background="#ffffff",
+    surface="#ffffff",
+    panel="#e8e8e8",
 )
 
 THEMES: Mapping[str, ScreenTheme] = {"dark": DARK, "daylight": DAYLIGHT}

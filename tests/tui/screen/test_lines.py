@@ -64,8 +64,8 @@ COLUMNS = [
     TableColumn("remark", 2, is_flexible=True),
 ]
 ROWS = [
-    TableRow(("1", "47.31", "641", "permanent set of the plate"), key=1),
-    TableRow(("12", "1234.5", "12.25", "safe"), chosen=True, key=12),
+    TableRow(("1", "47.31", "641", "permanent set of the plate")),
+    TableRow(("12", "1234.5", "12.25", "safe"), chosen=True),
 ]
 
 

@@ -26,13 +26,6 @@ N_BOWL_POINTS = 400
 """Points of the modelled bowl; a terminal has fewer columns of dots."""
 HALF_DASH_OVER_WIDTH = 0.02
 """Half the length of a sensor's dash, as a fraction of the width of the bowl."""
-FIGURE_NAMES = ("load", "deflection", "residual", "spectrum", "bowl")
-
-
-def half_sine(time: Array, peak: float, duration: float, start: float = 0.0) -> Array:
-    """Return a half-sine pulse; NaN outside of it, so that no line is drawn."""
-    inside = (time >= start) & (time <= start + duration)
-    return np.where(inside, peak * np.sin(np.pi * (time - start) / duration), np.nan)
 
 
 def drop_figures(
@@ -148,14 +141,16 @@ def _residual(
 
 
 def half_sine_of(result: DropResult, curves: TimeHistories) -> tuple[Array, float] | None:
-    """Return the half-sine fitted to the load, N, and its duration, s."""
+    """Return the half-sine fitted to the load, N, NaN outside of it, and its duration, s."""
     peak = result.half_sine_load_n
     duration = result.half_sine and result.half_sine.duration_s
     if peak is None or not duration:
         return None
     # The pulse is placed where the measured peak is: its start is no part of the result.
     centre = float(curves.time[int(np.nanargmax(curves.load))])
-    return half_sine(curves.time, peak, duration, centre - duration / 2), duration
+    phase = (curves.time - centre) / duration + 0.5
+    inside = (phase >= 0.0) & (phase <= 1.0)
+    return np.where(inside, peak * np.sin(np.pi * phase), np.nan), duration
 
 
 def _place(title: str, offsets: Array, sensor: int, units: Units) -> str:

@@ -6,6 +6,8 @@ characters.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import groupby
+from operator import itemgetter
 from typing import Literal
 
 from rich.cells import cell_len, set_cell_size
@@ -63,6 +65,12 @@ def width_of(parts: Iterable[Cell]) -> int:
 def text_of(parts: Iterable[Cell]) -> str:
     """Return the text of cells without their roles."""
     return "".join(part.text for part in parts)
+
+
+def joined(letters: Iterable[tuple[str, TextRole]]) -> Line:
+    """Return a line with one cell for adjacent letters of the same role, which is drawn faster."""
+    runs = groupby(letters, key=itemgetter(1))
+    return tuple(Cell("".join(letter for letter, _ in run), role) for role, run in runs)
 
 
 def shorten(text: str, width: int) -> str:
@@ -188,8 +196,6 @@ class TableRow:
     texts: tuple[str, ...]
     role: TextRole = "text"
     chosen: bool = False
-    key: object = None
-    """Object of the row, for example a drop."""
 
 
 COLUMN_GAP = 2

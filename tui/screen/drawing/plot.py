@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tui.screen.drawing.glyphs import Glyphs
-from tui.screen.drawing.lines import Cell, Line, TextRole, cell, fit, pad, piece
+from tui.screen.drawing.lines import Cell, Line, TextRole, cell, fit, joined, pad, piece
 
 _FIRST_BRAILLE = 0x2800
 _BRAILLE_BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
@@ -364,26 +364,15 @@ def _row(
     glyphs: Glyphs,
     is_base: bool,
 ) -> Line:
-    cells: list[Cell] = []
-    run, role = "", "axis"
-    for column in range(len(roles)):
-        index = int(roles[column])
+    letters: list[tuple[str, TextRole]] = []
+    for dots, index in zip(bits.tolist(), roles.tolist(), strict=True):
         if index < 0:
-            letter, now = ("─" if is_base else " "), "axis"
+            letters.append(("─" if is_base else " ", "axis"))
         else:
-            now = curves[index].role
-            letter = (
-                chr(_FIRST_BRAILLE + int(bits[column]))
-                if glyphs.has_dots
-                else _ASCII_MARK.get(now, "*")
-            )
-        if now != role and run:
-            cells.append(Cell(run, role))  # type: ignore[arg-type]
-            run = ""
-        role = now
-        run += letter
-    cells.append(Cell(run, role))  # type: ignore[arg-type]
-    return tuple(cells)
+            role = curves[index].role
+            letter = chr(_FIRST_BRAILLE + dots) if glyphs.has_dots else _ASCII_MARK.get(role, "*")
+            letters.append((letter, role))
+    return joined(letters)
 
 
 def row_of(value: float, bottom: float, top: float, height: int, glyphs: Glyphs) -> int:

@@ -17,6 +17,7 @@ from textual.widgets._tabs import Underline
 from pfwd.digits import significant
 from pfwd.errors import DeviceError, SurveyError
 from pfwd.message_groups import text_of
+from pfwd.units import SI
 from tui.output import clean, counted, say
 from tui.screen.command_process import run_command
 from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
@@ -30,9 +31,8 @@ from tui.screen.opened.rows import (
     PointRow,
     display_value,
     in_order,
-    judged_texts,
+    judged_cells,
     matching,
-    modulus_in_force_text,
     pages,
     shares,
 )
@@ -684,14 +684,6 @@ class OpenApp(App[int]):
         self.exit(0)
 
 
-def _target(target: float | None) -> str:
-    if target is None:
-        return "-"
-    from pfwd.judging.job import target_text
-
-    return target_text(target)
-
-
 def table_titles(rows: Sequence[PointRow]) -> dict[str, str]:
     """Return the titles of the columns that rows fill, by the keys of the columns.
 
@@ -723,15 +715,12 @@ def table_titles(rows: Sequence[PointRow]) -> dict[str, str]:
 
 def _cells(row: PointRow) -> dict[str, str]:
     """Return the cells of a point by the keys of the columns."""
-    value, ends = judged_texts(row)
     return {
+        **judged_cells(row),
         "title": clean(row.title),
         "drops": str(row.drops),
-        "value": f"{value} {row.display_unit.name}" if row.value is not None else value,
-        "interval": ends,
-        "target": _target(row.target),
         "verdict": row.state,
-        "modulus": modulus_in_force_text(row),
+        "modulus": SI.show(row.modulus_fact, with_unit=False),
         "chainage_m": "-" if row.chainage_m is None else f"{row.chainage_m:.0f}",
         "use": clean(row.use) or "-",
         "unexplained": clean(row.unexplained) or "-",
@@ -751,17 +740,14 @@ def point_lines(row: PointRow, width: int) -> list[Line]:
     word = "no verdict" if row.state == "-" else row.state
     state = cell(word, STATE_ROLES.get(row.state, "text"))
     lines: list[Line] = [line(cell(f" {row.title}", "strong"), "  ", state)]
-    value, ends = judged_texts(row)
     texts = []
     if row.value is not None:
-        interval = f" ({ends})" if ends else ""
-        name = row.quantity.replace("-", " ")
-        texts.append(f"{name} {value} {row.display_unit.name}{interval}, {row.origin}")
+        texts.append(f"{row.judged_by.words} {SI.show(row.judged_fact)}, {row.origin}")
     if row.target is not None:
-        texts.append(f"target {_target(row.target)}")
+        texts.append(f"target {judged_cells(row)['target']}")
     if row.modulus is not None:
         other = "equivalent modulus" if row.quantity == "modulus" else "modulus"
-        texts.append(f"not judged: {other} {modulus_in_force_text(row)} MPa")
+        texts.append(f"not judged: {other} {SI.show(row.modulus_fact)}")
     texts += [text for text in (row.reason, row.diagnosis_text, row.notes) if text]
     for text in texts:
         lines += [line(" ", part) for part in wrap(clean(text), width - 2)]

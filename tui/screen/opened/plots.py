@@ -10,10 +10,11 @@ from rich.cells import cell_len
 
 from pfwd.analysis.screening.drops import channels_outward, displacement_of
 from pfwd.errors import DeviceError
+from pfwd.units import SI
 from tui.screen.drawing.glyphs import Glyphs
-from tui.screen.drawing.lines import Cell, Line, TextRole, cell, fit, line, piece
+from tui.screen.drawing.lines import Line, TextRole, cell, fit, joined, line, piece
 from tui.screen.drawing.plot import Curve, Figure, plot_lines
-from tui.screen.opened.rows import PointRow, judged_texts
+from tui.screen.opened.rows import PointRow
 
 STATE_ROLES: dict[str, TextRole] = {"PASS": "good", "FAIL": "bad", "UNDECIDED": "warn"}
 STATE_MARKS = {"PASS": "o", "FAIL": "x", "UNDECIDED": "?"}
@@ -108,10 +109,7 @@ def profile_lines(
     figure = profile_figure(rows, *window, chosen, by_chainage=by_chainage)
     lines = plot_lines(figure, width, max(3, height - 2), glyphs)
     row = rows[min(chosen, len(rows) - 1)]
-    text = "no value"
-    if row.value is not None:
-        value, ends = judged_texts(row)
-        text = f"{value} {row.display_unit.name}" + (f" ({ends})" if ends else "")
+    text = "no value" if row.value is None else SI.show(row.judged_fact)
     text = f" {row.title}: {text}  {row.state}"
     return [*lines, line(cell(text, "strong")), line(cell(" left/right moves, +/- zooms", "dim"))]
 
@@ -142,17 +140,17 @@ def map_lines(rows: Sequence[PointRow], chosen: str, width: int, height: int) ->
     names = _map_names(grid, chosen, width - 1)
     lines: list[Line] = []
     for y in range(height - 2):
-        cells: list[Cell] = [Cell(" ")]
+        letters: list[tuple[str, TextRole]] = [(" ", "text")]
         for x in range(width - 1):
             point = grid.get((y, x))
             if point is None:
-                cells.append(Cell(*names.get((y, x), (" ", "text"))))
+                letters.append(names.get((y, x), (" ", "text")))
             elif point.name == chosen:
-                cells.append(cell("@", "cursor"))
+                letters.append(("@", "cursor"))
             else:
                 mark = STATE_MARKS.get(point.state, "·")
-                cells.append(cell(mark, STATE_ROLES.get(point.state, "text")))
-        lines.append(_joined(cells))
+                letters.append((mark, STATE_ROLES.get(point.state, "text")))
+        lines.append(joined(letters))
     bar = max(1, round((width - 2) / 5))
     name = next((row.title for row in placed if row.name == chosen), "chosen point")
     scale = f" {'─' * bar} {_length(bar * per_cell)}, north up"
@@ -186,17 +184,6 @@ def _map_names(
                 letters |= {(y, start + at): (letter, role) for at, letter in enumerate(name)}
                 break
     return letters
-
-
-def _joined(cells: Sequence[Cell]) -> Line:
-    """Join adjacent cells of the same role to one cell, which is drawn faster."""
-    runs: list[Cell] = []
-    for part in cells:
-        if runs and runs[-1].role == part.role:
-            runs[-1] = Cell(runs[-1].text + part.text, part.role)
-        else:
-            runs.append(part)
-    return tuple(runs)
 
 
 def _length(metres: float) -> str:

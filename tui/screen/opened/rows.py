@@ -83,6 +83,20 @@ class PointRow:
         return self.judged_by.display_unit
 
     @property
+    def judged_fact(self) -> Fact:
+        """Judged value with its interval; marked if it allows no verdict."""
+        interval = None if self.low is None or self.high is None else (self.low, self.high)
+        mark = _mark(self.value_marked)
+        return Fact(self.judged_by.dimension, self.value, interval, mark=mark)
+
+    @property
+    def modulus_fact(self) -> Fact:
+        """Fitted modulus in force that is not judged, with its interval."""
+        low, high = self.modulus_low, self.modulus_high
+        interval = None if low is None or high is None else (low, high)
+        return Fact("modulus", self.modulus, interval, mark=_mark(self.modulus_marked))
+
+    @property
     def diagnosis_text(self) -> str:
         """Use of the diagnosed modulus, and what is unexplained; empty: it is not diagnosed."""
         return f"{self.use}, {self.unexplained} of the peak unexplained" if self.use else ""
@@ -327,22 +341,16 @@ def display_value(row: PointRow) -> float:
     return math.nan if row.value is None else row.value / row.display_unit.scale
 
 
-def judged_texts(row: PointRow) -> tuple[str, str]:
-    """Return the judged value of a point and its interval as text, in MPa or mm without the unit.
+def judged_cells(row: PointRow) -> dict[str, str]:
+    """Return value, interval and target of a point as cells of a table, in MPa or mm."""
+    from pfwd.judging.job import target_text
 
-    A value that allows no verdict has a mark. Without a value the texts are a dash and nothing.
-    """
-    interval = None if row.low is None or row.high is None else (row.low, row.high)
-    mark = _mark(row.value_marked)
-    return SI.value_and_ends(Fact(row.judged_by.dimension, row.value, interval, mark=mark))
-
-
-def modulus_in_force_text(row: PointRow) -> str:
-    """Return the fitted modulus in force that is not judged, in MPa without the unit."""
-    low, high = row.modulus_low, row.modulus_high
-    interval = None if low is None or high is None else (low, high)
-    fact = Fact("modulus", row.modulus, interval, mark=_mark(row.modulus_marked))
-    return SI.show(fact, with_unit=False)
+    value, ends = SI.value_and_ends(row.judged_fact)
+    return {
+        "value": value if row.value is None else f"{value} {row.display_unit.name}",
+        "interval": ends,
+        "target": "-" if row.target is None else target_text(row.target),
+    }
 
 
 def _mark(is_marked: bool) -> str:

@@ -173,7 +173,6 @@ def drop_row(state: SessionState, drop: ScreenDrop, units: Units, *, chosen: boo
         ),
         role,
         chosen,
-        drop.number,
     )
 
 

@@ -37,7 +37,6 @@ from tui.screen.opened.rows import (
     PointRow,
     in_order,
     matching,
-    modulus_in_force_text,
     pages,
     shares,
 )
@@ -456,7 +455,7 @@ def test_screen_and_diagnose_print_the_same_modulus_and_unexplained_part(survey:
     assert "1.4 %" in printed
 
     opened_row = opened(survey).rows[0]
-    assert modulus_in_force_text(opened_row) == "81 (72 to 112)"
+    assert SI.show(opened_row.modulus_fact, with_unit=False) == "81 (72 to 112)"
     assert (opened_row.use, opened_row.unexplained) == ("use with care", "1.4 %")
     assert SI.show(fact_of_modulus(point.progress.modulus)) == "81 MPa (72 to 112)"
     page_row = result_row(judged, "0+000", SI, chosen=False).texts
