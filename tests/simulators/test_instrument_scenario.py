@@ -132,7 +132,9 @@ def test_an_error_names_the_key(tables: dict[str, Any], message: str) -> None:
 
 
 def test_a_dialect_has_one_name_in_setups_and_scenarios() -> None:
-    assert list(LANGUAGES) == list(BUILT_IN)
+    # Loggers have a simulation of their own.
+    own = [e.name for e in BUILT_IN.values() if not (e.needs_inputs or e.needs_frames)]
+    assert list(LANGUAGES) == own
     assert load_scenario("default").link.dialect == "pfwd"
 
 

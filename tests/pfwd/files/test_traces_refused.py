@@ -105,7 +105,7 @@ def test_a_file_of_another_program_needs_a_header_file(write: Write, first: str)
         ("drop,time_s,displacement_m@0", "line 3: expected a column load_N"),
         (NAMES + ",temperature", "line 3: expected a column drop, .*got 'temperature'"),
         (NAMES + ",", "got ''"),
-        (NAMES + ",acceleration_m_s2@0.3", "got 'acceleration_m_s2@0.3'"),
+        (NAMES + ",jerk_m_s3@0.3", "got 'jerk_m_s3@0.3'"),
         (NAMES + ",velocity_m_s", "the centre sensor is velocity_m_s@0.0000"),
         (NAMES + ",velocity_m_s@-1e999", "got 'velocity_m_s@-1e999'"),
         (NAMES + ",velocity_m_s@1e999", "got 'velocity_m_s@1e999'"),
