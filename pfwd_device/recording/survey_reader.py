@@ -137,12 +137,14 @@ class SurveyDrop:
         entry = self._entry
         if entry is not None:
             with contextlib.suppress(RecordingError):  # damaged since the survey was opened
-                data = payload_data(self._survey._frame(entry).payload)
+                payload = self._survey._frame(entry).payload
+                data = payload_data(payload)
                 peaks = recorded_peaks(data)
                 declared, metadata = data.get("declared"), data.get("metadata")
                 if peaks and isinstance(declared, dict) and isinstance(metadata, dict):
                     _require_drop(entry, data.get("number"), data.get("point"), data.get("drop"))
                     return DropFacts(declared, metadata, peaks, None)
+                return facts_of(_traces(entry, *decode_payload(payload, is_trace)))
         return facts_of(self.read_traces())
 
     def read_results(self) -> tuple[Result, ...]:
