@@ -123,6 +123,9 @@ class Identity:
         _require(fits, where, f"sampling_rate > 0 and <= {FASTEST_SAMPLING:g} Hz", rate)
         _require(8 <= self.adc_bits <= 24, where, "adc_bits from 8 to 24", self.adc_bits)
         _require(0 < self.adc_range < math.inf, where, "adc_range > 0 V", self.adc_range)
+        for channel in self.channels:
+            within = 0 <= channel.delay * rate <= 1
+            _require(within, f"channel {channel.name!r}", "a delay within one scan", channel.delay)
         count = len(self.channels)
         _require(1 <= count <= MAX_CHANNELS, where, f"1 to {MAX_CHANNELS} channels", count)
         radius, mass = self.plate_radius, self.plate_mass

@@ -48,6 +48,8 @@ def _channel_changes(before: ChannelIdentity, now: ChannelIdentity) -> Iterator[
     for quantity, unit, value, earlier in (
         ("sensitivity", sensitivity, now.sensitivity, before.sensitivity),
         ("zero", "V", now.zero, before.zero),
+        ("range", "V", now.adc_range, before.adc_range),
+        ("delay", "s", now.delay, before.delay),
         ("natural frequency", "Hz", now.natural_frequency, before.natural_frequency),
         ("damping ratio", "", now.damping, before.damping),
     ):

@@ -1,6 +1,7 @@
 """What an identity may say, and how it is refused."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -41,6 +42,8 @@ def identity(**changes: Any) -> Identity:
         ({"adc_range": math.nan}, "adc_range > 0 V, got nan"),
         ({"channels": ()}, "1 to 8 channels, got 0"),
         ({"channels": (LOAD,) * 9}, "1 to 8 channels, got 9"),
+        ({"channels": (replace(LOAD, delay=1.1e-4),)}, "a delay within one scan, got 0.00011"),
+        ({"channels": (replace(LOAD, delay=math.nan),)}, "a delay within one scan, got nan"),
         ({"plate_radius": 0.0}, "plate_radius > 0 m, got 0.0"),
         ({"plate_radius": math.nan}, "plate_radius > 0 m, got nan"),
         ({"plate_mass": -1.0}, "plate_mass >= 0 kg, got -1.0"),

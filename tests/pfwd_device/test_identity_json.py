@@ -13,7 +13,8 @@ from tests.pfwd.scripted_feed import GEOPHONE, IDENTITY, LOAD
 
 
 def test_an_identity_survives_json() -> None:
-    dated = dataclasses.replace(LOAD, shunt=5000.0, due=datetime.date(2027, 1, 1))
+    dates = {"due": datetime.date(2027, 1, 1)}
+    dated = dataclasses.replace(LOAD, shunt=5000.0, adc_range=5.0, delay=5e-5, **dates)
     identity = dataclasses.replace(IDENTITY, channels=(dated, GEOPHONE), centre_sensor="ground")
     table: Any = json.loads(json.dumps(identity_as_dict(identity)))
     assert identity_from_dict(table) == identity

@@ -146,6 +146,14 @@ def test_another_instrument_is_compared_with_its_own_drops(tmp_path: Path) -> No
             replace(IDENTITY, channels=(LOAD, replace(GEOPHONE, damping=0.7))),
             "damping ratio of g0 is 0.7, was 0.6",
         ),
+        (
+            replace(IDENTITY, channels=(LOAD, replace(GEOPHONE, delay=5e-5))),
+            "delay of g0 is 5e-05 s, was 0 s",
+        ),
+        (
+            replace(IDENTITY, channels=(replace(LOAD, adc_range=5.0), GEOPHONE)),
+            "range of load is 5 V, was not declared",
+        ),
     ],
 )
 def test_each_change_is_named(other: Identity, text: str) -> None:
