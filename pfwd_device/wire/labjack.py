@@ -7,6 +7,7 @@ list `ljm_constants.json`, 28 October 2024.
 The logger says how many scans it has skipped when its buffer was full, so gaps are exact.
 """
 
+import math
 import struct
 from collections.abc import Sequence
 from dataclasses import replace
@@ -53,6 +54,10 @@ _LAST_INPUT = 13
 _SINGLE_ENDED = 199
 _ENABLE, _RATE, _RATE_CLOCK = 4990, 4002, 10e6
 """Registers of start and of the scan rate; frequency of which the rate is a whole fraction, Hz."""
+_SAFE_STEP = 0.25
+"""Steps of that clock that are added to the requested interval, which the logger cuts to a whole
+number: a rate as a number of 32 bits can be slightly too large, and so the interval a step short.
+"""
 _FASTEST_SAMPLES = 100_000.0
 """Largest number of samples of all channels together, Hz."""
 _SAMPLES_PER_PACKET = 512
@@ -90,7 +95,8 @@ class _Calibration(NamedTuple):
     @property
     def is_plausible(self) -> bool:
         """True if the memory holds a calibration, not empty or damaged cells."""
-        return self.slope_above > 0 > self.slope_below and 0 < self.centre < _DUMMY
+        is_finite = math.isfinite(self.full_scale)
+        return is_finite and self.slope_above > 0 > self.slope_below and 0 < self.centre < _DUMMY
 
     @property
     def full_scale(self) -> float:
@@ -139,8 +145,6 @@ class LabjackDialect:
         self._streaming, self._stream, self._index = False, first_stream, 0
         self._readings = np.zeros(0, np.uint16)
         """Readings of an incomplete scan."""
-        self._skipped: int | None = None
-        """Number of skipped scans whose place is not reached yet."""
 
     def feed(self, data: bytes) -> list[InstrumentMessage]:
         """Return the identity, samples, stops and refusals that these bytes complete."""
@@ -222,7 +226,8 @@ class LabjackDialect:
         wanted = _PACKET_TIME_S * self._rate * len(self._inputs)
         per_packet = min(max(len(self._inputs), round(wanted)), _SAMPLES_PER_PACKET)
         per_packet -= per_packet % len(self._inputs)
-        data += self._write("rate", _RATE, ">f", self._rate)
+        interval = _RATE_CLOCK / self._rate + _SAFE_STEP
+        data += self._write("rate", _RATE, ">f", _RATE_CLOCK / interval)
         data += self._write("size of scan list", 4004, ">I", len(self._inputs))
         data += self._write("samples per packet", 4006, ">I", per_packet)
         data += self._write("settling", 4008, ">f", 0.0)
@@ -231,6 +236,7 @@ class LabjackDialect:
         data += self._write("clock", 4014, ">I", 0)
         data += self._write("target", 4016, ">I", 1)
         data += self._write("number of scans", 4020, ">I", 0)
+        data += self._write("trigger", 4024, ">I", 0)
         data += self._write("recovery", 4028, ">I", 0)
         addresses = [2 * number for number in self._inputs]
         data += self._write("scan list", 4100, f">{len(addresses)}I", *addresses)
@@ -252,14 +258,15 @@ class LabjackDialect:
             return [Status(0, None, None, 0, sampling=False)]
         if key == "start":
             self._stream, self._index, self._streaming = self._stream + 1, 0, True
-            self._readings, self._skipped = self._readings[:0], None
+            self._readings = self._readings[:0]
         if function == READ:
             self._answers[key] = body[1:]
             if key == "serial number":
                 return self._introduce()
             if key == "true rate":
                 rate = self._number(key)
-                if abs(rate / self._rate - 1) > 1e-5:
+                if not abs(rate / self._rate - 1) <= 1e-5:
+                    self._streaming = False
                     text = f"sampling rate: expected {self._rate:g} Hz, got {rate:g} Hz"
                     return [Refusal(RefusalCode.UNSUITABLE, text)]
         return []
@@ -293,11 +300,8 @@ class LabjackDialect:
                         refusal(where, f"an input from 0 to {_LAST_INPUT}", f"{number}")
                     )
             self._rate = self._sampling_rate()
-        except SetupError as err:
-            return [Refusal(RefusalCode.UNSUITABLE, str(err))]
-        channels = zip(self._declared.channels, self._calibrations, strict=True)
-        return [
-            replace(
+            channels = zip(self._declared.channels, self._calibrations, strict=True)
+            identity = replace(
                 self._declared,
                 serial_number=f"{self._number('serial number', '>I'):.0f}",
                 model="LabJack T7",
@@ -310,7 +314,9 @@ class LabjackDialect:
                     for channel, calibration in channels
                 ),
             )
-        ]
+        except SetupError as err:
+            return [Refusal(RefusalCode.UNSUITABLE, str(err))]
+        return [identity]
 
     def _sampling_rate(self) -> float:
         """Return the nearest possible sampling rate, a whole fraction of the clock, Hz.
@@ -335,20 +341,19 @@ class LabjackDialect:
         if len(body) < _PACKET.size:
             return self._end("a packet was damaged")
         _, _, _, status, skipped = _PACKET.unpack_from(body)
-        if status == _RECOVERED:
-            self._skipped = skipped
         new = np.frombuffer(body, ">u2", (len(body) - _PACKET.size) // 2, _PACKET.size)
         readings = np.concatenate([self._readings, new.astype(np.uint16)])
         n_scans = len(readings) // len(self._inputs)
         scans = readings[: n_scans * len(self._inputs)].reshape(n_scans, -1)
         self._readings = readings[scans.size :]
         messages: list[InstrumentMessage] = []
-        if self._skipped is not None:
+        if status == _RECOVERED:
             places = np.flatnonzero((scans == _DUMMY).all(axis=1))
-            if len(places):
-                messages += self._block(scans[: places[0]])
-                self._index += self._skipped
-                scans, self._skipped = scans[places[0] + 1 :], None
+            if not len(places):
+                return self._end("the place of the scans that it skipped is unknown")
+            messages += self._block(scans[: places[0]])
+            self._index += skipped
+            scans = scans[places[0] + 1 :]
         messages += self._block(scans)
         if status not in (0, _RECOVERING, _RECOVERED):
             messages += self._end(_STOPS.get(status, f"it reports status {status}"))

@@ -187,6 +187,28 @@ def test_skipped_labjack_scans_are_exact_gaps(scenario: Scenario) -> None:
     assert count == ends[-1] - missing
 
 
+@pytest.mark.parametrize("rate", ["1001.0", "3000.0", "7777.0", "33333.0"])
+def test_a_labjack_has_the_rate_that_it_states(scenario: Scenario, rate: str) -> None:
+    dialect = dialect_for(scenario, "labjack", {"10000.0": rate})
+    host = Host(dialect, LabjackLogger(scenario), 1)
+    host.run(0.5)
+    assert (host.refusal, wrong_samples(host)[0]) == (None, 0)
+    assert host.identity is not None
+    assert host.logger.started[0][0] == pytest.approx(host.identity.sampling_rate, rel=1e-6)
+
+
+def test_skipped_labjack_scans_without_a_place_end_the_run(scenario: Scenario) -> None:
+    class Placeless(LabjackLogger):
+        def _fail(self, fault: LoggerFault) -> None:
+            self._status, self._skipped = 2941, fault.amount
+            self._scan += fault.amount
+
+    logger = Placeless(scenario, faults=[LoggerFault(0.5, "overflow", 7)])
+    host = Host(dialect_for(scenario, "labjack"), logger, 1)
+    host.run(1.0)
+    assert (wrong_samples(host)[0], len(host.stops), len(logger.started)) == (0, 1, 2)
+
+
 def test_an_unplugged_labjack_is_started_again(scenario: Scenario) -> None:
     faults = [LoggerFault(time, "unplug") for time in (2.0, 4.0, 4.5, 7.0)]
     host = Host(dialect_for(scenario, "labjack"), LabjackLogger(scenario, 6, faults=faults), 6)
