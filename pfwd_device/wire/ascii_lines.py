@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pfwd_device.errors import SetupError
 from pfwd_device.identity import Identity
-from pfwd_device.wire.dialect import LinkCounters
+from pfwd_device.wire.dialect import LONG_COUNTER_BITS, LinkCounters
 from pfwd_device.wire.framing import Cutter
 from pfwd_device.wire.messages import (
     Hello,
@@ -54,6 +54,8 @@ _N_RECOGNISED_LINES = 3
 _MIN_COUNT, _MAX_COUNT = -(2.0**31), 2.0**31 - 1
 _RATE_WINDOW_SAMPLES = 1000
 """Number of samples over which the mean step is compared with the sampling rate."""
+_RUN_STEP = 1 << 32
+"""Step of the number of a line that begins a new run; it is a multiple of all short counters."""
 _RATE_TOLERANCE = 0.01
 """Largest relative deviation of the measured sampling rate from the declared one. Two oscillators
 differ by less, two settings of the sampling rate by more."""
@@ -142,7 +144,9 @@ class AsciiDialect:
         timed = self._layout.place is not None and self._layout.time_unit is not None
         self._clock = SampleClock(identity.sampling_rate if timed else 1e6, first_stream)
         self._is_timed = timed
-        self.counts_samples = self._layout.place is not None
+        self.counts_samples = timed or (
+            self._layout.place is not None and self._layout.counter_bits >= LONG_COUNTER_BITS
+        )
         self._introduced = False
         self._cutter = Cutter(b"\n", MAX_LINE_BYTES, self.counters)
         self._held: list[_Line] = []
@@ -177,6 +181,7 @@ class AsciiDialect:
         """Return the command that starts or stops the lines; empty if the instrument lacks it."""
         match message:
             case Hello():
+                self._introduced = False
                 return self._layout.start
             case Start() if self._stopped:
                 self._stopped = False
@@ -189,19 +194,24 @@ class AsciiDialect:
     def reset(self) -> None:
         """Discard an incomplete line after the link was cut.
 
-        The stream and its sample indices continue if the printed times do.
+        The stream and its sample indices continue if the printed times do. Without them, or a
+        number of at least `LONG_COUNTER_BITS`, the next line begins a new stream.
         """
         self._cutter.reset()
         self.counters.bytes_discarded += sum(line.size for line in self._held)
         self._held = []
-        self._introduced = False
-        self._rate_refused = False
+        self._introduced = self._rate_refused = False
+        if not self.counts_samples:
+            self._numbered_lines += _RUN_STEP
+            if self._counter is not None:
+                self._counter += _RUN_STEP
 
     def _good_lines(self, data: bytes) -> list[_Line]:
         good = []
         for line in self._cutter.feed(data):
-            match = self._line.fullmatch(self._arranged(line))
-            if match is not None and self._has_width(line.count(b",")):
+            arranged = self._arranged(line)
+            match = self._line.fullmatch(arranged)
+            if match is not None and self._has_width(arranged.count(b",")):
                 good.append(_Line(match[1], len(line) + 1))
             else:
                 self._count_rejected(line)
@@ -229,10 +239,14 @@ class AsciiDialect:
         return b",".join([b"%d" % time, *fields])
 
     def _unwrapped(self, number: int) -> int:
-        """Return the number of a sample without the wrap-around of its counter."""
+        """Return the number of a sample without the wrap-around of its counter.
+
+        A number can be lower than the one before it, so that a wrong one moves no other.
+        """
         if self._counter is None:
             self._counter = number
-        self._counter += (number - self._counter) % (1 << self._layout.counter_bits)
+        half = 1 << self._layout.counter_bits - 1
+        self._counter += (number - self._counter + half) % (2 * half) - half
         return self._counter
 
     def _has_width(self, width: int) -> bool:

@@ -5,6 +5,10 @@ from typing import Protocol
 
 from pfwd_device.wire.messages import HostMessage, InstrumentMessage
 
+LONG_COUNTER_BITS = 24
+"""Bits of a number of samples that shows a loss of any length; a shorter one can be the same again
+after some seconds."""
+
 
 @dataclass(slots=True)
 class LinkCounters:

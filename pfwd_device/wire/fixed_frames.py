@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pfwd_device.errors import SetupError, refusal
 from pfwd_device.identity import Identity
-from pfwd_device.wire.dialect import LinkCounters
+from pfwd_device.wire.dialect import LONG_COUNTER_BITS, LinkCounters
 from pfwd_device.wire.messages import (
     Hello,
     HostMessage,
@@ -113,11 +113,13 @@ class FrameDialect:
                 expected = f"{kind} between the head and byte {layout.size} of the frame"
                 raise SetupError(refusal("setup, byte", expected, f"byte {place}"))
         self.counters = LinkCounters()
-        self.counts_samples = layout.counter is not None
+        self.counts_samples = (
+            layout.counter is not None and 8 * _size(layout.counter[1]) >= LONG_COUNTER_BITS
+        )
         self._identity, self._layout, self._values = identity, layout, tuple(values)
         self._stream, self._index = first_stream, -1
         self._counter: int | None = None
-        self._introduced = self._stopped = False
+        self._introduced = self._stopped = self._was_cut = False
         self._run, self._last_run = 0, 0
         self._data = b""
 
@@ -149,6 +151,7 @@ class FrameDialect:
         """Return the command that starts or stops the frames; empty if the instrument lacks it."""
         match message:
             case Hello():
+                self._introduced = False
                 return self._layout.start
             case Start() if self._stopped:
                 self._stopped = False
@@ -161,11 +164,12 @@ class FrameDialect:
     def reset(self) -> None:
         """Discard an incomplete frame after the link was cut.
 
-        Without a counter the next frame begins a new stream.
+        Without a counter of at least `LONG_COUNTER_BITS` the next frame begins a new stream.
         """
         self.counters.bytes_discarded += len(self._data)
         self._data = b""
         self._introduced = False
+        self._was_cut = not self.counts_samples
         self._run += 1
 
     def _frames(self, data: bytes) -> list[tuple[bytes, int]]:
@@ -228,7 +232,8 @@ class FrameDialect:
             first = int(numbers[0]) - 1 if self._counter is None else self._counter
             steps = np.diff(numbers, prepend=first) % period
             restarts = steps > period // 2
-            self._counter = int(numbers[-1])
+            restarts[0] |= self._was_cut and self._counter is not None
+            self._counter, self._was_cut = int(numbers[-1]), False
         steps[restarts] = 1
         places = self._index + np.cumsum(steps)
         begins = np.maximum.accumulate(np.where(restarts, np.arange(len(table)), -1))

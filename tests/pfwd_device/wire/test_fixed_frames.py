@@ -86,6 +86,37 @@ def test_a_counter_that_goes_back_begins_a_run() -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize(("kind", "streams"), [("u8", {0, 1}), ("u32le", {0})])
+def test_a_short_counter_begins_a_run_behind_a_lost_connection(
+    kind: str, streams: set[int]
+) -> None:
+    size = int(kind[1:].removesuffix("le")) // 8
+    layout = FrameLayout(b"\xaa\x55", 4 + size, counter=(2, kind))
+    dialect = FrameDialect(IDENTITY, layout, ((2 + size, "u8"), (3 + size, "u8")))
+    sent = [b"\xaa\x55" + i.to_bytes(size, "little") + bytes([i, 0]) for i in range(40)]
+    received = []
+    for part in (sent[:20], sent[30:]):
+        messages = dialect.feed(b"".join(part))
+        assert isinstance(messages[0], Identity)  # the host has to accept it again
+        received += [each for each in messages if isinstance(each, SampleBlock)]
+        dialect.reset()
+    assert {block.stream for block in received} == streams
+    last = received[-1]
+    assert last.first_sample == (0 if len(streams) > 1 else 30)
+
+
+def test_a_greeting_introduces_the_instrument_again_in_the_same_run() -> None:
+    dialect = FrameDialect(IDENTITY, replace(LAYOUT, counter=None), VALUES)
+    sent = frames(np.arange(40).reshape(20, 2))
+    for part in (sent[:10], sent[10:]):
+        dialect.encode(Hello())
+        introduction, block = dialect.feed(b"".join(part))
+        assert introduction == IDENTITY
+        assert isinstance(block, SampleBlock)
+        assert block.stream == 0
+    assert block.first_sample == 10
+
+
 def test_commands_are_those_of_the_setup_file() -> None:
     layout = replace(LAYOUT, start=b"go\n", stop=b"halt\n")
     dialect = FrameDialect(IDENTITY, layout, VALUES)
