@@ -38,6 +38,7 @@ PACKAGES = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
                 "simulators",
             ],
         ),
+        ("tui.screen.app", ["scipy", "matplotlib", "h5py", "rich.markdown", "inversion.forward"]),
         ("tui.cli", ["numpy", "scipy", "textual", "rich", "matplotlib", "h5py", "serial"]),
     ],
 )

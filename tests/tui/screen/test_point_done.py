@@ -20,7 +20,6 @@ from tests.tui.screen.scripted import (
     play,
     ready,
     report,
-    result,
     saved,
     status,
     until,
@@ -97,8 +96,6 @@ async def test_a_failed_fit_has_no_result(app: App, pilot: Any) -> None:
     failed = analysed(1, modulus=None, reason="no table")
     await deliver(app, pilot, ready(), saved(1), failed)
     assert "NO FIT: no table" in " ".join(app.text.split())
-    poor = result(residual_rms_over_peak=0.2, explained=False)
-    assert poor.residual_rms_over_peak == 0.2
     assert "no result yet" in app.text
 
 

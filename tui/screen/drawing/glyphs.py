@@ -4,9 +4,6 @@ import os
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
-
-GlyphName = Literal["braille", "ascii"]
 
 _ASCII_REPLACEMENTS = str.maketrans(
     {
@@ -24,7 +21,8 @@ _ASCII_REPLACEMENTS = str.maketrans(
         "┬": "+",
         "┼": "+",
         "└": "+",
-        "█": "#",
+        **dict.fromkeys("▁▂▃", "_"),
+        **dict.fromkeys("▅▆▇█", "#"),
         "▀": "#",
         "▄": "#",
         "■": "#",
@@ -43,12 +41,8 @@ _ASCII_REPLACEMENTS = str.maketrans(
 class Glyphs:
     """Characters that a terminal can show, and the replacements for those that it cannot."""
 
-    name: GlyphName
-
-    @property
-    def has_dots(self) -> bool:
-        """True for braille, with two by four dots in a cell."""
-        return self.name == "braille"
+    has_dots: bool
+    """True for braille, with two by four dots in a cell."""
 
     def to_terminal(self, text: str) -> str:
         """Replace characters that the terminal lacks, column for column."""
@@ -60,14 +54,12 @@ class Glyphs:
         )
 
 
-BRAILLE = Glyphs("braille")
-ASCII = Glyphs("ascii")
-GLYPHS_BY_NAME: Mapping[str, Glyphs] = {"braille": BRAILLE, "ascii": ASCII}
+BRAILLE, ASCII = Glyphs(has_dots=True), Glyphs(has_dots=False)
 
 
 def glyphs_of_terminal(environment: Mapping[str, str] = os.environ) -> Glyphs:
     """Guess the characters of the terminal; ``PFWD_GLYPHS`` = braille or ascii sets them."""
-    override = GLYPHS_BY_NAME.get(environment.get("PFWD_GLYPHS", ""))
+    override = {"braille": BRAILLE, "ascii": ASCII}.get(environment.get("PFWD_GLYPHS", ""))
     if override is not None:
         return override
     # The Linux console has 512 glyphs, none of them dots.

@@ -30,8 +30,6 @@ def profile_lines(
     height: int,
     title: str,
     target: float | None = None,
-    *,
-    full_blocks_only: bool = False,
 ) -> list[Line]:
     """Return exactly `height` lines: title, bars, and their names below.
 
@@ -43,8 +41,6 @@ def profile_lines(
         Title with the unit.
     target : float, optional
         Target in the unit of the values.
-    whole_blocks : bool
-        Use no eighths of a block, for a terminal without them.
     """
     if height < 4 or width < 24:
         return [()] * height
@@ -71,7 +67,7 @@ def profile_lines(
         label = labels.get(row, "")
         cells = [Cell(f"{label:>{gutter - 2}} {'┤' if label else '│'}", "axis")]
         for bar in visible:
-            letter = _block(bar, row, rows, top, full_blocks_only=full_blocks_only)
+            letter = _block(bar, row, rows, top)
             empty = "─" if row == aim else " "
             body = (letter if letter != " " else empty) * (step - 1)
             role: TextRole = bar.role if letter != " " else "warn"
@@ -102,7 +98,7 @@ def _names(bars: Sequence[Bar], step: int, widest: int, room: int) -> list[Cell]
     return cells
 
 
-def _block(bar: Bar, row: int, rows: int, top: float, *, full_blocks_only: bool) -> str:
+def _block(bar: Bar, row: int, rows: int, top: float) -> str:
     if bar.value is None:
         return "?" if row == rows - 1 else " "
     filled = bar.value / top * rows - (rows - 1 - row)
@@ -110,6 +106,4 @@ def _block(bar: Bar, row: int, rows: int, top: float, *, full_blocks_only: bool)
         return "█"
     if filled <= 0:
         return " "
-    if full_blocks_only:
-        return "█" if filled >= 0.5 else " "
     return _EIGHTHS[int(filled * 8)]

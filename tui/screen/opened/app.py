@@ -205,14 +205,13 @@ class OpenApp(App[int]):
         """Show the empty table first, then read the survey."""
         self.theme = THEMES[self.settings.theme].theme.name
         table = self.query_one("#points-table", PlainTable)
-        for key, title in _TABLE_COLUMNS.items():
-            table.add_column(title, key=key)
+        self._name_columns(table)
         drops = self.query_one("#drops-table", PlainTable)
-        for title in ("drop", "counts as", "load kN", "deflection mm", "E MPa", "residual", "why"):
-            drops.add_column(title)
+        drops.add_columns(
+            "drop", "counts as", "load kN", "deflection mm", "E MPa", "residual", "why"
+        )
         compare = self.query_one("#compare-table", PlainTable)
-        for title in ("", "first", "second"):
-            compare.add_column(title)
+        compare.add_columns("", "first", "second")
         table.focus()
         self._head("reading ...")
         self.call_after_refresh(self._begin)
@@ -282,8 +281,7 @@ class OpenApp(App[int]):
         shown = {str(column.key.value): column.label.plain for column in table.ordered_columns}
         if shown != titles:
             table.clear(columns=True)
-            for key, title in titles.items():
-                table.add_column(title, key=key)
+            table.add_columns(*((title, key) for key, title in titles.items()))
 
     def _shown_cells(self, row: PointRow, table: PlainTable) -> list[str]:
         cells = _cells(row)

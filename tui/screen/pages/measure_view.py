@@ -393,8 +393,7 @@ def _with_each_drop(view: MeasureView, lines: list[Line], width: int) -> list[Li
         chosen = view.drop is not None and drop.number == view.drop.number
         bars.append(Bar(str(drop.number), view.units.value(quantity, value), role, chosen))
     target = view.units.value(quantity, view.state.progress.target)
-    is_ascii = not view.glyphs.has_dots
-    chart = profile_lines(bars, width, rows, title, target, full_blocks_only=is_ascii)
+    chart = profile_lines(bars, width, rows, title, target)
     return pad_rows([*lines[:used], (), *chart], len(lines))
 
 

@@ -172,8 +172,7 @@ class PointsPage(Page):
         bars = [self._bar(app.state.points[name], name == names[chosen]) for name in names]
         target = app.units.value(quantity, app.state.progress.target)
         title = f"{judged} along the line, {unit}"
-        is_ascii = not app.glyphs.has_dots
-        profile = profile_lines(bars, width, profile_rows, title, target, full_blocks_only=is_ascii)
+        profile = profile_lines(bars, width, profile_rows, title, target)
         return [*pad_rows([*table, *drops], room - profile_rows - 1), (), *profile]
 
     def _drops_below(self, width: int, room: int) -> list[Line]:

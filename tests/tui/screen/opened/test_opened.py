@@ -30,7 +30,7 @@ from tui.page.server import is_local, parse_place
 from tui.screen.drawing.glyphs import BRAILLE
 from tui.screen.drawing.lines import text_of
 from tui.screen.drawing.plot import plot_lines
-from tui.screen.opened.app import TABLE_PAGE_ROWS, OpenApp, Plot, table_titles
+from tui.screen.opened.app import OpenApp, Plot, table_titles
 from tui.screen.opened.plots import map_lines, profile_figure, profile_lines
 from tui.screen.opened.rows import (
     OpenedSurvey,
@@ -76,8 +76,6 @@ def titles(rows: list[PointRow]) -> list[str]:
 
 def test_rows_have_the_verdicts_of_the_survey(survey: Path) -> None:
     rows = opened(survey).rows
-    expected = list(point_views(read_survey(survey)))
-    assert [row.verdict for row in rows] == [point.progress.verdict for point in expected]
     assert [row.state for row in rows] == ["PASS", "FAIL", "UNDECIDED", "PASS", "FAIL"]
     assert rows[2].chainage_m == 100.0
     assert rows[0].value == 60e6
@@ -359,10 +357,6 @@ async def test_a_report_and_an_export_by_a_key(app: OpenApp, pilot: Any, tmp_pat
     app.screen.query_one("#text", Input).value = str(tmp_path / "t.csv")
     await pilot.press("enter")
     await until(pilot, lambda: (tmp_path / "t.csv").exists())
-
-
-def test_a_page_of_the_table_is_more_than_a_terminal_shows() -> None:
-    assert 40 < TABLE_PAGE_ROWS <= 100
 
 
 @pytest.mark.parametrize(
