@@ -442,6 +442,7 @@ class LabjackEndpoint:
 
     def read(self) -> bytes:
         """Return the received bytes; empty without any."""
+        self._samples.read()  # a host sends nothing there, but a closed connection shows
         return self._commands.read()
 
     def write(self, data: bytes | bytearray | memoryview) -> int:

@@ -205,9 +205,11 @@ class LossWatch:
         earlier, late = list(self._smallest)[:-_LATE_PERIODS], list(self._smallest)[-_LATE_PERIODS:]
         self._period = period
         self._smallest.append(delay)
-        if full and (lost := min(late) - max(earlier)) > SMALLEST_LOSS_S:
-            self._smallest.clear()
-            return lost
+        if full:
+            lost, growth = min(late) - max(earlier), max(earlier) - min(earlier)
+            if lost > SMALLEST_LOSS_S + growth:  # a steady growth is a wrong sampling rate
+                self._smallest.clear()
+                return lost
         return None
 
 

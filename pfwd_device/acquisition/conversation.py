@@ -349,7 +349,10 @@ class Conversation:
             Stage.STARTING: "samples",
         }[self.stage]
         response = self._last_refusal or "no response"
-        hint = "check that it is a PFWD and switched on, and that no other program uses the port"
+        hint = (
+            "check that it is the declared instrument and switched on, and that no other program "
+            "uses the port"
+        )
         seconds = f"{self._response_timeout:g} s"
         self.failure = Failure(f"expected {expected}, got {response} within {seconds}; {hint}")
 

@@ -1,5 +1,6 @@
 """Dialects of data loggers with simulated loggers: each sample is that of its scan, or missing."""
 
+import socket
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from simulators.instrument.scenario import Scenario, load_scenario
 from simulators.loggers import (
     DATAQ_RANGES,
     DataqLogger,
+    LabjackEndpoint,
     LabjackLogger,
     LoggerFault,
     LoggerName,
@@ -258,6 +260,23 @@ def test_a_logger_that_sampled_before_is_stopped_first(scenario: Scenario) -> No
     del logger.started[0]
     assert wrong_samples(host)[0] == 0
     assert sum(len(block.counts) for block in host.blocks) > 18_000
+
+
+def test_a_labjack_that_does_not_sample_accepts_the_next_host() -> None:
+    endpoint = LabjackEndpoint()
+    port = int(endpoint.url.rpartition(":")[2])
+    for visit in range(1, 4):
+        places = [("127.0.0.1", port), ("127.0.0.1", port + 200)]
+        host = [socket.create_connection(place, timeout=5.0) for place in places]
+        for _ in range(100):
+            if endpoint.connected and endpoint.visits == visit:
+                break
+            endpoint.wait(0.01, writing=False)
+            endpoint.read()
+        assert (endpoint.connected, endpoint.visits) == (True, visit)
+        for connection in host:
+            connection.close()
+    endpoint.close()
 
 
 def test_stop_ends_the_samples(scenario: Scenario) -> None:

@@ -25,3 +25,9 @@ def test_a_loss_is_found_once_and_a_busy_computer_is_none(seed: int) -> None:
     number, size = lost[0]
     assert 4000 < number < 4600
     assert size == pytest.approx(loss, abs=0.02)
+
+
+@pytest.mark.parametrize("speed", [0.9, 0.96, 1.04])
+def test_a_wrong_sampling_rate_is_no_loss(speed: float) -> None:
+    watch = LossWatch()
+    assert {watch.add(speed * number * 0.01, number * 0.01) for number in range(6000)} == {None}
