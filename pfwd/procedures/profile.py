@@ -190,8 +190,8 @@ class Tolerance(NamedTuple):
 
         Examples
         --------
-        >>> print(Tolerance(0.1, is_ours=True).message)
-        within 10 %, our tolerance
+        >>> Tolerance(0.1, is_ours=True).message.code
+        'our-tolerance'
         """
         code = "our-tolerance" if self.is_ours else "tolerance"
         return Notice(code, {"tolerance": self.value})

@@ -202,7 +202,10 @@ def test_wrong_data_get_one_line(data: tuple[Any, ...], message: str) -> None:
     ("options", "message"),
     [
         ({}, r"plate_radius: expected a number > 0, in m, got none"),
-        ({"quantity": "speed"}, r"quantity: expected velocity or displacement or acceleration, got 'speed'"),
+        (
+            {"quantity": "speed"},
+            r"quantity: expected velocity or displacement or acceleration, got 'speed'",
+        ),
         ({"header": "plate.toml"}, r"header: expected none for arrays, got one"),
         ({"bedrok_depth": 1}, r"bedrok_depth: expected one of .*; did you mean bedrock_dep"),
         ({"model": "soil"}, r"model: expected .layer. or .half-space., got 'soil'"),
