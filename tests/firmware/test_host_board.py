@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from inversion.notices import Notice
 from pfwd.session.buffered_drops import trigger_for
 from pfwd.session.events import DropSaved, SessionEvent
 from pfwd.session.measure import measure, replay
@@ -131,9 +132,7 @@ def test_drops_that_wait_outlast_the_host_and_the_instrument(
         events = measured(board, tmp_path / "survey")
     assert_recorded_bit_for_bit(tmp_path / "survey", played)
     saved = [event for event in events if isinstance(event, DropSaved)]
-    assert [event.saved.view.marks for event in saved] == [
-        ("buffered before the instrument restarted: its time is that of the transfer",)
-    ] * 2
+    assert [event.saved.view.marks for event in saved] == [(Notice("buffered-before-restart"),)] * 2
     with HostBoard(played, options) as board, Driver(board.url, BinaryDialect()) as driver:
         items = [driver.next(0.5) for _ in range(4)]
     assert not [item for item in items if isinstance(item, BufferedDrop)]  # it has let go of them

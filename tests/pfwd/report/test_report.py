@@ -580,7 +580,7 @@ def test_a_point_whose_fit_leaves_a_residual_is_diagnosed_first(
     )
     with SurveyWriter.open(survey, publish=False) as writer:
         for number in (5, 6, 7, 8):  # point B
-            more = {"warnings": [str(left)], "warning_codes": codes([left])}
+            more = {"warnings": [text_of(left)], "warning_codes": codes([left])}
             writer.save_result(number, complete(DropResult, result_of(number) | more))
     requests: list[list[str | None]] = []
 

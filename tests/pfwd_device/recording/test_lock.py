@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inversion.notices import text_of
 from pfwd_device.errors import SurveyLocked
 from pfwd_device.recording import SurveyWriter, check, read_survey, recover
 from tests.campaigns.power_loss import make_record
@@ -82,7 +81,7 @@ def test_a_line_that_is_being_written_is_no_damage(tmp_path: Path) -> None:
             stream.write(b"4 2 1")
         report = check(tmp_path)
         assert report.ok
-        assert any("acknowledged.txt, line" in text_of(note) for note in report.notes)
+        assert any("acknowledged.txt, line" in note for note in report.notes)
     assert not check(tmp_path).ok
 
 
