@@ -33,19 +33,23 @@ class MotionChannel:
         self._noise = noise
         self._time = step * (samples - first)
         weights: FloatArray = np.zeros((samples.size, int(samples[-1]) + 1))
-        weights[np.arange(samples.size), samples] = 1.0
         self._integrations = sensor.quantity.integrations
         if self._integrations:
-            for _ in range(self._integrations):
+            weights[:] = _integral(samples, weights.shape[1], step)
+            weights -= _integral(np.array([first]), weights.shape[1], step)
+            sums = self._time
+            for _ in range(1, self._integrations):
                 weights = _integral_weights(weights, first, step)
+                sums = weights.sum(axis=1)
             before = noise.baseline_samples
             if before:
-                weights[:, :before] -= weights.sum(axis=1, keepdims=True) / before
+                weights[:, :before] -= sums[:, None] / before
             # Each sample represents the interval from half a step before it to half a step after
             # it.
             self._rest_interval = step * (np.array([-0.5, max(before, 1) - 0.5]) - first)
             self.ramps = before > 1
         else:
+            weights[np.arange(samples.size), samples] = 1.0
             settled = max(noise.baseline_samples, 1)
             begin = first - settled if first >= settled else first
             weights[:, begin : begin + settled] -= 1.0 / settled
@@ -72,16 +76,16 @@ class MotionChannel:
         twice integrated acceleration also a parabola.
         """
         begin, end = map(float, self._rest_interval)
-        time, one = self._time, np.ones_like(self._time)
+        time, constant = self._time, np.ones_like(self._time)
         parts: list[tuple[float, int, FloatArray]]  # moment, derivative there, factor
         if not self.ramps:
-            parts = [(begin, 0, one / 2), (end, 0, one / 2)]
+            parts = [(begin, 0, constant / 2), (end, 0, constant / 2)]
         elif self._integrations == 1:
             slope = time / (end - begin)
-            parts = [(begin, 0, -slope), (end, 0, slope), (0.0, 0, one)]
+            parts = [(begin, 0, -slope), (end, 0, slope), (0.0, 0, constant)]
         else:
             half = time**2 / (2 * (end - begin))
-            parts = [(begin, 1, -half), (end, 1, half), (0.0, 1, time), (0.0, 0, one)]
+            parts = [(begin, 1, -half), (end, 1, half), (0.0, 1, time), (0.0, 0, constant)]
         samples, weights = [], []
         for moment, derivative, factor in parts:
             nearest, shares = _nearest_samples(time, moment, derivative)
@@ -113,9 +117,24 @@ def _nearest_samples(
     """
     centre = int(np.clip(np.argmin(np.abs(times - time)), 1, times.size - 2))
     nearest = np.arange(centre - 1, centre + 2)
-    # Lagrange polynomials through the three times, around the time itself.
-    powers = np.vander(times[nearest] - time, increasing=True)
-    return nearest, np.linalg.inv(powers)[derivative]
+    time_before, centre_time, time_after = times[nearest]
+    pairs = ((centre_time, time_after), (time_before, time_after), (time_before, centre_time))
+    shares = [
+        ((time - a) * (time - b) if derivative == 0 else (time - a) + (time - b))
+        / ((sample - a) * (sample - b))
+        for sample, (a, b) in zip(times[nearest], pairs, strict=True)
+    ]
+    return nearest, np.array(shares)
+
+
+def _integral(samples: np.ndarray, count: int, step: float) -> FloatArray:
+    """Return the weights (m, count) of the trapezoidal integral from sample 0 to given samples."""
+    index = np.arange(count)
+    weights = np.where(index[None, :] < samples[:, None], step, 0.0)
+    weights[:, 0] *= 0.5
+    inside = (samples > 0) & (samples < count)
+    weights[np.flatnonzero(inside), samples[inside]] = 0.5 * step
+    return weights
 
 
 def _integral_weights(weights: FloatArray, first: int, step: float) -> FloatArray:
