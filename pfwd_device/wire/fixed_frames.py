@@ -234,7 +234,6 @@ class FrameDialect:
             restarts = steps > period // 2
             restarts[0] |= self._was_cut and self._counter is not None
             self._counter, self._was_cut = int(numbers[-1]), False
-        steps[restarts] = 1
         places = self._index + np.cumsum(steps)
         begins = np.maximum.accumulate(np.where(restarts, np.arange(len(table)), -1))
         index = np.where(begins >= 0, places - places[begins], places)
