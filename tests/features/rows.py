@@ -27,6 +27,7 @@ keys      keys that each of them (or the one of index `line`) must have
 values    list of {line, key, equals | about and within | between | matches | empty}; a key may be
           a path `a.b.0`
 check     Python for foreign libraries; has `text`, `error`, `objects`, `folder`, `approx`
+font      language whose letters the row draws; without a font that has them it is skipped
 slow      true: only with -m slow
 """
 
@@ -153,6 +154,14 @@ def write_files(entry: dict[str, Any], folder: Path) -> None:
         (folder / name).write_text(text, encoding="utf-8")
 
 
+def has_font(language: str) -> bool:
+    """Whether this computer has a font for a language, as far as its list of fonts says."""
+    if shutil.which("fc-list") is None:
+        return os.name == "nt" or sys.platform == "darwin"  # their systems come with them
+    listed = subprocess.run(["fc-list", f":lang={language}"], capture_output=True, check=True)
+    return bool(listed.stdout.strip())
+
+
 def rows() -> list[Any]:
     """Rows that run, as parameters."""
     return [
@@ -164,6 +173,8 @@ def rows() -> list[Any]:
 
 @pytest.mark.parametrize("row", rows())
 def test_a_row_holds(row: dict[str, Any], runner: Runner) -> None:
+    if "font" in row and not has_font(row["font"]):
+        pytest.skip(f"no font with the letters of {row['font']!r} on this computer (fc-list)")
     write_files(row, runner.folder)
     if "screen" in row:
         text, error, status = screen_text(row, runner), "", 0
