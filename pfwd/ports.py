@@ -23,15 +23,15 @@ from pfwd_device.transport.ports import list_ports as list_ports
 from pfwd_device.wire.registry import all_dialects
 
 
-def probe_ports(urls: Sequence[str], timeout: float = PROBE_TIMEOUT_S) -> list[Probe]:
+def probe_ports(urls: Sequence[str], timeout: float | None = PROBE_TIMEOUT_S) -> list[Probe]:
     """Find out which instrument answers at each of several ports; takes a few seconds in all.
 
     Parameters
     ----------
     urls : sequence of str
         Ports, as for `pfwd log`.
-    timeout : float, s
-        Longest wait for an answer.
+    timeout : float or None, s
+        Longest wait for an answer; None: do not open the ports.
 
     Returns
     -------

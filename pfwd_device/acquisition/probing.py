@@ -3,12 +3,13 @@
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pfwd_device.errors import DeviceError
 from pfwd_device.identity import Identity
 from pfwd_device.transport.base import Transport
 from pfwd_device.transport.opening import open_transport
+from pfwd_device.transport.ports import adapter_of
 from pfwd_device.wire.messages import Hello
 from pfwd_device.wire.registry import DeclaredLink, DialectEntry
 
@@ -120,9 +121,12 @@ class _ProbeThread(threading.Thread):
 
 
 def probe_all(
-    urls: Sequence[str], dialects: Sequence[DialectEntry], timeout: float = PROBE_TIMEOUT_S
+    urls: Sequence[str], dialects: Sequence[DialectEntry], timeout: float | None = PROBE_TIMEOUT_S
 ) -> list[Probe]:
     """Search several ports for instruments at the same time; return the results in their order.
+
+    A port whose USB numbers belong to a dialect is asked in this dialect only. Its reason begins
+    with the model, also if it is in use or does not answer.
 
     Parameters
     ----------
@@ -130,13 +134,32 @@ def probe_all(
         Ports.
     dialects : sequence of DialectEntry
         Dialects to try.
-    timeout : float, s
-        Longest wait for a response at one port.
+    timeout : float or None, s
+        Longest wait for a response at one port; None: do not open the ports.
     """
-    threads = [_ProbeThread(url, dialects, timeout) for url in urls]
-    for thread in threads:
-        thread.start()
-    deadline = time.monotonic() + timeout + _OPENING_TIMEOUT_S
-    for thread in threads:
-        thread.join(max(0.0, deadline - time.monotonic()))
-    return [thread.result for thread in threads]
+    known = [_known_model(url, dialects) for url in urls]
+    probes = [Probe(url, None, None, "not tested") for url in urls]
+    if timeout is not None:
+        threads = [
+            _ProbeThread(url, dialects if model is None else [model[0]], timeout)
+            for url, model in zip(urls, known, strict=True)
+        ]
+        for thread in threads:
+            thread.start()
+        deadline = time.monotonic() + timeout + _OPENING_TIMEOUT_S
+        for thread in threads:
+            thread.join(max(0.0, deadline - time.monotonic()))
+        probes = [thread.result for thread in threads]
+    return [
+        replace(probe, reason=f"{model[1]} by its USB numbers: {probe.reason}") if model else probe
+        for probe, model in zip(probes, known, strict=True)
+    ]
+
+
+def _known_model(url: str, dialects: Sequence[DialectEntry]) -> tuple[DialectEntry, str] | None:
+    """Return the dialect and the model to which the USB numbers of a port belong."""
+    adapter = adapter_of(url)
+    if adapter is None:
+        return None
+    models = [(entry, entry.usb_model(adapter.vid, adapter.pid)) for entry in dialects]
+    return next(((entry, model) for entry, model in models if model is not None), None)

@@ -390,6 +390,14 @@ class DataqDialect:
         return [SampleBlock(self._stream, first, None, words >> 16 - self._model.bits)]
 
 
+def usb_model(vendor: int, product: int) -> str | None:
+    """Return the model with these USB numbers (page 8); None for another maker."""
+    if vendor != VENDOR_ID:
+        return None
+    known = (f"DI-{number}" for number, model in MODELS.items() if model.product_id == product)
+    return f"DATAQ {next(known, 'logger')}"
+
+
 def looks_like_dataq(data: bytes) -> bool:
     """Return True if bytes contain the answer of a DATAQ logger to `info 0` (page 20)."""
     return b"info 0 DATAQ" in data

@@ -13,7 +13,7 @@ import pfwd_plugins
 from pfwd_device.identity import Identity
 from pfwd_device.wire.ascii_lines import AsciiDialect, LineLayout, looks_like_lines
 from pfwd_device.wire.binary import BinaryDialect
-from pfwd_device.wire.dataq import DataqDialect, looks_like_dataq
+from pfwd_device.wire.dataq import DataqDialect, looks_like_dataq, usb_model
 from pfwd_device.wire.dialect import Dialect
 from pfwd_device.wire.fixed_frames import FrameDialect, FrameLayout
 from pfwd_device.wire.labjack import PRODUCT_QUESTION, LabjackDialect, looks_like_labjack
@@ -66,6 +66,9 @@ class DialectEntry:
     this dialect replies to a request for its identity."""
     question: bytes = b""
     """Bytes to which an instrument of this dialect answers; empty: it sends without a request."""
+    usb_model: Callable[[int, int], str | None] = lambda vendor, product: None
+    """Function that returns the model of the instrument with a USB vendor number and product
+    number; None if no instrument of this dialect has them."""
     scheme: str = ""
     """Beginning of the URLs of its ports, to which alone the question is sent; empty: any port."""
 
@@ -121,6 +124,7 @@ BUILT_IN: Mapping[str, DialectEntry] = MappingProxyType(
                 needs_inputs=True,
                 recognises=looks_like_dataq,
                 question=b"info 0\r",
+                usb_model=usb_model,
             ),
             DialectEntry(
                 "labjack",

@@ -32,12 +32,14 @@ PROBES = {
 
 @pytest.fixture(autouse=True)
 def _world(monkeypatch: pytest.MonkeyPatch) -> None:
+    def probes(urls: list[str], timeout: float | None = 0.0) -> list[Probe]:
+        silent = "silent" if timeout is not None else "not tested"
+        known = {} if timeout is None else PROBES
+        return [known.get(url, Probe(url, None, None, silent)) for url in urls]
+
     monkeypatch.setattr("pfwd.ports.list_ports", lambda: PORTS)
     monkeypatch.setattr("pfwd.ports.port_advice", lambda _: [])
-    monkeypatch.setattr(
-        "pfwd.ports.probe_ports",
-        lambda urls: [PROBES.get(url, Probe(url, None, None, "silent")) for url in urls],
-    )
+    monkeypatch.setattr("pfwd.ports.probe_ports", probes)
 
 
 def run(*urls: str, json: bool = False, no_probe: bool = False) -> int:

@@ -37,10 +37,10 @@ def run(args: argparse.Namespace) -> int:
     if args.urls:
         by_name = {name: port for port in listed for name in (port.url, port.by_id)}
         ports = [by_name.get(url) or Port(url, url) for url in args.urls]
-    probes: list[Probe | None] = [None] * len(ports)
     if ports and not args.no_probe:
         say(f"testing {counted(len(ports), 'port')} for an instrument")
-        probes = [*probe_ports([port.url for port in ports])]
+    urls = [port.url for port in ports]
+    probes = probe_ports(urls, None) if args.no_probe else probe_ports(urls)
     if args.json:
         for port, probe in zip(ports, probes, strict=True):
             print(json_text(record(port, probe)), flush=True)
@@ -48,13 +48,13 @@ def run(args: argparse.Namespace) -> int:
         print_table([row(port, probe) for port, probe in zip(ports, probes, strict=True)])
     if not ports:
         say("no serial ports found. Connect the adapter, and check that its driver is installed")
-    for text in port_advice([port.url for port in ports]):
+    for text in port_advice(urls):
         say(text)
     return 0
 
 
-def record(port: "Port", probe: "Probe | None") -> dict[str, Any]:
-    """Return a port and the result of its test as a JSON object; a probe of None: not tested."""
+def record(port: "Port", probe: "Probe") -> dict[str, Any]:
+    """Return a port and the result of its test as a JSON object."""
     adapter = port.adapter
     return {
         "url": clean(port.url),
@@ -63,14 +63,14 @@ def record(port: "Port", probe: "Probe | None") -> dict[str, Any]:
         "pid": adapter and adapter.pid,
         "port_serial_number": adapter and adapter.serial_number,
         "by_id": port.by_id,
-        "answers": probe and probe.answers,
+        "answers": probe.answers,
         "identity": _identity(probe),
-        "reason": clean(probe.reason) if probe else "not tested",
+        "reason": clean(probe.reason),
     }
 
 
-def _identity(probe: "Probe | None") -> Mapping[str, Any] | None:
-    if probe is None or probe.identity is None:
+def _identity(probe: "Probe") -> Mapping[str, Any] | None:
+    if probe.identity is None:
         return None
     identity = probe.identity
     return {
@@ -87,16 +87,14 @@ def _identity(probe: "Probe | None") -> Mapping[str, Any] | None:
     }
 
 
-def row(port: "Port", probe: "Probe | None") -> tuple[str, str, str]:
+def row(port: "Port", probe: "Probe") -> tuple[str, str, str]:
     """Return a port as a row of the table: address, description, result of the test."""
     adapter = port.adapter
     kind = port.description
     if adapter:
         kind += f" [{adapter.vid:04x}:{adapter.pid:04x} {adapter.serial_number or ''}".rstrip()
         kind += "]"
-    if probe is None:
-        answer = ""
-    elif probe.identity:
+    if probe.identity:
         identity = probe.identity
         answer = f"PFWD {identity.model} {identity.serial_number}, firmware {identity.firmware}"
         radius = identity.plate_radius

@@ -10,9 +10,11 @@ import time
 from pathlib import Path
 
 import pytest
+from serial.tools.list_ports_common import ListPortInfo
 
 from pfwd_device.acquisition import probing
 from pfwd_device.acquisition.probing import Probe, probe, probe_all
+from pfwd_device.transport import ports
 from pfwd_device.transport.opening import open_transport
 from pfwd_device.wire.ascii_lines import looks_like_lines
 from pfwd_device.wire.registry import BUILT_IN
@@ -71,6 +73,36 @@ def test_all_at_once(tmp_path: Path) -> None:
     second.unplug()
     assert [answer.url for answer in answers] == urls
     assert [answer.answers for answer in answers] == [None, "pfwd", None]
+
+
+@pytest.mark.posix
+def test_usb_numbers_show_a_logger_whose_port_is_in_use_or_silent(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    numbers = [(0x0683, 0x1111), (0x0683, 0x4209), (0x0683, 0x0001), (0x1A86, 0x1111)]
+    with contextlib.ExitStack() as stack:
+        pairs = [os.openpty() for _ in numbers]
+        listed = []
+        for (master, slave), (vid, pid) in zip(pairs, numbers, strict=True):
+            stack.callback(os.close, master)
+            stack.callback(os.close, slave)
+            port = ListPortInfo(os.ttyname(slave))
+            port.vid, port.pid = vid, pid
+            listed.append(port)
+        urls = [port.device for port in listed]
+        monkeypatch.setattr(ports._serial_ports, "comports", lambda: listed)
+        stack.enter_context(contextlib.closing(open_transport(urls[0])))
+        answers = probe_all(urls, list(BUILT_IN.values()), 0.2)
+        received = [os.read(master, 4096) for master, _ in pairs[1:]]
+        untested = probe_all(urls[:1], list(BUILT_IN.values()), None)
+    assert answers[0].reason.startswith("DATAQ DI-1110 by its USB numbers: port ")
+    assert "in use" in answers[0].reason
+    assert answers[1].reason.startswith("DATAQ DI-4208 by its USB numbers: silent")
+    assert answers[2].reason.startswith("DATAQ logger by its USB numbers: silent")
+    assert answers[3].reason.startswith("silent")
+    assert received[0].replace(b"info 0\r", b"") == b""  # no request of another dialect
+    assert received[2].replace(b"info 0\r", b"") != b""
+    assert untested[0].reason == "DATAQ DI-1110 by its USB numbers: not tested"
 
 
 def test_a_port_that_never_opens_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
