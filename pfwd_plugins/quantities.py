@@ -100,6 +100,13 @@ class Measurand(StrEnum):
         """True if sensors of motion measure it."""
         return self.integrations >= 0
 
+    @property
+    def sensitivity_unit(self) -> str:
+        """SI unit of the sensitivity of a sensor; empty: the channel has no sensor."""
+        if self is Measurand.VOLTAGE:
+            return ""
+        return f"V/({self.unit})" if "/" in self.unit else f"V/{self.unit}"
+
 
 MOTIONS = tuple(quantity for quantity in Measurand if quantity.is_motion)
 """Quantities of the sensors of motion."""

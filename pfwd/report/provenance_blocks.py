@@ -26,6 +26,7 @@ from pfwd.report.formatting import declared
 from pfwd.report.peaks_blocks import has_only_peaks
 from pfwd.report.point_facts import used_drops
 from pfwd.report.texts import Texts
+from pfwd_plugins.quantities import QUANTITY_BY_ROLE, Measurand
 
 
 def procedure_blocks(procedure: Procedure, texts: Texts) -> list[Block]:
@@ -92,11 +93,13 @@ def _channel(channel: Mapping[str, Any], texts: Texts) -> tuple[str, ...]:
     response = formatting.NO_VALUE
     if frequency is not None and damping is not None:
         response = f"{declared(frequency, texts, 'Hz')}, {declared(damping, texts)}"
+    role = str(channel.get("role") or "")
+    quantity = QUANTITY_BY_ROLE.get(role, Measurand.VOLTAGE)
     return (
         str(channel.get("name") or ""),
-        texts.word(str(channel.get("role") or "")),
+        texts.word(role),
         declared(channel.get("offset", 0), texts, "m"),
-        declared(channel.get("sensitivity"), texts),
+        declared(channel.get("sensitivity"), texts, quantity.sensitivity_unit),
         response,
         str(channel.get("calibrated") or formatting.NO_VALUE),
         str(channel.get("due") or formatting.NO_VALUE),

@@ -1,5 +1,6 @@
 """Reports: what they say, that nothing in them runs or is fetched, that they can be read."""
 
+import dataclasses
 import gc
 import hashlib
 import html.parser
@@ -34,10 +35,12 @@ from pfwd.files.editing import Edit, edit_survey
 from pfwd.judging import DropView
 from pfwd.procedures import StressLaw, Verdict
 from pfwd.report import fonts
+from pfwd.report.blocks import Table
 from pfwd.report.content import Report
 from pfwd.report.drawing import draw_point
 from pfwd.report.gathering import ReportOptions, gather
 from pfwd.report.point_blocks import _stress
+from pfwd.report.provenance_blocks import device_blocks
 from pfwd.report.report import GC_THRESHOLD, _rare_garbage_collection, write_report
 from pfwd.report.texts import load_texts
 from pfwd_device import Channel, Drop
@@ -280,6 +283,25 @@ def test_the_file_holds_everything_and_runs_nothing(survey: Path) -> None:
                 assert value.startswith("data:image/svg+xml;base64,")
     assert "url(" not in text
     assert sum(tag == "img" for tag, _ in page.tags) >= 5
+
+
+@pytest.mark.parametrize(
+    ("role", "text"),
+    [
+        ("load", "0.0004 V/N"),
+        ("geophone", "0.0004 V/(m/s)"),
+        ("accelerometer", "0.0004 V/(m/s²)"),
+        ("displacement", "0.0004 V/m"),
+        ("unused", "0.0004"),
+    ],
+)
+def test_a_sensitivity_has_the_unit_of_its_sensor(survey: Path, role: str, text: str) -> None:
+    identity = {"channels": [{"name": "1", "role": role, "sensitivity": 0.0004}]}
+    report = dataclasses.replace(gather(survey), instruments=(identity,))
+    (table,) = (
+        block for block in device_blocks(report, load_texts("en")) if isinstance(block, Table)
+    )
+    assert text in table.rows[0]
 
 
 def test_what_comes_from_a_survey_is_text(survey: Path) -> None:
