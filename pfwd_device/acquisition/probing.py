@@ -137,12 +137,12 @@ def probe_all(
     timeout : float or None, s
         Longest wait for a response at one port; None: do not open the ports.
     """
-    known = [_known_model(url, dialects) for url in urls]
+    models = [_usb_model(url, dialects) for url in urls]
     probes = [Probe(url, None, None, "not tested") for url in urls]
     if timeout is not None:
         threads = [
             _ProbeThread(url, dialects if model is None else [model[0]], timeout)
-            for url, model in zip(urls, known, strict=True)
+            for url, model in zip(urls, models, strict=True)
         ]
         for thread in threads:
             thread.start()
@@ -152,14 +152,14 @@ def probe_all(
         probes = [thread.result for thread in threads]
     return [
         replace(probe, reason=f"{model[1]} by its USB numbers: {probe.reason}") if model else probe
-        for probe, model in zip(probes, known, strict=True)
+        for probe, model in zip(probes, models, strict=True)
     ]
 
 
-def _known_model(url: str, dialects: Sequence[DialectEntry]) -> tuple[DialectEntry, str] | None:
+def _usb_model(url: str, dialects: Sequence[DialectEntry]) -> tuple[DialectEntry, str] | None:
     """Return the dialect and the model to which the USB numbers of a port belong."""
     adapter = adapter_of(url)
     if adapter is None:
         return None
-    models = [(entry, entry.usb_model(adapter.vid, adapter.pid)) for entry in dialects]
-    return next(((entry, model) for entry, model in models if model is not None), None)
+    names = [(entry, entry.usb_model(adapter.vid, adapter.pid)) for entry in dialects]
+    return next(((entry, model) for entry, model in names if model is not None), None)

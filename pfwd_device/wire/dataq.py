@@ -305,8 +305,8 @@ class DataqDialect:
         """Return the argument of `srate` for the nearest possible sampling rate (page 48)."""
         words = len(self._inputs) + model.has_mark if model.is_shared else 1
         smallest = model.smallest_divisor(len(self._inputs))
-        wanted = round(model.dividend / (self._rate * words))
-        return min(max(wanted, smallest), _LARGEST_DIVISOR)
+        divisor = round(model.dividend / (self._rate * words))
+        return min(max(divisor, smallest), _LARGEST_DIVISOR)
 
     def _sampling_rate(self, model: DataqModel) -> float:
         """Return the sampling rate of each channel that the logger will have, Hz (page 48).
@@ -394,8 +394,8 @@ def usb_model(vendor: int, product: int) -> str | None:
     """Return the model with these USB numbers (page 8); None for another maker."""
     if vendor != VENDOR_ID:
         return None
-    known = (f"DI-{number}" for number, model in MODELS.items() if model.product_id == product)
-    return f"DATAQ {next(known, 'logger')}"
+    names = (f"DI-{number}" for number, model in MODELS.items() if model.product_id == product)
+    return f"DATAQ {next(names, 'logger')}"
 
 
 def looks_like_dataq(data: bytes) -> bool:

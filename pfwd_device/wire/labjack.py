@@ -223,8 +223,8 @@ class LabjackDialect:
         for number, channel in channels:
             data += self._write("range", 40000 + 2 * number, ">f", channel.adc_range or _RANGES[0])
             data += self._write("negative input", 41000 + number, ">H", _SINGLE_ENDED)
-        wanted = _PACKET_TIME_S * self._rate * len(self._inputs)
-        per_packet = min(max(len(self._inputs), round(wanted)), _SAMPLES_PER_PACKET)
+        samples = _PACKET_TIME_S * self._rate * len(self._inputs)
+        per_packet = min(max(len(self._inputs), round(samples)), _SAMPLES_PER_PACKET)
         per_packet -= per_packet % len(self._inputs)
         interval = _RATE_CLOCK / self._rate + _SAFE_STEP
         data += self._write("rate", _RATE, ">f", _RATE_CLOCK / interval)
