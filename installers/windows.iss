@@ -36,16 +36,58 @@ Source: "..\dist\pfwd\*"; DestDir: "{app}"; Flags: recursesubdirs ignoreversion
 Name: "{group}\PFWD"; Filename: "{cmd}"; Parameters: "/K ""{app}\pfwd.exe"""; WorkingDir: "{userdocs}"
 Name: "{group}\PFWD demo"; Filename: "{app}\pfwd.exe"; Parameters: "demo"; WorkingDir: "{userdocs}"
 
-[Registry]
-Root: HKCU; Subkey: "Environment"; ValueType: expandsz; ValueName: "Path"; \
-  ValueData: "{olddata};{app}"; Tasks: path; Check: IsNotOnPath
-
 [Code]
-function IsNotOnPath: Boolean;
+// Path without the entries that name a folder, and without empty ones.
+function PathWithout(Path, Folder: string): string;
 var
-  Path: string;
+  Entry: string;
+  Place: Integer;
+begin
+  Result := '';
+  Path := Path + ';';
+  while Path <> '' do
+  begin
+    Place := Pos(';', Path);
+    Entry := Copy(Path, 1, Place - 1);
+    Delete(Path, 1, Place);
+    if (Entry <> '') and (CompareText(RemoveBackslashUnlessRoot(Entry), Folder) <> 0) then
+    begin
+      if Result <> '' then
+        Result := Result + ';';
+      Result := Result + Entry;
+    end;
+  end;
+end;
+
+// Adds the program's folder to the user's PATH as its last entry, or removes it.
+procedure ChangePath(Add: Boolean);
+var
+  Path, Changed, Folder: string;
 begin
   if not RegQueryStringValue(HKEY_CURRENT_USER, 'Environment', 'Path', Path) then
     Path := '';
-  Result := Pos(';' + Uppercase(ExpandConstant('{app}')) + ';', ';' + Uppercase(Path) + ';') = 0;
+  Folder := ExpandConstant('{app}');
+  Changed := PathWithout(Path, Folder);
+  if Add then
+  begin
+    if Changed <> '' then
+      Changed := Changed + ';';
+    Changed := Changed + Folder;
+  end;
+  if (Changed = '') and (Path <> '') then
+    RegDeleteValue(HKEY_CURRENT_USER, 'Environment', 'Path')
+  else if Changed <> Path then
+    RegWriteExpandStringValue(HKEY_CURRENT_USER, 'Environment', 'Path', Changed);
+end;
+
+procedure CurStepChanged(CurStep: TSetupStep);
+begin
+  if (CurStep = ssPostInstall) and WizardIsTaskSelected('path') then
+    ChangePath(True);
+end;
+
+procedure CurUninstallStepChanged(CurUninstallStep: TUninstallStep);
+begin
+  if CurUninstallStep = usUninstall then
+    ChangePath(False);
 end;

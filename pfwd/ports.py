@@ -6,6 +6,7 @@ The terminal uses this module instead of importing the protocol of the instrumen
 import importlib
 import os
 import shutil
+import sys
 from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from pfwd_device.conformance.requirements import REQUIREMENTS
 from pfwd_device.transport.opening import BAUD_RATE, open_transport
 from pfwd_device.transport.ports import Adapter as Adapter
 from pfwd_device.transport.ports import Port as Port
+from pfwd_device.transport.ports import is_same_port as is_same_port
 from pfwd_device.transport.ports import list_ports as list_ports
 from pfwd_device.wire.registry import all_dialects
 
@@ -57,7 +59,8 @@ def port_advice(urls: Sequence[str]) -> list[str]:
     urls : sequence of str
         Ports that the operating system lists.
     """
-    return [*_rights(urls), *_brltty(USB_DEVICES)]
+    # Windows would open each port to find out whether it exists.
+    return [*_rights(urls), *_brltty(USB_DEVICES)] if sys.platform == "linux" else []
 
 
 def _rights(urls: Sequence[str]) -> list[str]:

@@ -20,10 +20,12 @@ LONGEST_INTEGER = 64
 
 Path = str | os.PathLike[str]
 
+# No group is possessive, because Python 3.11.0 to 3.11.4 does not match such groups correctly. The
+# closing quotes are optional: otherwise an unclosed text is searched once for each quote in it.
 _STRINGS = re.compile(
-    r'"""(?:[^\\"]|\\.|"(?!""))*+"{3,5}'
-    r"|'''(?:[^']|'(?!''))*+'{3,5}"
-    r'|"(?:[^\\"\n]|\\.)*+"'
+    r'"""[^\\"]*+(?:(?:\\.|"(?!""))[^\\"]*+)*(?:"{3,5})?'
+    r"|'''[^']*+(?:'(?!'')[^']*+)*(?:'{3,5})?"
+    r'|"[^\\"\n]*+(?:\\.[^\\"\n]*+)*"?'
     r"|'[^'\n]*+'"
     r"|#[^\n]*+",
     re.DOTALL,

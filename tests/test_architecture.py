@@ -1,6 +1,7 @@
 """The architecture at run time: what an import brings along, and what the wheel holds."""
 
 import ast
+import re
 import subprocess
 import sys
 import tomllib
@@ -9,6 +10,7 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 TOP = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((TOP / "pyproject.toml").read_text(encoding="utf-8"))
@@ -106,6 +108,36 @@ def test_every_dependency_has_its_version_in_the_constraints() -> None:
     wanted = [*PROJECT["project"]["dependencies"], *extras["dev"], *extras["docs"]]
     names = {text.split(">=")[0].split("[")[0].lower() for text in wanted}
     assert names <= pinned
+
+
+def test_cobs_has_a_wheel_for_every_python_on_windows() -> None:
+    """Version 1.2.2 has none for Python 3.11, and 1.2.1 has none for Python 3.14."""
+    pinned = re.search(
+        r"^cobs==(\S+)$", (TOP / "constraints.txt").read_text(encoding="utf-8"), re.M
+    )
+    assert pinned is not None
+    assert pinned[1] == "1.2.1"
+    wanted = [text for text in PROJECT["project"]["dependencies"] if text.startswith("cobs")]
+    requirements = [Requirement(text) for text in wanted]
+
+    def accepts(python: str, version: str) -> bool:
+        return all(
+            version in requirement.specifier
+            for requirement in requirements
+            if requirement.marker is None or requirement.marker.evaluate({"python_version": python})
+        )
+
+    assert not accepts("3.11", "1.2.2")
+    assert all(accepts(python, "1.2.1") for python in ("3.11", "3.12", "3.13"))
+    assert accepts("3.14", "1.2.2")
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_pattern_has_a_possessive_or_atomic_group(package: str) -> None:
+    """Python 3.11.0 to 3.11.4 does not match them correctly; single characters are sound."""
+    group = re.compile(r"\)(?:[*+?]|\{[\d,]+\})\+|\(\?>")
+    files = (TOP / package).rglob("*.py")
+    assert [file.name for file in files if group.search(file.read_text(encoding="utf-8"))] == []
 
 
 # What they hold is being counted, collected or read in parts. Everything else that is handed on

@@ -33,3 +33,12 @@ def test_the_installer_packs_the_folder_of_the_program() -> None:
     assert f"/DVersion={PROJECT['project']['version']}" in text
     from_app = (TOP / ".ci" / "app.py").read_text(encoding="utf-8")
     assert '"dist"' in from_app
+
+
+def test_the_installer_changes_the_path_in_both_directions() -> None:
+    """Its entry is removed with the program, and an empty PATH gets no semicolon."""
+    text = (INSTALLERS / "windows.iss").read_text(encoding="utf-8")
+    assert "{olddata}" not in text
+    assert re.search(r"CurStep = ssPostInstall\)[^;]*ChangePath\(True\)", text)
+    assert re.search(r"CurUninstallStep = usUninstall[^;]*ChangePath\(False\)", text)
+    assert re.search(r"if Changed <> '' then\s+Changed := Changed \+ ';'", text)

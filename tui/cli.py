@@ -8,6 +8,7 @@ import atexit
 import contextlib
 import errno
 import os
+import stat
 import sys
 import warnings
 from collections.abc import Sequence
@@ -78,9 +79,21 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _is_closed_pipe(err: Exception) -> bool:
-    if os.name == "nt":  # Windows reports a closed pipe as an invalid argument
-        return isinstance(err, OSError) and err.errno == errno.EINVAL
-    return isinstance(err, BrokenPipeError)
+    if isinstance(err, BrokenPipeError):
+        return True
+    # The C library of Windows reports a closed pipe as an invalid argument, and so it does a lost
+    # network share, an unplugged USB device and a disk error.
+    if os.name != "nt" or not isinstance(err, OSError) or err.errno != errno.EINVAL:
+        return False
+    if getattr(err, "winerror", None) is not None or err.filename is not None:
+        return False
+    if not stat.S_ISFIFO(os.fstat(1).st_mode):
+        return False
+    try:
+        sys.stdout.flush()  # its buffer still holds what could not be written
+    except OSError:
+        return True
+    return False
 
 
 def _explain(err: Exception, command: str) -> str:

@@ -6,6 +6,7 @@ adapter does not.
 
 import glob
 import os
+import sys
 from dataclasses import dataclass
 
 from serial.tools import list_ports as _serial_ports
@@ -42,7 +43,7 @@ class Port:
 
 def list_ports() -> list[Port]:
     """Return the serial ports of this computer, sorted by name."""
-    by_id = {os.path.realpath(link): link for link in sorted(glob.glob("/dev/serial/by-id/*"))}
+    by_id = {_port_key(link): link for link in sorted(glob.glob("/dev/serial/by-id/*"))}
     ports = []
     for info in _serial_ports.comports():
         adapter = None
@@ -50,14 +51,14 @@ def list_ports() -> list[Port]:
             number = clean(info.serial_number) if info.serial_number else None
             adapter = Adapter(info.vid, info.pid, number)
         description = info.description if info.description != "n/a" else info.device
-        link = by_id.get(os.path.realpath(info.device))
+        link = by_id.get(_port_key(info.device))
         ports.append(Port(info.device, clean(description or info.device), adapter, link))
     return sorted(ports, key=lambda port: port.url)
 
 
 def adapter_of(url: str) -> Adapter | None:
     """Return the USB adapter of a port; None if the port has none or is not in the list."""
-    return next((port.adapter for port in list_ports() if _same_name(port.url, url)), None)
+    return next((port.adapter for port in list_ports() if is_same_port(port.url, url)), None)
 
 
 def candidate_urls(url: str, adapter: Adapter | None) -> list[str]:
@@ -82,11 +83,24 @@ def candidate_urls(url: str, adapter: Adapter | None) -> list[str]:
     same = [port.url for port in ports if port.adapter == adapter]
     if same:
         return sorted(
-            (url if _same_name(name, url) else name for name in same), key=lambda name: name != url
+            (url if is_same_port(name, url) else name for name in same),
+            key=lambda name: name != url,
         )
-    is_reused = any(port.adapter is not None and _same_name(port.url, url) for port in ports)
+    is_reused = any(port.adapter is not None and is_same_port(port.url, url) for port in ports)
     return [] if is_reused else [url]
 
 
-def _same_name(name: str, url: str) -> bool:
-    return name == url or ("://" not in url and os.path.realpath(name) == os.path.realpath(url))
+def is_same_port(name: str, url: str) -> bool:
+    """Return True if two names are names of one port."""
+    return name == url or ("://" not in url and _port_key(name) == _port_key(url))
+
+
+def _port_key(name: str) -> str:
+    """Return a text that is the same for all names of a port."""
+    if os.name == "nt":
+        # No realpath: it opens the port, which may be in use or broken.
+        return name.replace("/", "\\").removeprefix("\\\\.\\").rstrip(":").lower()
+    path = os.path.realpath(name)
+    if sys.platform == "darwin":  # two names of one port; only cu.* is listed
+        path = path.replace("/dev/tty.", "/dev/cu.", 1)
+    return path

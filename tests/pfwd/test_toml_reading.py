@@ -27,6 +27,7 @@ TOP = Path(__file__).resolve().parents[2]
         ("x = " + "[" * 100_000, "too many nested brackets"),
         ("#" * (LARGEST_TOML + 1), "over 1000000 characters"),
         ("x = 'a", "Expected"),
+        ('x = "' + '\\"' * (LARGEST_TOML // 2 - 3), "Unterminated"),
     ],
 )
 def test_what_would_take_long_is_refused(text: str, match: str) -> None:

@@ -1,6 +1,9 @@
 """The console command: usage, exit status, what goes to which output, and how it is stopped."""
 
+import errno
+import io
 import json
+import os
 import re
 import shutil
 import signal
@@ -352,6 +355,74 @@ def test_a_reader_who_leaves_ends_it_cleanly(endless: subprocess.Popen[str]) -> 
     endless.stdout.close()
     assert endless.wait(timeout=20) == 0
     assert endless.stderr.read() == "closed\n"
+
+
+class WindowsOutput(io.FileIO):
+    """Pipe or file whose loss is reported as by the C library of Windows."""
+
+    lost = False
+
+    def write(self, data: Any) -> int:
+        if self.lost:
+            raise OSError(errno.EINVAL, "Invalid argument")
+        return len(data)
+
+
+@pytest.fixture
+def windows_output(monkeypatch: pytest.MonkeyPatch) -> Iterator[WindowsOutput]:
+    """A pipe as standard output, and the branches for Windows in the command."""
+    reading, writing = os.pipe()
+    output = WindowsOutput(writing, "wb")
+    stream = io.TextIOWrapper(io.BufferedWriter(output), encoding="cp850")
+    # At the descriptor of standard output too, of which the command asks whether it is a pipe.
+    kept = os.dup(1)
+    os.dup2(writing, 1)
+    monkeypatch.setattr("tui.cli.os", types.SimpleNamespace(**{**vars(os), "name": "nt"}))
+    with monkeypatch.context() as patched:
+        patched.setattr(sys, "stdout", stream)
+        yield output
+    output.lost = False
+    stream.close()
+    os.dup2(kept, 1)
+    for descriptor in (kept, reading):
+        os.close(descriptor)
+
+
+@pytest.mark.parametrize(
+    "lost",
+    [
+        OSError(errno.EINVAL, "Invalid argument"),
+        OSError(errno.EINVAL, "Invalid argument", r"\\\\server\\share\\a.csv"),
+    ],
+    ids=["disk error", "network share"],
+)
+def test_a_lost_disk_of_windows_is_no_closed_pipe(
+    lost: OSError,
+    windows_output: WindowsOutput,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    analysis(monkeypatch, lost)
+    status = main(["invert", "a.csv"])
+    assert status == 1
+    assert "Invalid argument" in capsys.readouterr().err
+
+
+def test_a_reader_who_leaves_on_windows_ends_it_cleanly(
+    windows_output: WindowsOutput,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    analysis(monkeypatch, FileOutcome("a.csv", None, [RESULT]))
+    windows_output.lost = True
+    assert main(["invert", "a.csv", "--json"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_the_package_is_a_command_too() -> None:
+    command = [sys.executable, "-m", "tui", "--version"]
+    done = subprocess.run(command, cwd=TOP, capture_output=True, text=True, check=False)
+    assert done.stdout.startswith("pfwd "), done.stderr
 
 
 # Benchmarks

@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -47,8 +48,18 @@ def test_the_output_is_tried_before_the_work(
         assert "no-port" not in err
 
 
+@pytest.fixture
+def system(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """Name of the operating system, on which the advice depends."""
+    stated = SimpleNamespace(platform="linux")
+    monkeypatch.setattr(port_advice, "sys", stated)
+    return stated
+
+
 @pytest.mark.posix
-def test_a_port_without_rights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_port_without_rights(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, system: SimpleNamespace
+) -> None:
     port = tmp_path / "ttyUSB0"
     port.write_text("", encoding="utf-8")
     monkeypatch.setattr(port_advice, "USB_DEVICES", tmp_path / "none")
@@ -56,8 +67,11 @@ def test_a_port_without_rights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(os, "access", lambda *_: False)
     (said,) = port_advice.port_advice([str(port), "COM3"])
     assert said.startswith(f"no permission to open {port}. Run: sudo usermod -aG ")
+    system.platform = "win32"  # where a look at the port would open it
+    assert port_advice.port_advice([str(port)]) == []
 
 
+@pytest.mark.usefixtures("system")
 def test_brltty_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     device = tmp_path / "1-2"
     device.mkdir()

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from pathlib import Path
 
 import pytest
 
@@ -98,3 +99,15 @@ def test_no_ports(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
     captured = capsys.readouterr()
     assert captured.out == ""
     assert "no serial ports" in captured.err
+
+
+def test_a_port_under_another_name_has_its_description(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    device, link = tmp_path / "ttyUSB0", tmp_path / "instrument"
+    device.touch()
+    link.symlink_to(device)
+    listed = [Port(str(device), "USB serial", Adapter(0x0403, 0x6001, "A5"))]
+    monkeypatch.setattr("pfwd.ports.list_ports", lambda: listed)
+    assert run(str(link)) == 0
+    assert "[0403:6001 A5]" in capsys.readouterr().out

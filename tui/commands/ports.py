@@ -30,13 +30,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """List and test the ports; return 0, also if a port is in use or no instrument answers."""
-    from pfwd.ports import Port, list_ports, port_advice, probe_ports
+    from pfwd.ports import Port, is_same_port, list_ports, port_advice, probe_ports
 
     listed = list_ports()
     ports = listed
     if args.urls:
-        by_name = {name: port for port in listed for name in (port.url, port.by_id)}
-        ports = [by_name.get(url) or Port(url, url) for url in args.urls]
+        ports = [
+            next(
+                (port for port in listed if url == port.by_id or is_same_port(port.url, url)),
+                Port(url, url),
+            )
+            for url in args.urls
+        ]
     if ports and not args.no_probe:
         say(f"testing {counted(len(ports), 'port')} for an instrument")
     urls = [port.url for port in ports]

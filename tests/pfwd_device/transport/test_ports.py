@@ -1,5 +1,6 @@
 """Ports by name and by adapter."""
 
+import os
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -58,6 +59,32 @@ def test_the_adapter_is_found_under_another_name(plugged: list[Any]) -> None:
     other = Adapter(0x0403, 0x6001, "OTHER")
     plugged += [usb("/dev/ttyUSB0", other), usb("/dev/ttyUSB3")]
     assert candidate_urls("/dev/ttyUSB0", FTDI) == ["/dev/ttyUSB3"]
+
+
+def test_windows_names_of_a_port_are_compared_without_opening_it(
+    plugged: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(path: str, **_: object) -> str:
+        raise OSError(22, "The semaphore timeout period has expired", path)
+
+    plugged += [usb("COM3", None), usb("COM10")]
+    path = SimpleNamespace(**{**vars(os.path), "realpath": refuse})
+    windows = {**vars(os), "name": "nt", "path": path}
+    monkeypatch.setattr(ports, "os", SimpleNamespace(**windows))
+    assert [port.url for port in list_ports()] == ["COM10", "COM3"]
+    for name in ("com10", r"\\.\COM10", "//./com10", "COM10:"):
+        assert adapter_of(name) == FTDI
+        assert candidate_urls(name, FTDI) == [name]
+    assert adapter_of("COM1") is None
+
+
+def test_both_names_of_a_port_of_macos_have_its_adapter(
+    plugged: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plugged.append(usb("/dev/cu.usbserial-A50285BI"))
+    monkeypatch.setattr(ports, "sys", SimpleNamespace(platform="darwin"))
+    assert adapter_of("/dev/tty.usbserial-A50285BI") == FTDI
+    assert adapter_of("/dev/tty.usbserial-OTHER") is None
 
 
 def test_another_adapter_under_the_old_name_is_not_the_instrument(plugged: list[Any]) -> None:
