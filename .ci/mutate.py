@@ -36,6 +36,10 @@ Place = tuple[tuple[int, int], tuple[int, int]]
 
 def main(arguments: list[str]) -> int:
     """Change, test, tell; 0, 1 below the target, 2 for wrong usage."""
+    if arguments[:1] == ["drawn"]:
+        import drawn
+
+        return drawn.main(arguments[1:])
     parser = argparse.ArgumentParser(prog="dev.py mutate", description=__doc__)
     parser.add_argument("module", type=Path, help="file or folder to change")
     parser.add_argument("--sample", type=int, default=100, help="changes to try (100)")
