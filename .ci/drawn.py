@@ -1,6 +1,7 @@
 """Which of a fixed list of changes do the tests of a package notice, before and after tests change?
 
-    python3 dev.py mutate drawn [--draw N] [--seed S] [--as NAME] [--only WORD] [--minutes M]
+    python3 dev.py mutate drawn [--draw N] [--seed S] [--as NAME] [--only WORD] [--package P]
+        [--minutes M]
 
 The list is .ci/drawn.json: a change is a place in a module with the lines before and after it, so
 that it can be made again while other lines of the module change. `--draw` writes a new list, as
@@ -53,6 +54,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the list (0)")
     parser.add_argument("--as", dest="name", default="now", help="name of the outcomes (now)")
     parser.add_argument("--only", default="", help="try changes that another outcome calls so")
+    parser.add_argument("--package", choices=PACKAGES, help="try changes of this package")
     parser.add_argument("--minutes", type=float, default=14.0, help="time to spend (14)")
     options = parser.parse_args(arguments)
     if options.draw:
@@ -116,6 +118,8 @@ def _try(table: dict[str, Any], options: argparse.Namespace, copy: Path) -> None
     begin = time.monotonic()
     for number, change in enumerate(table["changes"], start=1):
         others = " ".join(text for name, text in change["outcomes"].items() if name != options.name)
+        if options.package not in (None, change["package"]):
+            continue
         if options.name in change["outcomes"] or options.only not in others:
             continue
         if time.monotonic() - begin > 60 * options.minutes:
