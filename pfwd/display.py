@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Self, SupportsIndex, TypeVar, overload
 
 from inversion.notices import Notice, text_of
-from pfwd.errors import OptionError, refusal
+from pfwd.errors import OptionError, how_to_install, refusal
 from pfwd.units import SI, Fact, QuantityName
 from pfwd_device.text import clean
 from pfwd_plugins.quantities import Unit
@@ -239,7 +239,7 @@ def imported(package: str, method: str) -> Any:
     try:
         return import_module(package)
     except ImportError as err:
-        hint = f"python -m pip install {package}, or use to_dict()"
+        hint = f"{how_to_install('dataframe')}, or use to_dict()"
         raise OptionError(refusal(f"{method}()", f"the package {package}", "none", hint)) from err
 
 
@@ -249,13 +249,12 @@ def axes_or_new(ax: Axes | None) -> Axes:
     Raises
     ------
     OptionError
-        If `ax` is no axes object, or matplotlib is not installed.
+        If `ax` is no axes object.
     """
     if ax is None:
         from pfwd.matplotlib_start import start_matplotlib
 
         start_matplotlib()
-        imported("matplotlib", "plot")
         from matplotlib import pyplot
 
         return pyplot.subplots(layout="constrained")[1]

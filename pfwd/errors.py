@@ -4,6 +4,8 @@ try.
 `refusal` composes such a message, `quote` cuts a value from a file to a short text on one line.
 """
 
+import sys
+
 from pfwd_device.errors import DeviceError, PortError, RecordingError, quote, refusal
 
 __all__ = [
@@ -13,6 +15,7 @@ __all__ = [
     "RecordingError",
     "SurveyError",
     "TraceError",
+    "how_to_install",
     "quote",
     "refusal",
 ]
@@ -30,3 +33,10 @@ class TraceError(SurveyError, ValueError):
 
 class OptionError(SurveyError, ValueError):
     """An option is outside its range, or options contradict each other."""
+
+
+def how_to_install(extra: str) -> str:
+    """Return the command that adds an extra of this program; it ends the line of a refusal."""
+    if getattr(sys, "frozen", False):  # the one-folder program has no pip
+        return f"use the program of a Python environment, with pfwd[{extra}]"
+    return f'python -m pip install "pfwd[{extra}]"'

@@ -71,7 +71,7 @@ def cross_compile(
     if compiler is None:
         raise FirmwareError(
             "firmware: expected zig, which compiles for other processors, got none; install it by "
-            "`pip install ziglang` (400 MB)"
+            "`pip install 'pfwd[firmware]'` (410 MB)"
         )
     common = [*COMPILER_FLAGS, "-Os", "-ffreestanding", "-fno-sanitize=all", "-ffunction-sections"]
     common += ["-fdata-sections", "-fno-builtin"]

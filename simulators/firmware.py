@@ -129,7 +129,7 @@ def build_host(*flags: str, main: str = "host/board.c") -> Path:
     if compiler is None:
         raise FirmwareError(
             "firmware: expected a C compiler (cc, gcc, clang, or the variable CC), got none; "
-            "install one by `pip install ziglang` (400 MB)"
+            "install one by `pip install 'pfwd[firmware]'` (410 MB)"
         )
     folder = firmware_folder()
     sources = [folder / main, *core_sources()]

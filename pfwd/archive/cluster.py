@@ -17,7 +17,7 @@ from urllib.parse import SplitResult, urlsplit
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.archive.work import ArchiveWorkers, Batch, SourceOutcome
-from pfwd.errors import OptionError, SurveyError, quote, refusal
+from pfwd.errors import OptionError, SurveyError, how_to_install, quote, refusal
 from pfwd_device.recording.drop_file import software_version
 
 _CONNECT_TIMEOUT_S = 20.0
@@ -132,7 +132,7 @@ class ClusterWorkers(ArchiveWorkers):
         try:
             distributed: Any = import_module("distributed")
         except ImportError as err:
-            hint = 'python -m pip install "pfwd[cluster]", or --jobs N without a cluster'
+            hint = f"{how_to_install('cluster')}, or --jobs N without a cluster"
             raise OptionError(
                 refusal("--scheduler", "the Python package distributed", "none", hint)
             ) from err

@@ -33,7 +33,7 @@ from pfwd.analysis.result_columns import (
     result_columns,
 )
 from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
-from pfwd.errors import OptionError, SurveyError, refusal
+from pfwd.errors import OptionError, SurveyError, how_to_install, refusal
 from pfwd.files.output_path import disk_errors, refuse_inside_survey, replaced_durably
 
 _ARCHIVE_MARK = {"format": "pfwd-archive", "version": 1}
@@ -391,6 +391,6 @@ def _parquet() -> Any:
     try:
         from pyarrow import parquet
     except ImportError as err:
-        hint = 'python -m pip install "pfwd[parquet]"'
+        hint = how_to_install("parquet")
         raise OptionError(refusal("--archive", "the package pyarrow", "none", hint)) from err
     return parquet

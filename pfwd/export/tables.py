@@ -8,7 +8,7 @@ import csv
 import os
 from typing import Any
 
-from pfwd.errors import OptionError, refusal
+from pfwd.errors import OptionError, how_to_install, refusal
 from pfwd.export.columns import DROP_COLUMNS, POINT_COLUMNS
 from pfwd.export.json_text import json_text
 from pfwd.export.output import new_file, new_text_file
@@ -60,7 +60,7 @@ def write_parquet(order: Order, path: str | os.PathLike[str]) -> list[str]:
         import pyarrow
         from pyarrow import parquet
     except ImportError as err:
-        hint = "python -m pip install pyarrow, or another format"
+        hint = f"{how_to_install('parquet')}, or another format"
         expected = "the package pyarrow"
         raise OptionError(refusal("--format parquet", expected, "none", hint)) from err
     kinds: dict[str, Any] = {

@@ -114,14 +114,15 @@ def test_a_plot_of_moduli_says_what_they_rest_on() -> None:
 
 @pytest.mark.parametrize(
     ("package", "method"),
-    [("pandas", "to_dataframe"), ("matplotlib", "plot"), ("xarray", "to_xarray")],
+    [("pandas", "to_dataframe"), ("xarray", "to_xarray")],
 )
 def test_a_missing_package_is_one_line(
     monkeypatch: pytest.MonkeyPatch, package: str, method: str
 ) -> None:
     drop = pfwd.example("layer").drops[0]
     monkeypatch.setitem(sys.modules, package, None)
-    message = rf"{method}\(\): expected the package {package}, got none; python -m pip install"
+    message = rf"{method}\(\): expected the package {package}, got none; "
+    message += r'python -m pip install "pfwd\[dataframe\]"'
     with pytest.raises(pfwd.OptionError, match=message):
         getattr(drop, method)()
 
@@ -303,3 +304,11 @@ def test_a_table_is_bounded_and_escaped() -> None:
     assert text.count("&lt;script&gt;") == MAX_NOTEBOOK_ROWS
     assert "<script>" not in text
     assert "first 20 rows" in text
+
+
+def test_a_program_without_pip_names_no_pip(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    monkeypatch.setattr(sys, "frozen", True, raising=False)
+    with pytest.raises(pfwd.OptionError, match=r"pfwd\[dataframe\]") as caught:
+        pfwd.example("layer").drops[0].to_dataframe()
+    assert "pip" not in str(caught.value)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pfwd.errors import TraceError, refusal
+from pfwd.errors import TraceError, how_to_install, refusal
 from pfwd.files.foreign.common import Values
 
 TIME_NAME = "time"
@@ -45,8 +45,8 @@ class LaboratoryFormat:
     """Pattern of the first bytes of a file."""
     read: Callable[[str], tuple[float | None, list[NamedColumn]]]
     """Function that returns sampling rate, Hz, or None if a channel has the time, and channels."""
-    extra: str = ""
-    """Name of the package to install for it; empty: it comes with this program."""
+    package: str = ""
+    """Package of the extra `laboratory` that reads it; empty: it comes with this program."""
 
 
 def laboratory_format(head: bytes) -> LaboratoryFormat | None:
@@ -72,8 +72,8 @@ def read_laboratory(file: str, form: LaboratoryFormat) -> list[NamedColumn]:
         with _without_output():
             rate, columns = form.read(file)
     except ImportError as err:
-        hint = f"install it: pip install {form.extra}"
-        raise TraceError(refusal(file, f"the package {form.extra}", "none", hint)) from err
+        hint = how_to_install("laboratory")
+        raise TraceError(refusal(file, f"the package {form.package}", "none", hint)) from err
     except TraceError:
         raise
     except Exception as err:  # readers raise any exception on damaged bytes

@@ -130,6 +130,6 @@ def test_addresses_of_dask_are_accepted(address: str) -> None:
 def test_without_distributed_the_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "distributed", None)
     with pytest.raises(
-        OptionError, match=r"--scheduler: expected the Python package distributed, got"
+        OptionError, match=r'package distributed, got none; .* install "pfwd\[cluster\]"'
     ):
         ClusterWorkers(OPTIONS, "tcp://127.0.0.1:8786")
