@@ -7,6 +7,8 @@
     python3 dev.py docs          add the tools, then build the site, strictly, into the folder site
     python3 dev.py app           add the tools, then build the program in one folder and a folder
                                  of wheels, for computers without Python or network; try both
+    python3 dev.py release [--check]  add the tools, then build what a release consists of and try
+                                 it; --check lists what is missing for a release
     python3 dev.py mutate MODULE [ARGS]  add the tools, then change MODULE and see whether its
                                  tests notice; ARGS as in .ci/mutate.py
 
@@ -39,6 +41,7 @@ STEPS = {
     "dev": "program and tools of the tests (up to 240 MB to download, 1 GB on the disk, 2 minutes)",
     "docs": "the tools of the site (the first time 25 MB to download, half a minute)",
     "app": "the tools of the one-folder program (the first time 2 MB to download, half a minute)",
+    "release": "the tools of a release (the first time 8 MB to download, half a minute)",
     "mutate": "the tools that change the code (the first time 8 MB to download, a minute)",
 }
 """Extra of pyproject.toml ("": none), and what its installation takes on a line of 50 Mbit/s."""
@@ -61,6 +64,10 @@ STATIC_CHECKS = {
         ".mypy_cache/benchmarks",
     ],
     "imports": ["lint-imports"],
+    "workflows": [
+        *("check-jsonschema", "--builtin-schema", "vendor.github-workflows"),
+        *map(str, sorted((TOP / ".github" / "workflows").glob("*.yml"))),
+    ],
 }
 
 
@@ -165,7 +172,7 @@ def main(arguments: list[str]) -> int:
             sys.exit(f"dev.py: --python: expected a version like 3.13, got {version or 'none'}")
         return with_python(version, [*arguments[:place], *arguments[place + 2 :]])
     task = arguments[0] if arguments else ""
-    if task not in ("demo", "test", "check", "docs", "app", "mutate"):
+    if task not in ("demo", "test", "check", "docs", "app", "release", "mutate"):
         print(__doc__)
         return 2
     set_up("" if task == "demo" else "dev")
@@ -179,6 +186,10 @@ def main(arguments: list[str]) -> int:
     if task == "app":
         install("app")
         return run(["python", ".ci/app.py"])
+    if task == "release":
+        install("docs")
+        install("release")
+        return run(["python", ".ci/release.py", *arguments[1:]])
     if task == "mutate":
         install("mutate")
         return run(["python", ".ci/mutate.py", *arguments[1:]])

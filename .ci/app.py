@@ -28,6 +28,7 @@ METADATA = ("pfwd", "numpy", "scipy", "h5py", "matplotlib", "textual")
 LEFT_OUT = (
     *("tkinter", "pytest", "hypothesis", "IPython", "pandas", "pyarrow", "dask", "distributed"),
     *("pyogrio", "nbclient", "mypy", "ruff", "cryptography", "PyQt5", "PySide6", "python_calamine"),
+    *("obspy", "nptdms", "xarray", "lxml", "chardet", "charset_normalizer", "yaml", "requests"),
 )
 """Of the environment of the developers; the program does without them, or says what is missing."""
 
@@ -57,7 +58,26 @@ def build_program() -> Path:
         options += ["--exclude-module", package]
     entry = TOP / ".ci" / "app_entry.py"
     call(sys.executable, "-m", "PyInstaller", *options, "--paths", TOP, entry)
+    strip_symbols(DIST / "pfwd" / "_internal")
     return DIST / "pfwd"
+
+
+def strip_symbols(folder: Path) -> None:
+    """Remove the symbols of libraries on Linux: 50 MB, most of them in Python and Typst.
+
+    Libraries of a package with a folder NAME.libs were changed after they were linked. Stripping
+    can make them unreadable, so they remain.
+    """
+    strip = shutil.which("strip")
+    if sys.platform != "linux" or strip is None:
+        return
+    libraries = [
+        library
+        for library in folder.rglob("*.so*")
+        for package in [library.relative_to(folder).parts[0].removesuffix(".libs")]
+        if not library.is_symlink() and not (folder / f"{package}.libs").exists()
+    ]
+    subprocess.run([strip, "--strip-unneeded", *libraries], check=True)
 
 
 def build_wheels() -> Path:
@@ -76,8 +96,8 @@ def build_wheels() -> Path:
 
 def size_of(folder: Path) -> str:
     """In MB."""
-    found = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
-    return f"{found / 1e6:.0f} MB"
+    files = (file for file in folder.rglob("*") if file.is_file() and not file.is_symlink())
+    return f"{sum(file.stat().st_size for file in files) / 1e6:.0f} MB"
 
 
 def alone(hidden: Sequence[Path]) -> list[str] | None:
