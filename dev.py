@@ -41,7 +41,7 @@ STEPS = {
     "dev": "program and tools of the tests (up to 240 MB to download, 1 GB on the disk, 2 minutes)",
     "docs": "the tools of the site (the first time 25 MB to download, half a minute)",
     "app": "the tools of the one-folder program (the first time 2 MB to download, half a minute)",
-    "release": "the tools of a release (the first time 8 MB to download, half a minute)",
+    "release": "the tools of a release (the first time 35 MB to download, a minute)",
     "mutate": "the tools that change the code (the first time 8 MB to download, a minute)",
 }
 """Extra of pyproject.toml ("": none), and what its installation takes on a line of 50 Mbit/s."""
@@ -187,7 +187,6 @@ def main(arguments: list[str]) -> int:
         install("app")
         return run(["python", ".ci/app.py"])
     if task == "release":
-        install("docs")
         install("release")
         return run(["python", ".ci/release.py", *arguments[1:]])
     if task == "mutate":
