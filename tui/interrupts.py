@@ -1,6 +1,6 @@
-"""Interruption of a command by SIGINT (Ctrl+C) or SIGTERM.
+"""Interruption of a command by SIGINT (Ctrl+C) or SIGTERM, or by closing its console on Windows.
 
-Both raise KeyboardInterrupt, except at two places. During an import it would leave a module
+All raise KeyboardInterrupt, except at two places. During an import it would leave a module
 half loaded, which may crash a library in C; the interrupt waits for the end of the import. In
 callbacks of Python (the end of a weak reference, ``__del__``) an exception is only printed; the
 interrupt is raised again afterwards.
@@ -27,6 +27,13 @@ import runs."""
 REPEAT_S = 1.0
 """Time after an interrupt in which a second signal is ignored: ``timeout`` sends its signal to the
 command and then to its process group. A second interrupt would break off the end of the command."""
+
+CONSOLE_WAIT_S = 60.0
+"""Time for which the end of the process by Windows is delayed after its console was closed, s.
+Windows itself waits 5 s, and 20 s at a shutdown."""
+
+CTRL_C, CTRL_BREAK = 0, 1
+"""Events of a console of Windows that a key causes; all others end the process."""
 
 _IMPORTING = "<frozen importlib."
 
@@ -72,10 +79,11 @@ def stopped_by_signals() -> Iterator[None]:
     # Set explicitly, because processes that a shell runs in the background ignore SIGINT.
     signal.signal(signal.SIGINT, stop)
     sys.unraisablehook = handle_unraisable
-    try:
-        yield
-    finally:
-        sys.unraisablehook = previous_hook
+    with _console_events():
+        try:
+            yield
+        finally:
+            sys.unraisablehook = previous_hook
 
 
 def ignore_signals() -> None:
@@ -95,7 +103,56 @@ def _is_importing(frame: FrameType | None) -> bool:
 
 def _raise_later(number: int, main: int) -> None:
     time.sleep(IMPORT_RETRY_S)
+    _raise_now(number, main)
+
+
+def _raise_now(number: int, main: int) -> None:
+    """Raise a signal that also interrupts what the main thread waits for."""
     if sys.platform == "win32":
-        _thread.interrupt_main(signal.Signals(number))
-    else:  # unlike interrupt_main, this also interrupts a waiting system call
+        signal.raise_signal(signal.Signals(number))
+    else:
         signal.pthread_kill(main, number)
+
+
+@contextlib.contextmanager
+def _console_events() -> Iterator[None]:
+    """Pass the events of a console of Windows to `on_console_event` within the block.
+
+    Python itself handles Ctrl+C alone.
+    """
+    if sys.platform == "win32":
+        import ctypes
+
+        handler = ctypes.WINFUNCTYPE(ctypes.c_int, ctypes.c_uint)(on_console_event)
+        set_handler = ctypes.windll.kernel32.SetConsoleCtrlHandler
+        set_handler(handler, True)
+        try:
+            yield
+        finally:
+            set_handler(handler, False)
+    else:
+        yield
+
+
+def on_console_event(event: int) -> bool:
+    """Interrupt the main thread when the console window is closed, at log-off and at a shutdown.
+
+    Windows calls this in a thread of its own, and ends the process when it returns. So it waits
+    until the main thread has saved the current drop and ended the process.
+
+    Parameters
+    ----------
+    event : int
+        Number of the event, for example `CTRL_BREAK`.
+
+    Returns
+    -------
+    bool
+        False: the event is handled by Python.
+    """
+    if event == CTRL_C:
+        return False
+    _raise_now(signal.SIGINT, threading.main_thread().ident or 0)
+    if event != CTRL_BREAK:
+        time.sleep(CONSOLE_WAIT_S)
+    return True

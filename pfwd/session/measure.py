@@ -35,6 +35,9 @@ from pfwd.session.setup_file import MeasuringSetup
 from pfwd.session.survey_recorder import report_file_changes
 from pfwd_device.recording import CaptureWriter, Survey, SurveyPoint, SurveyWriter, read_survey
 
+_STOPPING = [number for number in signal.Signals if number.name in ("SIGINT", "SIGTERM", "SIGHUP")]
+"""Signals that end a session; Windows has no SIGHUP."""
+
 Control = Callable[[Session], AbstractContextManager[object]]
 
 
@@ -230,9 +233,10 @@ def _job_of(survey: Survey, listener: Listener) -> Job:
 
 @contextmanager
 def stopped_by_signals(session: Session) -> Iterator[None]:
-    """End the session at the first SIGINT or SIGTERM, once the current drop is saved.
+    """End the session at the first SIGINT, SIGTERM or SIGHUP, once the current drop is saved.
 
-    A second signal ends the program at once.
+    A second signal ends the program at once. SIGHUP is sent when the terminal is closed; a program
+    that was started with ``nohup`` goes on.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -244,8 +248,9 @@ def stopped_by_signals(session: Session) -> Iterator[None]:
         for signal_number, handler in before.items():
             signal.signal(signal_number, handler)
 
-    for signal_number in (signal.SIGINT, signal.SIGTERM):
-        before[signal_number] = signal.signal(signal_number, stop)
+    for signal_number in _STOPPING:
+        if signal.getsignal(signal_number) is not signal.SIG_IGN:
+            before[signal_number] = signal.signal(signal_number, stop)
     try:
         yield
     finally:

@@ -15,6 +15,7 @@ from pfwd.files.importing import import_files
 from pfwd.files.traces import TracePoint, write_traces
 from tests.pfwd.report.surveys import SETUP, half_sine_drop
 from tests.tui.console import PFWD
+from tui.interrupts import CTRL_C, on_console_event
 
 TOP = Path(__file__).resolve().parents[2]
 PATIENCE = 30.0
@@ -101,6 +102,31 @@ def test_another_error_where_python_calls_back_is_still_told(tmp_path: Path) -> 
     done = run(code, tmp_path)
     assert done.stdout == "interrupted\n"
     assert "ValueError: told" in done.stderr
+
+
+CONSOLE = """
+    import threading
+    from tui.interrupts import on_console_event
+    def console():
+        print(on_console_event({event}), flush=True)
+    threading.Thread(target=console, daemon={event} != 1).start()
+"""
+
+
+@pytest.mark.parametrize("event", [2, 5, 6], ids=["window", "log-off", "shutdown"])
+def test_a_closed_console_waits_for_the_end_of_the_command(event: int, tmp_path: Path) -> None:
+    """Windows ends the process when the function returns: the command must have ended before."""
+    done = run(CONSOLE.format(event=event), tmp_path)
+    assert (done.stdout, done.stderr) == ("interrupted\n", "")
+
+
+def test_a_key_of_the_console_interrupts_once(tmp_path: Path) -> None:
+    """Ctrl+Break as Ctrl+C does, which Python handles by itself."""
+    done = run(CONSOLE.format(event=1), tmp_path)
+    # Two threads print, and their lines may mix.
+    assert done.stdout.replace("True", "").strip() == "interrupted"
+    assert done.stdout.count("True") == 1
+    assert on_console_event(CTRL_C) is False
 
 
 def test_in_another_thread_nothing_is_changed() -> None:

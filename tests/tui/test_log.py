@@ -61,8 +61,8 @@ def test_another_calibration_is_wrong_usage_until_it_is_accepted(tmp_path: Path)
 
 
 @pytest.mark.posix
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_cleanly(number: signal.Signals, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_ends_it_cleanly(name: str, tmp_path: Path) -> None:
     survey = tmp_path / "survey"
     with (
         serve(PLAIN, rate=RATE, seed=4) as instrument,
@@ -75,7 +75,7 @@ def test_a_signal_ends_it_cleanly(number: signal.Signals, tmp_path: Path) -> Non
         assert second.stdout == ""
         assert f"pid {process.pid}" in second.stderr
         assert second.stderr.count("\n") == 1
-        process.send_signal(number)
+        process.send_signal(signal.Signals[name])
         out, err = process.communicate(timeout=PATIENCE)
         lines += records(out)
         assert process.returncode == 0, err

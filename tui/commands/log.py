@@ -27,8 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``pfwd log`` and its description to the parser."""
     parser.description = (
         "Records the drops of an instrument into a survey. A drop is printed only when it is "
-        "safe on the disk. Ends after --drops, when the instrument has no more, or on SIGINT or "
-        "SIGTERM. After a lost connection it waits until the instrument is back."
+        "safe on the disk. Ends after --drops, when the instrument has no more, or on SIGINT, "
+        "SIGTERM or SIGHUP. After a lost connection it waits until the instrument is back."
     )
     add_instrument(parser)
     parser.add_argument("--drops", type=count, metavar="N", help="end after N drops")

@@ -236,11 +236,22 @@ class PfwdApp(App[int]):
         self.push_screen(MeasurePage())
         self.set_interval(1 / UPDATES_PER_S, self._tick)
         self.call_after_refresh(self._begin)
-        # Neither the event loop of Windows nor a loop outside the main thread has signal handlers:
-        # there the program ends by its keys.
-        with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
-            loop = asyncio.get_running_loop()
+        # A loop outside the main thread has no signal handlers: there the program ends by its keys.
+        with contextlib.suppress(RuntimeError, ValueError):
+            self._handle_signals(asyncio.get_running_loop())
+
+    def _handle_signals(self, loop: asyncio.AbstractEventLoop) -> None:
+        try:
             loop.add_signal_handler(signal.SIGTERM, self._end_by_signal)
+        except NotImplementedError:  # on Windows, where Ctrl+C is a key and no signal
+
+            def end(*_: object) -> None:
+                with contextlib.suppress(RuntimeError):  # the loop has ended
+                    loop.call_soon_threadsafe(self._end_by_signal)
+
+            # SIGINT comes when the console window is closed.
+            for number in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(number, end)
 
     def _begin(self) -> None:
         """Start the session, and read the points of the survey in a thread.

@@ -1,8 +1,10 @@
 """Every page, driven by keys, with events of a session that is not there."""
 
+import asyncio
 import dataclasses
 import inspect
 import re
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -832,6 +834,27 @@ def test_leaving_ends_the_session_without_a_question_if_all_is_safe() -> None:
         await until(pilot, lambda: app.source.session.stopped.is_set())  # type: ignore[attr-defined]
 
     app = play(App(), script)
+    assert app.return_value == 0
+
+
+def test_a_closed_console_of_windows_ends_the_session(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The event loop of Windows has no signal handlers; SIGINT comes when the window is closed."""
+
+    def refuse(*_: object) -> None:
+        raise NotImplementedError
+
+    async def close_window(app: App, pilot: Any) -> None:
+        signal.raise_signal(signal.SIGINT)
+        await until(pilot, lambda: app.source.session.stopped.is_set())  # type: ignore[attr-defined]
+
+    loop = asyncio.SelectorEventLoop
+    monkeypatch.setattr(loop, "add_signal_handler", refuse, raising=False)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        app = play(App(), close_window)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
     assert app.return_value == 0
 
 
