@@ -382,7 +382,11 @@ def serve() -> None:
     """Carry out the calls from standard input until it is closed."""
     global _answers
     ignore_interrupts()
-    source = sys.stdin.buffer
+    # A read that waits for the next call holds standard input: Windows then blocks every query of
+    # its state, such as numpy's while it is imported. So the calls have their own handle.
+    source = os.fdopen(os.dup(sys.stdin.fileno()), "rb")
+    with open(os.devnull, "rb") as nothing:
+        os.dup2(nothing.fileno(), sys.stdin.fileno())
     _answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     # Text that a library prints must not get between the results: it is sent to standard error.
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())

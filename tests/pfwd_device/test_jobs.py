@@ -147,6 +147,12 @@ def test_errors_of_a_call_are_those_of_its_job_and_the_worker_goes_on() -> None:
         assert len(jobs.processes) == 1
 
 
+def test_a_call_does_not_share_the_input_of_its_worker() -> None:
+    """On Windows a call that only asked for its state, as an import of numpy does, never ended."""
+    with Jobs() as jobs:
+        assert jobs.submit(os.read, 0, 1).result(PATIENCE) == b""
+
+
 def test_few_calls_are_made_in_this_process() -> None:
     for count, n_calls in ((1, 5), (5, 1), (0, 0)):
         with Jobs.for_calls(count, n_calls) as jobs:

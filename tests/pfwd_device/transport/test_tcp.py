@@ -102,9 +102,14 @@ def test_close_from_another_thread_ends_a_read(server: socket.socket) -> None:
 
 def test_who_does_not_read_blocks_nobody_for_long(server: socket.socket) -> None:
     with connected(server, write_timeout=0.2) as (transport, _):
+
+        def flood() -> None:
+            for _ in range(2):  # Windows takes the first message whole, whatever its size
+                transport.write(bytes(100_000_000))
+
         began = time.monotonic()
         with pytest.raises(DeviceLost, match="a timeout while sending"):
-            transport.write(bytes(100_000_000))
+            flood()
         assert time.monotonic() - began < LONG
 
 
