@@ -64,7 +64,8 @@ def test_the_tests_add_the_tools_once(environment: SetUp) -> None:
 
 
 @pytest.mark.parametrize(
-    ("task", "extra"), [("demo", ""), *((task, "dev") for task in ("test", "check", "docs"))]
+    ("task", "extra"),
+    [("demo", ""), *((task, "dev") for task in ("test", "check", "docs", "release"))],
 )
 def test_each_task_asks_for_what_it_needs(
     task: str, extra: str, monkeypatch: pytest.MonkeyPatch
