@@ -15,14 +15,7 @@ from inversion.diagnosis.model import DropModel, PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.effects import BY_NAME, CATALOGUE, Effect, Ground
 from inversion.effects.parameters import Parameter
-from inversion.forward.nonlinear_stiffness import (
-    NonlinearStiffness,
-    convolve_rows,
-    effective_force,
-    forces_nearby,
-)
 from inversion.measured.record import ChannelNoise, NoiseModel, Record, Sensor
-from tests.inversion.forward.test_nonlinear_stiffness import PULSE, rod
 from tests.inversion.synthetic import TRUTH, Array, Scene, record
 
 GROUND = Ground(
@@ -221,103 +214,6 @@ def test_records_of_a_flat_top_keep_to_their_own_sensor(library: SurrogateLibrar
         assert one_found == pytest.approx(expected, abs=1e-15)
     # The soft ground moves fast enough to be cut; it is cut.
     assert np.abs(found[0, 0, model.before :] - motions[0, 0]).max() > 0.01 * motions[0].max()
-
-
-# --- nonlinear resistance ------------------------------------------------------------------------
-
-
-def solved(hats: Array, load: Array, law: NonlinearStiffness, stiffness: float) -> Array:
-    """Twice, so that Newton's method leaves nothing."""
-    _, w = effective_force(hats, load, law, stiffness, 4e-4)
-    force, _ = effective_force(hats, load, law, stiffness, 4e-4, w)
-    return force
-
-
-LAWS = [
-    NonlinearStiffness(0.4, 1.5, 0.2),
-    NonlinearStiffness(-0.3),
-    NonlinearStiffness(0.0, 1.3, 0.0),
-    NonlinearStiffness(0.0, 1.1, 0.05, tension_share=0.4),
-    NonlinearStiffness(),
-]
-
-
-@pytest.mark.parametrize("law", LAWS)
-def test_forces_of_grounds_nearby_are_those_solved_for(law: NonlinearStiffness) -> None:
-    # A blow that ends in a pull.
-    load, stiffness, step = 8000.0 * (PULSE[:300] - 0.2 * np.roll(PULSE, 180)[:300]), 2e7, 1e-4
-    hats = rod(1e-4, 300, stiffness, 4e4)[0]
-    _, w = effective_force(hats, load, law, stiffness, 4e-4)
-    _, w = effective_force(hats, load, law, stiffness, 4e-4, w)
-    here = solved(hats, load, law, stiffness)
-    nearby = [
-        (rod(1e-4, 300, stiffness * (1 + step), 4e4)[0], law, stiffness * (1 + step)),
-        (rod(1e-4, 300, stiffness, 4e4 * (1 + step))[0], law, stiffness),
-        (hats, replace(law, stress_exponent=law.stress_exponent + step), stiffness),
-        (hats, replace(law, unloading_exponent=law.unloading_exponent + step), stiffness),
-    ]
-    if law.stress_exponent >= 0.0:
-        # Softening ground is infinitely steep at rest: when that moves, one step cannot follow.
-        nearby.append((hats, replace(law, unrecovered=law.unrecovered + step), stiffness))
-    if law.tension_share != 1.0:
-        nearby.append((hats, replace(law, tension_share=law.tension_share + step), stiffness))
-    found = forces_nearby(
-        hats,
-        load,
-        (law, stiffness, 4e-4),
-        w,
-        [(other, changed, k, 4e-4) for other, changed, k in nearby],
-    )
-    assert found.shape == (len(nearby), 300)
-    # Forces near rest, where softening ground is steep, are told by what they move.
-    still = np.convolve(hats, here)[:300]
-    for one_found, (other, changed, k) in zip(found, nearby, strict=True):
-        expected = np.convolve(other, solved(other, load, changed, k))[:300] - still
-        assert np.abs(expected).max() > 1e-6 * still.max()
-        error = np.abs(np.convolve(other, one_found)[:300] - still - expected).max()
-        assert error < 0.01 * np.abs(expected).max() + 1e-8 * still.max()
-
-
-def test_the_error_of_one_step_falls_with_its_square() -> None:
-    """It is Newton's: half the step leaves a quarter."""
-    law, load, stiffness = NonlinearStiffness(0.4, 1.5, 0.1), 8000.0 * PULSE[:300], 2e7
-    hats = rod(1e-4, 300, stiffness, 4e4)[0]
-    _, w = effective_force(hats, load, law, stiffness, 4e-4)
-    _, w = effective_force(hats, load, law, stiffness, 4e-4, w)
-    errors = []
-    for step in (0.02, 0.01):
-        changed = replace(law, stress_exponent=law.stress_exponent + step)
-        found = forces_nearby(
-            hats, load, (law, stiffness, 4e-4), w, [(hats, changed, stiffness, 4e-4)]
-        )[0]
-        errors.append(float(np.abs(found - solved(hats, load, changed, stiffness)).max()))
-    assert 3.0 < errors[0] / errors[1] < 5.5
-
-
-def test_what_the_solution_leaves_is_no_step() -> None:
-    """A solution that is a little off does not move what is nearby towards the exact one."""
-    law, load, stiffness = NonlinearStiffness(0.3), 8000.0 * PULSE[:300], 2e7
-    hats = rod(1e-4, 300, stiffness, 4e4)[0]
-    _, w = effective_force(hats, load, law, stiffness, 4e-4)
-    off = w * (1.0 + 1e-4)
-    found = forces_nearby(hats, load, (law, stiffness, 4e-4), off, [(hats, law, stiffness, 4e-4)])
-    exact = forces_nearby(hats, load, (law, stiffness, 4e-4), w, [(hats, law, stiffness, 4e-4)])
-    # The force of that displacement, not of the one that solves.
-    assert np.abs(found - exact).max() > 0.1
-
-
-def test_rows_are_convolved_each_with_its_kernel() -> None:
-    rng = np.random.default_rng(3)
-    kernels, rows = rng.standard_normal((2, 4, 57)), rng.standard_normal((2, 4, 57))
-    found = convolve_rows(kernels, rows)
-    for i in range(2):
-        for j in range(4):
-            expected = np.convolve(kernels[i, j], rows[i, j])[:57]
-            assert found[i, j] == pytest.approx(expected)
-    # One row for all kernels.
-    assert convolve_rows(kernels[0], rows[0, 0])[3] == pytest.approx(
-        np.convolve(kernels[0, 3], rows[0, 0])[:57]
-    )
 
 
 # --- reading -------------------------------------------------------------------------------------

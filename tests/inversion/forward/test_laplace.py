@@ -53,15 +53,6 @@ def oscillator_response(
     return from_zero(time) + from_zero(time - duration)
 
 
-def test_closed_form_of_the_oscillator_is_right() -> None:
-    time = np.linspace(0, 0.05, 200_001)
-    w = oscillator_response(time, 2.0, 40.0, 0.3)
-    omega0, step = 2 * np.pi * 40.0, time[1]
-    speed, acceleration = np.gradient(w, step), np.gradient(np.gradient(w, step), step)
-    force = 2.0 * (acceleration + 0.6 * omega0 * speed + omega0**2 * w)
-    assert np.max(np.abs(force - half_sine(time))[5:-5]) < 1e-3
-
-
 # --- samples to spectrum -------------------------------------------------------------------------
 
 

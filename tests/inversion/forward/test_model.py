@@ -107,34 +107,6 @@ def test_plate_mass_adds_to_the_ground_s(plate_mass: float, oscillator: Surrogat
     assert found[1] == pytest.approx(SHARE * found[0], rel=1e-9, abs=1e-12)
 
 
-def test_plate_mass_changes_the_plain_result(oscillator: Surrogate) -> None:
-    light, heavy = (displacement(oscillator, plate_mass=mass)[0, 0] for mass in (0.0, 60.0))
-    assert np.max(np.abs(heavy - light)) > 0.05 * np.max(light)
-
-
-def test_heavy_plate_is_moved_by_the_load_alone(oscillator: Surrogate) -> None:
-    # m w'' = F: twice the integral of a half-sine, in closed form.
-    mass, rate = 1e8, np.pi / PULSE
-    inside = np.minimum(WANTED, PULSE)
-    during = PEAK / (mass * rate) * (inside - np.sin(rate * inside) / rate)
-    after = 2 * PEAK / (mass * rate) * np.maximum(WANTED - PULSE, 0)
-    found = displacement(oscillator, plate_mass=mass)[0, 0]
-    # It goes on for ever, so what lies a period later comes back with exp(-7).
-    assert np.max(np.abs(found - during - after)) < 4e-3 * np.max(during + after)
-
-
-def test_stiffness_grows_by_mass_times_s_squared(oscillator: Surrogate) -> None:
-    s = np.array([60.0 + 0j, 60 + 400j, 60 + 3000j])
-    bare, loaded = (
-        transfer_function(oscillator, Instrument(RADIUS, mass), s, SEVERAL) for mass in (0.0, 12.0)
-    )
-    assert 1 / loaded[:, 0] - 1 / bare[:, 0] == pytest.approx(
-        np.broadcast_to(12.0 * s**2, (3, 3)), rel=1e-6
-    )
-    # Beside the plate the ground moves as it did, per motion of the plate.
-    assert loaded[:, 1] / loaded[:, 0] == pytest.approx(bare[:, 1] / bare[:, 0], rel=1e-12)
-
-
 def test_base_takes_its_echo_at_its_own_time(oscillator: Surrogate) -> None:
     # Phi = Phi_halfspace(p) + a/h0 echo(p h0/a).
     s = np.array([80.0 + 500j])
@@ -226,13 +198,6 @@ def test_single_precision_is_enough_for_a_search(oscillator: Surrogate) -> None:
         for single in (False, True)
     )
     assert np.max(np.abs(single - double)) < 1e-4 * np.max(double)
-
-
-@pytest.mark.parametrize("factor", [-0.5, 3.0])
-def test_displacement_is_linear_in_the_load(factor: float, oscillator: Surrogate) -> None:
-    plain = displacement(oscillator, SEVERAL, plate_mass=10.0)
-    scaled = displacement(oscillator, SEVERAL, load=factor * half_sine(TIME), plate_mass=10.0)
-    assert scaled == pytest.approx(factor * plain, rel=1e-9, abs=1e-15)
 
 
 def test_wanted_times_do_not_change_the_answer(oscillator: Surrogate) -> None:

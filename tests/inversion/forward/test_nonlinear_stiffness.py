@@ -1,9 +1,12 @@
 """Ground with a nonlinear static resistance against closed forms and integrations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from inversion.arrays import FloatArray
 from inversion.forward import nonlinear_stiffness
 from inversion.forward.nonlinear_stiffness import (
     NonlinearStiffness,
@@ -12,7 +15,9 @@ from inversion.forward.nonlinear_stiffness import (
     _power,
     _power_of,
     _resistance,
+    convolve_rows,
     effective_force,
+    forces_nearby,
     hat_response,
     secant,
 )
@@ -237,3 +242,102 @@ def test_the_way_back_of_ground_that_hardly_moved_is_a_straight_line(peak: float
     w = peak * np.array([0.0, 1.0, 0.5])
     force, _, _ = _resistance(w, 1, law, 2e7, 4e-4)
     assert force[2] == pytest.approx(0.5 * force[1], rel=0.01)
+
+
+# --- nonlinear resistance ------------------------------------------------------------------------
+
+
+def solved(
+    hats: FloatArray, load: FloatArray, law: NonlinearStiffness, stiffness: float
+) -> FloatArray:
+    """Twice, so that Newton's method leaves nothing."""
+    _, w = effective_force(hats, load, law, stiffness, 4e-4)
+    force, _ = effective_force(hats, load, law, stiffness, 4e-4, w)
+    return force
+
+
+LAWS = [
+    NonlinearStiffness(0.4, 1.5, 0.2),
+    NonlinearStiffness(-0.3),
+    NonlinearStiffness(0.0, 1.3, 0.0),
+    NonlinearStiffness(0.0, 1.1, 0.05, tension_share=0.4),
+    NonlinearStiffness(),
+]
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_forces_of_grounds_nearby_are_those_solved_for(law: NonlinearStiffness) -> None:
+    # A blow that ends in a pull.
+    load, stiffness, step = 8000.0 * (PULSE[:300] - 0.2 * np.roll(PULSE, 180)[:300]), 2e7, 1e-4
+    hats = rod(1e-4, 300, stiffness, 4e4)[0]
+    _, w = effective_force(hats, load, law, stiffness, 4e-4)
+    _, w = effective_force(hats, load, law, stiffness, 4e-4, w)
+    here = solved(hats, load, law, stiffness)
+    nearby = [
+        (rod(1e-4, 300, stiffness * (1 + step), 4e4)[0], law, stiffness * (1 + step)),
+        (rod(1e-4, 300, stiffness, 4e4 * (1 + step))[0], law, stiffness),
+        (hats, replace(law, stress_exponent=law.stress_exponent + step), stiffness),
+        (hats, replace(law, unloading_exponent=law.unloading_exponent + step), stiffness),
+    ]
+    if law.stress_exponent >= 0.0:
+        # Softening ground is infinitely steep at rest: when that moves, one step cannot follow.
+        nearby.append((hats, replace(law, unrecovered=law.unrecovered + step), stiffness))
+    if law.tension_share != 1.0:
+        nearby.append((hats, replace(law, tension_share=law.tension_share + step), stiffness))
+    found = forces_nearby(
+        hats,
+        load,
+        (law, stiffness, 4e-4),
+        w,
+        [(other, changed, k, 4e-4) for other, changed, k in nearby],
+    )
+    assert found.shape == (len(nearby), 300)
+    # Forces near rest, where softening ground is steep, are told by what they move.
+    still = np.convolve(hats, here)[:300]
+    for one_found, (other, changed, k) in zip(found, nearby, strict=True):
+        expected = np.convolve(other, solved(other, load, changed, k))[:300] - still
+        assert np.abs(expected).max() > 1e-6 * still.max()
+        error = np.abs(np.convolve(other, one_found)[:300] - still - expected).max()
+        assert error < 0.01 * np.abs(expected).max() + 1e-8 * still.max()
+
+
+def test_the_error_of_one_step_falls_with_its_square() -> None:
+    """It is Newton's: half the step leaves a quarter."""
+    law, load, stiffness = NonlinearStiffness(0.4, 1.5, 0.1), 8000.0 * PULSE[:300], 2e7
+    hats = rod(1e-4, 300, stiffness, 4e4)[0]
+    _, w = effective_force(hats, load, law, stiffness, 4e-4)
+    _, w = effective_force(hats, load, law, stiffness, 4e-4, w)
+    errors = []
+    for step in (0.02, 0.01):
+        changed = replace(law, stress_exponent=law.stress_exponent + step)
+        found = forces_nearby(
+            hats, load, (law, stiffness, 4e-4), w, [(hats, changed, stiffness, 4e-4)]
+        )[0]
+        errors.append(float(np.abs(found - solved(hats, load, changed, stiffness)).max()))
+    assert 3.0 < errors[0] / errors[1] < 5.5
+
+
+def test_what_the_solution_leaves_is_no_step() -> None:
+    """A solution that is a little off does not move what is nearby towards the exact one."""
+    law, load, stiffness = NonlinearStiffness(0.3), 8000.0 * PULSE[:300], 2e7
+    hats = rod(1e-4, 300, stiffness, 4e4)[0]
+    _, w = effective_force(hats, load, law, stiffness, 4e-4)
+    off = w * (1.0 + 1e-4)
+    found = forces_nearby(hats, load, (law, stiffness, 4e-4), off, [(hats, law, stiffness, 4e-4)])
+    exact = forces_nearby(hats, load, (law, stiffness, 4e-4), w, [(hats, law, stiffness, 4e-4)])
+    # The force of that displacement, not of the one that solves.
+    assert np.abs(found - exact).max() > 0.1
+
+
+def test_rows_are_convolved_each_with_its_kernel() -> None:
+    rng = np.random.default_rng(3)
+    kernels, rows = rng.standard_normal((2, 4, 57)), rng.standard_normal((2, 4, 57))
+    found = convolve_rows(kernels, rows)
+    for i in range(2):
+        for j in range(4):
+            expected = np.convolve(kernels[i, j], rows[i, j])[:57]
+            assert found[i, j] == pytest.approx(expected)
+    # One row for all kernels.
+    assert convolve_rows(kernels[0], rows[0, 0])[3] == pytest.approx(
+        np.convolve(kernels[0, 3], rows[0, 0])[:57]
+    )

@@ -19,7 +19,6 @@ from inversion.forward.model import Grounds, Instrument, transfer_function, tran
 from inversion.forward.rational import basis, evaluate, evaluate_with_slope, numerators
 from inversion.forward.surrogate import MIN_DEPTH_RADII, Surrogate
 from inversion.forward.surrogate_building import build_surrogate
-from tests import reference
 from tests.inversion.forward.converged import converged_compliance
 
 Array = NDArray[Any]
@@ -157,12 +156,6 @@ def test_sensors_beside_the_plate(depth: float) -> None:
     assert np.median(errors) < 1e-4
 
 
-def test_the_comparison_can_fail(every_depth: Surrogate) -> None:
-    case = Case(40e6, 54e3, 2000.0, 5.0, 0.0133)
-    wrong = replace(every_depth, echo_coefficients=0.9 * every_depth.echo_coefficients)
-    assert error_of(wrong, case)[0] > 1e-3
-
-
 def test_progress_of_the_build(one_depth: Surrogate, progress: list[float]) -> None:
     assert one_depth.inverse_depths == pytest.approx([0.2])
     assert progress == sorted(progress)
@@ -210,66 +203,7 @@ def test_nothing_moves_before_the_load(
     assert np.max(before) < 1e-4 * np.max(moved)
 
 
-@pytest.mark.parametrize("depth", [15.0, 30.0])
-def test_deep_rock_is_not_felt_before_its_echo(depth: float, every_depth: Surrogate) -> None:
-    shear, p = shear_and_p(Case(40e6, 0.0, 2000.0, depth, 0.0133), 0.35)
-    echo = 2 * depth * RADIUS / reference.p_wave_velocity(40e6, 0.35, 2000.0)
-    spectrum = half_sine(0.0133) / shear
-    layer, half_space = (
-        ((every_depth.compliance(p[None], ratio)[0] * spectrum) @ SYNTHESIS).real[0]
-        for ratio in (np.array([1 / depth]), np.zeros(1))
-    )
-    difference = np.abs(layer - half_space) / np.max(half_space)
-    assert 0.02 < echo < 0.07
-    assert np.max(difference[echo > TIME]) < 1e-3
-    assert np.max(difference[(echo < TIME) & (echo + 0.02 > TIME)]) > 5e-3
-
-
-@pytest.mark.parametrize("factor", [0.3, 5.0])
-def test_stiffer_and_heavier_ground_moves_less_in_proportion(
-    factor: float, every_depth: Surrogate
-) -> None:
-    ground = Grounds(*(np.array([value]) for value in (40e6, 54e3, 2000.0, 1.0)))
-    scaled = Grounds(
-        factor * ground.modulus,
-        factor * ground.viscosity,
-        factor * ground.density,
-        ground.inverse_depth,
-    )
-    instrument = Instrument(RADIUS)
-    plain, other = (
-        transfer_function(every_depth, instrument, TRANSFORM.s, g) for g in (ground, scaled)
-    )
-    assert factor * other == pytest.approx(plain, rel=1e-12)
-
-
-@pytest.mark.parametrize("factor", [0.5, 3.0])
-def test_larger_plates_scale_with_everything_else(factor: float, every_depth: Surrogate) -> None:
-    # Radius and depth times k, frequency over k: displacement per force over k.
-    s = TRANSFORM.s
-    plain = transfer_function(
-        every_depth,
-        Instrument(RADIUS),
-        s,
-        Grounds(np.array([40e6]), np.array([0.0]), np.array([2000.0]), np.array([1.0])),
-    )
-    other = transfer_function(
-        every_depth,
-        Instrument(factor * RADIUS),
-        s / factor,
-        Grounds(np.array([40e6]), np.array([0.0]), np.array([2000.0]), np.array([1 / factor])),
-    )
-    assert factor * other == pytest.approx(plain, rel=1e-12)
-
-
 # --- depths --------------------------------------------------------------------------------------
-
-
-def test_interpolation_meets_its_nodes(every_depth: Surrogate) -> None:
-    nodes = every_depth.inverse_depths
-    for node, coefficients in zip(nodes, every_depth.echo_coefficients, strict=True):
-        found = every_depth.echo_at(np.array([node]))[0]
-        assert np.array_equal(found, numerators(every_depth.echo_poles, coefficients))
 
 
 def test_interpolation_is_the_polynomial_through_the_nodes(every_depth: Surrogate) -> None:
@@ -353,34 +287,6 @@ def test_slopes_of_sums() -> None:
 
 
 FIELDS = ("modulus", "viscosity", "density", "inverse_depth")
-
-
-@pytest.mark.parametrize("mass", [0.0, 15.0])
-@pytest.mark.parametrize("field", FIELDS)
-def test_slopes_of_the_transfer_function_are_its_differences(
-    every_depth: Surrogate, field: str, mass: float
-) -> None:
-    instrument, s = Instrument(RADIUS, mass), TRANSFORM.s[::20]
-    ground = Grounds(
-        np.array([40e6, 25e6, 90e6]),
-        np.array([54e3, 5e3, 20e3]),
-        np.array([2000.0, 1500.0, 2400.0]),
-        np.array([1.1, 0.2, 4.1]),
-    )
-    value, slopes = transfer_slopes(every_depth, instrument, s, ground, FIELDS)
-    assert value == pytest.approx(
-        transfer_function(every_depth, instrument, s, ground), rel=1e-12, abs=1e-20
-    )
-    step = 1e-5 * getattr(ground, field)
-    there, back = (
-        transfer_function(
-            every_depth, instrument, s, replace(ground, **{field: getattr(ground, field) + d})
-        )
-        for d in (step, -step)
-    )
-    right = (there - back) / (2 * step[:, None, None])
-    found = slopes[:, FIELDS.index(field)]
-    assert np.max(np.abs(found - right)) < 1e-6 * np.max(np.abs(right))
 
 
 def test_slopes_without_depth_and_over_a_half_space(

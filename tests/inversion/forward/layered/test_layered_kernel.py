@@ -95,18 +95,6 @@ def test_at_rest_is_the_limit_of_slow() -> None:
             np.testing.assert_allclose(a, b, atol=1e-6 * np.max(np.abs(b)), rtol=1e-3)
 
 
-@pytest.mark.parametrize("rock", [True, False])
-def test_equal_layers_are_one(rock: bool) -> None:
-    xi = np.linspace(0.02, 30.0, 100)
-    whole = Elastic(SOFT.shear, 1900, 0.4, 0.9 if rock else None)
-    parts = [Elastic(SOFT.shear, 1900, 0.4, h) for h in (0.2, 0.3, 0.4 if rock else None)]
-    s = 60 + 400j
-    once = compliance([whole], rock, xi, s).surface
-    thrice = compliance(parts, rock, xi, s).surface
-    for a, b in zip(once, thrice, strict=True):
-        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-14 * np.max(np.abs(a)))
-
-
 def test_no_depth_overflows() -> None:
     xi = np.geomspace(1e-3, 1e3, 50)
     deep = [Elastic(4e7, 1900, 0.4, 1e5), Elastic(3e7, 1900, 0.4, 1e6)]

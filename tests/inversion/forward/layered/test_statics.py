@@ -23,10 +23,8 @@ from inversion.forward.layered import model as module
 from inversion.forward.layered.statics import (
     effective_depth,
     effective_modulus,
-    static_compliance,
 )
 from tests.inversion.forward.layered.references import (
-    burmister_factor,
     uniform_pressure_deflection,
 )
 
@@ -44,29 +42,6 @@ def ground(*layers: tuple[float, float], nu: float = NU, rock: bool = False) -> 
 # --- compliance and effective modulus ------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("plate", "factor"),
-    # Rigid, the pressure of a rigid one, and the centre of uniform pressure; times p a / E.
-    [("rigid-smooth", math.pi / 2), ("averaged", math.pi / 2), ("uniform", 2.0)],
-)
-def test_a_half_space_at_rest_is_boussinesq_s(plate: LayeredPlateModel, factor: float) -> None:
-    expected = factor * (1 - NU**2) * RADIUS / (5e7 * AREA)
-    assert static_compliance(plate, RADIUS, ground((5e7, math.inf))) == pytest.approx(
-        expected, rel=2e-4
-    )
-
-
-def test_a_bonded_plate_on_a_half_space() -> None:
-    r"""Load over displacement: :math:`4 G a \ln(3 - 4\nu) / (1 - 2\nu)`.
-
-    Spence 1968, Proc. R. Soc. A 305, 55-80.
-    """
-    shear = 5e7 / (2 + 2 * NU)
-    expected = (1 - 2 * NU) / (4 * shear * RADIUS * math.log(3 - 4 * NU))
-    found = static_compliance("rigid-rough", RADIUS, ground((5e7, math.inf)))
-    assert found == pytest.approx(expected, rel=1e-3)
-
-
 @pytest.mark.parametrize("plate", PLATES)
 @pytest.mark.parametrize("rock", [False, True])
 def test_equal_media_are_one(plate: LayeredPlateModel, rock: bool) -> None:
@@ -78,16 +53,6 @@ def test_equal_media_are_one(plate: LayeredPlateModel, rock: bool) -> None:
     assert effective_depth(plate, RADIUS, split) == pytest.approx(
         effective_depth(plate, RADIUS, alone), rel=3e-3
     )
-
-
-@pytest.mark.parametrize(("ratio", "thickness"), [(10.0, 0.15), (5.0, 0.3), (0.2, 0.2)])
-def test_two_layers_have_burmister_s_modulus(ratio: float, thickness: float) -> None:
-    """Incompressible, uniform pressure: w = 1.5 p a F/E_2, so that the modulus is E_2/F."""
-    upper, lower = 5e7 * ratio, 5e7
-    of = ground((upper, thickness), (lower, math.inf), nu=0.499)
-    factor = burmister_factor(ratio, RADIUS / thickness)
-    # At 0.499 instead of 1/2.
-    assert effective_modulus("uniform", RADIUS, of) == pytest.approx(lower / factor, rel=4e-3)
 
 
 MEDIA = ([2e8, 8e7, 5e7], [0.2, 0.3])
