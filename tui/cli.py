@@ -96,11 +96,20 @@ def _is_closed_pipe(err: Exception) -> bool:
     return False
 
 
+def _is_writable_file(path: object) -> bool:
+    return isinstance(path, str) and os.path.isfile(path) and os.access(path, os.W_OK)
+
+
 def _explain(err: Exception, command: str) -> str:
     if isinstance(err, SurveyError | DeviceError):
         return f"{command}: {err}"
     if isinstance(err, OSError):
-        return f"{command}: {err.filename or 'input or output'}: {err.strerror or err}"
+        reason = err.strerror or str(err)
+        if os.name == "nt" and isinstance(err, PermissionError) and _is_writable_file(err.filename):
+            from pfwd.files.output_path import IN_USE
+
+            reason = IN_USE
+        return f"{command}: {err.filename or 'input or output'}: {reason}"
     return (
         f"{command}: an unexpected error, please report it: {type(err).__name__}: {err} "
         "(set PFWD_DEBUG=1 to see where)"
