@@ -1,8 +1,12 @@
 """Curves, axes, digits, bars: as text, without an application."""
 
+import io
+import sys
+
 import numpy as np
 import pytest
 
+from tui.output import SPELLED
 from tui.screen.drawing.digits import LETTER_ROWS, digit_lines, digit_width, largest_size
 from tui.screen.drawing.glyphs import ASCII, BRAILLE, glyphs_of_terminal
 from tui.screen.drawing.lines import text_of, width_of
@@ -159,10 +163,42 @@ def test_the_console_without_dots_gets_ascii() -> None:
     assert glyphs_of_terminal({"TERM": "linux", "PFWD_GLYPHS": "braille"}) is BRAILLE
 
 
+@pytest.mark.parametrize(
+    ("page", "shown"),
+    [
+        (850, "─ │ ■ ° µ ² ± v n > * __# ."),
+        (1252, "- | # ° µ ² ± v n > * __# …"),
+        (65001, "─ │ ■ ° µ ² ± ν η > * __# …"),
+        (936, "- | # d u 2 ~ v n > * __# ."),
+        (708, "- | # d u 2 ~ v n > * __# ."),  # which Python does not know
+    ],
+)
+def test_the_console_of_windows_gets_what_its_code_page_has(
+    page: int, shown: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tui.screen.drawing.glyphs.console_code_page", lambda: page)
+    monkeypatch.setattr(sys, "__stdout__", io.TextIOWrapper(io.BytesIO(), encoding="utf-8"))
+    glyphs = glyphs_of_terminal({})
+    assert not glyphs.has_dots
+    assert glyphs.to_terminal("─ │ ■ ° µ ² ± ν η ▶ ● ▁▂▆ …") == shown
+    assert glyphs.to_terminal("Straße 中") == "Straße 中"
+    for terminal in ("WT_SESSION", "TERM_PROGRAM"):
+        assert glyphs_of_terminal({terminal: "1"}) is BRAILLE
+    assert glyphs_of_terminal({"PFWD_GLYPHS": "braille"}) is BRAILLE
+
+
+def test_an_output_in_a_code_page_has_no_other_characters(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "__stdout__", io.TextIOWrapper(io.BytesIO(), encoding="cp850"))
+    assert glyphs_of_terminal({}).to_terminal("─ ν µ") == "─ v µ"
+
+
 def test_ascii_replacements_keep_the_columns() -> None:
-    text = "▶ ± µ ─│┤ ■□ ● ² \N{REPLACEMENT CHARACTER}"
-    assert len(ASCII.to_terminal(text)) == len(text)
-    assert ASCII.to_terminal(text).isascii()
+    text = "▶ ─│┤ ■□ ●" + "".join(SPELLED)
+    shown = ASCII.to_terminal(text)
+    assert len(shown) == len(text)
+    assert shown.isascii()
+    assert shown.count("?") == 1, "that of the replacement character alone"
+    assert ASCII.to_terminal("50 µm ± 2 %, ν 0.35") == "50 um ~ 2 %, v 0.35"
     assert ASCII.to_terminal("→ lift the plate") == "> lift the plate"
 
 
