@@ -10,7 +10,7 @@ from pathlib import Path, PureWindowsPath
 from pfwd.errors import OptionError, SurveyError, refusal
 from pfwd.files.folders import is_survey
 from pfwd_device.recording.storage import IN_USE as IN_USE
-from pfwd_device.recording.storage import replace_file
+from pfwd_device.recording.storage import flush_to_disk, replace_file
 
 _ILLEGAL_LETTERS = '<>:"|?*'
 _DEVICES = frozenset(
@@ -174,7 +174,7 @@ def replaced_durably(target: Path) -> Iterator[Path]:
     if os.name != "nt":  # Windows cannot open a folder, and needs no fsync of it
         handle = os.open(target.parent, os.O_RDONLY)
         try:
-            os.fsync(handle)
+            flush_to_disk(handle)
         finally:
             os.close(handle)
 
@@ -182,4 +182,4 @@ def replaced_durably(target: Path) -> Iterator[Path]:
 def sync(path: Path) -> None:
     """Wait until the content of a file has reached the disk."""
     with open(path, "rb+") as stream:
-        os.fsync(stream.fileno())
+        flush_to_disk(stream.fileno())

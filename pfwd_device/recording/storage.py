@@ -40,6 +40,9 @@ scanner reads each new file for a moment."""
 IN_USE = "open in another program; close it there or name another file"
 """Reason of an error on Windows, whose own one is a lack of rights."""
 
+_NO_FULL_SYNC = frozenset({errno.ENOTSUP, errno.EINVAL, errno.ENOTTY})
+"""Error numbers of macOS for a disk without F_FULLFSYNC, such as a network share."""
+
 Stamp = tuple[int, int] | None
 """Times (ns) of the last change of a file's content and of its metadata; None if unknown.
 
@@ -90,14 +93,10 @@ class Storage:
 
     def sync(self, descriptor: int) -> None:
         """Wait until content and length of a file are on the disk."""
-        if sys.platform == "darwin":  # fsync of macOS only reaches the drive's cache
-            import fcntl
-
-            fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)
-        elif hasattr(os, "fdatasync"):
+        if hasattr(os, "fdatasync"):  # not on Windows and macOS
             os.fdatasync(descriptor)
         else:
-            os.fsync(descriptor)
+            flush_to_disk(descriptor)
 
     def read_at(self, descriptor: int, length: int, offset: int) -> bytes:
         """Return `length` bytes from an offset; fewer at the end of the file."""
@@ -199,7 +198,7 @@ class Storage:
             return
         descriptor = os.open(path, os.O_RDONLY | _NOT_INHERITED)
         try:
-            os.fsync(descriptor)
+            flush_to_disk(descriptor)
         finally:
             os.close(descriptor)
 
@@ -325,6 +324,20 @@ class OpenFile:
 def draft_of(path: Path) -> Path:
     """Return the temporary path at which a file is written before it is renamed to `path`."""
     return path.with_name(f".{path.name}.tmp")
+
+
+def flush_to_disk(descriptor: int) -> None:
+    """Wait until an open file or folder is on the disk."""
+    if sys.platform == "darwin":  # fsync of macOS only reaches the drive's cache
+        import fcntl
+
+        try:
+            fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)
+            return
+        except OSError as err:
+            if err.errno not in _NO_FULL_SYNC:
+                raise
+    os.fsync(descriptor)
 
 
 def replace_file(source: Path, target: Path) -> None:

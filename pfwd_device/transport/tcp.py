@@ -14,7 +14,7 @@ from pfwd_device.transport.base import WRITE_TIMEOUT_S, LockedTransport
 SCHEMES = ("socket", "tcp")
 CONNECT_TIMEOUT_S = 3.0
 _RECEIVE_BYTES = 65536
-_KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}
+_KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPALIVE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}
 """Options of the socket by which the system detects an unplugged cable while nothing is sent: idle
 time before the first probe (s), interval of the probes (s), number of probes without a reply."""
 

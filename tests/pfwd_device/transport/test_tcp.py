@@ -3,6 +3,7 @@
 import contextlib
 import socket
 import struct
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -55,6 +56,18 @@ def test_small_commands_leave_at_once(server: socket.socket) -> None:
         incoming = transport._incoming
         assert incoming.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
         assert incoming.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the number of the option is that of Linux")
+def test_an_unplugged_cable_is_detected_on_macos_too(
+    server: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its option for the idle time has another name."""
+    number = socket.TCP_KEEPIDLE
+    monkeypatch.setattr(socket, "TCP_KEEPALIVE", number, raising=False)
+    monkeypatch.delattr(socket, "TCP_KEEPIDLE")
+    with connected(server) as (transport, _):
+        assert transport._incoming.getsockopt(socket.IPPROTO_TCP, number) == 5
 
 
 def test_end_of_the_connection(server: socket.socket) -> None:
