@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from rich.color import Color, ColorSystem
 
 from tui.output import SPELLED
 from tui.screen.drawing.digits import LETTER_ROWS, digit_lines, digit_width, largest_size
@@ -21,6 +22,7 @@ from tui.screen.drawing.plot import (
     ticks,
 )
 from tui.screen.drawing.profile import Bar, profile_lines
+from tui.screen.themes import THEMES
 
 
 def test_a_peak_of_a_single_sample_survives_the_reduction() -> None:
@@ -208,3 +210,24 @@ def test_bars_become_narrower_before_points_are_dropped() -> None:
     assert len(rows[-2].rpartition("┤")[2].split()) == 24
     assert "km 12+800" in rows[-1], "the chosen one has its name"
     assert max(map(len, rows)) <= 80
+
+
+@pytest.mark.parametrize(
+    "system", [ColorSystem.TRUECOLOR, ColorSystem.EIGHT_BIT, ColorSystem.STANDARD]
+)
+@pytest.mark.parametrize("theme", THEMES)
+def test_every_role_is_readable_with_the_colours_of_a_terminal(
+    theme: str, system: ColorSystem
+) -> None:
+    """Contrast as WCAG defines it, which demands 3 for large type."""
+
+    def luminance(colour: Color) -> float:
+        shares = [part / 255 for part in colour.downgrade(system).get_truecolor()]
+        linear = [s / 12.92 if s <= 0.03928 else ((s + 0.055) / 1.055) ** 2.4 for s in shares]
+        return float(np.dot((0.2126, 0.7152, 0.0722), linear))
+
+    for role, style in THEMES[theme].styles.items():
+        assert style.color is not None
+        assert style.bgcolor is not None
+        dark, light = sorted(map(luminance, (style.color, style.bgcolor)))
+        assert (light + 0.05) / (dark + 0.05) > 3.5, role
