@@ -113,6 +113,17 @@ def test_close_from_another_thread_ends_a_read(server: socket.socket) -> None:
         assert_close_ends_a_read(transport)
 
 
+def test_closing_resets_no_connection(server: socket.socket) -> None:
+    """A reset would delete the last command that the instrument has not read yet."""
+    with connected(server) as (transport, peer):
+        peer.sendall(b"samples that are not read")
+        transport.write(b"stop")
+        transport.close()
+        assert peer.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) == 0
+        assert peer.recv(100) == b"stop"
+        assert peer.recv(100) == b""
+
+
 def test_who_does_not_read_blocks_nobody_for_long(server: socket.socket) -> None:
     with connected(server, write_timeout=0.2) as (transport, _):
 
