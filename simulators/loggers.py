@@ -10,22 +10,24 @@ A logger measures whatever happens while it scans. Drops during a gap are not re
 from __future__ import annotations
 
 import math
+import select
+import socket
 import struct
+import time
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.instrument.endpoint import EndpointError, TcpEndpoint
+from simulators.instrument.endpoint import Endpoint, EndpointError, TcpEndpoint
 from simulators.instrument.scenario import Fault, Scenario
 from simulators.instrument.timeline import Bench, Timeline
 from simulators.instrument.units import UnitDrops, with_drawn_soil
 
-LoggerName = Literal["dataq", "labjack"]
-LOGGERS: tuple[LoggerName, ...] = ("dataq", "labjack")
+LoggerName = Literal["dataq", "dataq-ethernet", "labjack"]
 LOGGER_RATE = 10_000.0
 """Sampling rate in the setup file of a demonstration, Hz."""
 
@@ -36,11 +38,12 @@ class LoggerFault:
 
     time: float
     """Time since the logger was switched on, s."""
-    kind: Literal["overflow", "rotate", "unplug"]
+    kind: Literal["overflow", "rotate", "unplug", "silence", "lose", "double", "swap"]
     """Its buffer is full; words are lost, so that channels change their order; no power for a
-    while."""
+    while; no more samples, without a message; the network loses, doubles or delays datagrams."""
     amount: int = 1
-    """Number of lost words (rotate, not for a LabJack), or of skipped scans (overflow, LabJack)."""
+    """Number of lost words (rotate, not for a LabJack), of skipped scans (overflow, LabJack), or
+    of datagrams."""
 
 
 class PortlessLogger(ABC):
@@ -258,7 +261,10 @@ class DataqLogger(PortlessLogger):
                 pass
             case _:
                 answer = f"{line}: command not found"
-        self.output += answer.encode() + b"\r"
+        self._reply(answer.encode() + b"\r")
+
+    def _reply(self, answer: bytes) -> None:
+        self.output += answer
 
     def words(self, volts: NDArray[np.float64]) -> NDArray[np.uint16]:
         """Return the words of scans, (n, length of the scan list) (pages 61 to 68)."""
@@ -282,15 +288,94 @@ class DataqLogger(PortlessLogger):
         lost, self._lost_bytes = self._lost_bytes, max(0, self._lost_bytes - len(data))
         self._packed += data[lost:]
         whole = len(self._packed) // self._packet * self._packet  # a full packet is sent (page 21)
-        self.output += self._packed[:whole]
+        self._transmit(self._packed[:whole])
         self._packed = self._packed[whole:]
+
+    def _transmit(self, data: bytes) -> None:
+        """Append whole packets of samples to the output."""
+        self.output += data
 
     def _fail(self, fault: LoggerFault) -> None:
         if fault.kind == "overflow":  # page 50
-            self.output += self._packed + b"stop 01"
+            self._transmit(self._packed + b"stop 01")
+            self.sampling = False
+        elif fault.kind == "silence":
             self.sampling = False
         else:
             self._lost_bytes += 2 * fault.amount
+
+
+DQ_COMMAND, DQ_RESPONSE, DQ_ADC_DATA = 0x31415926, 0x21712818, 0x14142135
+"""Types of the datagrams of a DATAQ logger with Ethernet (pages 9, 10 and 13)."""
+
+
+class DataqEthernetLogger(DataqLogger):
+    """Simulated DATAQ logger with Ethernet, whose output is datagrams; see `PortlessLogger`.
+
+    The text commands arrive as at a serial port; `DataqEndpoint` has the session. The count of
+    samples begins at 0, as in the maker's recordings.
+    """
+
+    inclusive_count = False
+    """True: the count of a datagram includes its own samples, as the document says (page 14)."""
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self._count = 0
+        self._trouble: dict[str, int] = {"lose": 0, "double": 0, "swap": 0}
+        """Number of datagrams that the network loses, doubles or delays from now on."""
+        self._delayed = b""
+
+    def _answer(self, line: str) -> None:
+        if line == "SyncStop":  # without an answer (page 32)
+            self.sampling = False
+        elif not self.sampling or line == "stop":  # no echo while it scans (page 16)
+            if line.startswith("start"):
+                self._count, self._delayed = 0, b""
+            super()._answer(line)
+
+    def _reply(self, answer: bytes) -> None:
+        text = answer + b"\0"
+        self.output += struct.pack("<4I", DQ_RESPONSE, 0, 0, len(text)) + text
+
+    def _transmit(self, data: bytes) -> None:
+        if data.endswith(b"stop 01"):
+            self._reply(b"stop 01")
+            return
+        for start in range(0, len(data), self._packet):
+            samples = data[start : start + self._packet]
+            count = self._count + self.inclusive_count * len(samples) // 2
+            self._count += len(samples) // 2
+            head = struct.pack("<5I", DQ_ADC_DATA, 0, 0, count % (1 << 32), len(samples) // 2)
+            self._to_network(head + samples)
+
+    def _to_network(self, datagram: bytes) -> None:
+        kind = next((name for name, number in self._trouble.items() if number), "")
+        if kind:
+            self._trouble[kind] -= 1
+        if kind == "swap" and not self._delayed:
+            self._delayed = datagram
+        elif kind != "lose":
+            self.output += datagram * (2 if kind == "double" else 1) + self._delayed
+            self._delayed = b""
+
+    def _fail(self, fault: LoggerFault) -> None:
+        if fault.kind in self._trouble:
+            self._trouble[fault.kind] += fault.amount
+        else:
+            super()._fail(fault)
+
+    def skip(self, scans: int) -> None:
+        """Let the network lose all samples of a time that passes at once."""
+        self._count += (len(self._packed) // 2) + scans * len(self._scan_list)
+        self._packed = b""
+        self._scan += scans
+        self.time += scans / (self._rate * self._speed)
+
+    def disconnect(self) -> None:
+        """Notify the logger that its session has ended: it is idle (page 26)."""
+        super().disconnect()
+        self.sampling = False
 
 
 class LabjackLogger(PortlessLogger):
@@ -480,13 +565,141 @@ class LabjackEndpoint:
         self.unplug()
 
 
+class DataqEndpoint:
+    """UDP port of a simulated DATAQ logger with Ethernet, for one session at a time.
+
+    Commands and discoveries arrive at the same port; the real logger has two (page 9).
+
+    Parameters
+    ----------
+    host : str
+        Address of the network interface.
+    port : int
+        Number of the port; 0: any free one.
+    """
+
+    session_s = 8.0
+    """Time after the latest command at which the session ends, s (page 26)."""
+
+    def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind((host, port))
+        self._socket.setblocking(False)
+        self._host, port = self._socket.getsockname()
+        self.url = f"dataq://{self._host}:{port}"
+        self.visits = 0
+        self._group, self._peer = 0, ("", 0)
+        self._heard = self._stopped = 0.0
+        self._plugged = True
+
+    @property
+    def connected(self) -> bool:
+        """True during a session."""
+        if time.monotonic() > self._heard + self.session_s:
+            self._group = 0
+        return self._group != 0
+
+    def wait(self, seconds: float, writing: bool) -> None:
+        """Wait up to `seconds` for a datagram; there is always room to write."""
+        select.select([self._socket], [], [], seconds)
+
+    def read(self) -> bytes:
+        """Return the next text command, or the number of a start or stop as text; empty without."""
+        while True:
+            try:
+                datagram, source = self._socket.recvfrom(2048)
+            except BlockingIOError:
+                return b""
+            except ConnectionError:  # Windows reports an earlier datagram that was not received
+                continue
+            command = self._receive(datagram, source) if self._plugged else b""
+            if command:
+                return command + b"\r"
+
+    def _receive(self, datagram: bytes, source: tuple[str, int]) -> bytes:
+        """Process a datagram; return the command for the logger, empty without one."""
+        if datagram.startswith(b"dataq_instruments"):  # page 12
+            port = int((datagram.split()[1:] or [b"1234"])[0])
+            answer = (
+                f"{self._host} 00:1B:81:77:42:34 117 4108 0 0 4 Dev0 4D5B903E {self._group} 0 2"
+            )
+            self._socket.sendto(answer.encode(), (source[0], port))
+        if len(datagram) < 24:
+            return b""
+        kind, group, number, port, *_ = struct.unpack_from("<6I", datagram)
+        is_of_session = group == self._group if self.connected else number == 10  # page 10
+        if kind != DQ_COMMAND or not group or not is_of_session:
+            return b""
+        self._heard = time.monotonic()
+        text = datagram[24:].split(b"\0")[0].strip()
+        match number:
+            case 10:
+                self.visits += not self._group
+                self._group, self._peer = group, (source[0], port & 0xFFFF or 1234)
+                self._reply(b"connected\r\0")
+            case 11:
+                self._reply(b"disconnected\r\0")
+                self._group = 0
+            case 13:
+                return text
+            case 6:
+                self._stopped = self._heard
+                return b"SyncStop"
+            case 1 if self._heard >= self._stopped + 2.0:  # page 31
+                return b"start 0"
+        return b""
+
+    def _reply(self, text: bytes) -> None:
+        self._transmit(struct.pack("<4I", DQ_RESPONSE, self._group, 0, len(text)) + text)
+
+    def _transmit(self, datagram: bytes) -> None:
+        """Send a datagram to the host of the session."""
+        self._socket.sendto(datagram, self._peer)
+
+    def write(self, data: bytes | bytearray | memoryview) -> int:
+        """Send the first datagram with the number of the session; return its length."""
+        kind, _, _, number, n_samples = struct.unpack_from("<5I", data)
+        size: int = 20 + 2 * n_samples if kind == DQ_ADC_DATA else 16 + number
+        if self._plugged:
+            session = struct.pack("<I", self._group)
+            self._transmit(bytes(data[:4]) + session + bytes(data[8:size]))
+        return size
+
+    def drained(self) -> bool:
+        """Return True: a sent datagram waits for no one."""
+        return True
+
+    def finish(self) -> None:
+        """Return at once: a session has no last message."""
+
+    def unplug(self) -> None:
+        """Simulate that the cable is unplugged, and that the logger has no power."""
+        self._plugged, self._group = False, 0
+
+    def plug(self) -> None:
+        """Simulate that the cable is plugged in again; the URL stays valid."""
+        self._plugged = True
+
+    def close(self) -> None:
+        """Close the port."""
+        self._socket.close()
+
+
+LOGGERS: dict[str, tuple[type[PortlessLogger], Callable[[], Endpoint] | None]] = {
+    "dataq": (DataqLogger, None),
+    "dataq-ethernet": (DataqEthernetLogger, DataqEndpoint),
+    "labjack": (LabjackLogger, LabjackEndpoint),
+}
+"""Simulated loggers by name; those in a network have a port of their own."""
+
+
 def logger_setup(scenario: Scenario, name: LoggerName, rate: float = LOGGER_RATE) -> str:
     """Return the setup file that an operator writes for a logger with the scenario's channels.
 
     Parameters
     ----------
     scenario : Scenario
-    name : "dataq" or "labjack"
+    name : "dataq", "dataq-ethernet" or "labjack"
     rate : float, Hz
     """
     device = scenario.device
@@ -496,7 +709,7 @@ def logger_setup(scenario: Scenario, name: LoggerName, rate: float = LOGGER_RATE
         f'centre_sensor = "{device.centre_sensor}"',
         f"poisson_ratio = {scenario.soil.poisson_ratio}",
         "[link]",
-        f'dialect = "{name}"',
+        f'dialect = "{name.partition("-")[0]}"',
         f"sampling_rate_hz = {rate}",
     ]
     for number, channel in enumerate(device.channels):

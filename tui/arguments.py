@@ -69,37 +69,6 @@ def _refused(expected: str, got: str) -> argparse.ArgumentTypeError:
     return argparse.ArgumentTypeError(f"expected {expected}, got {got}")
 
 
-def add_files(parser: Arguments, metavar: str, text: str) -> None:
-    """Add the positional argument ``files``, which takes one or more files and patterns."""
-    parser.add_argument("files", nargs="+", metavar=metavar, action=_Files, help=text)
-
-
-class _Files(argparse.Action):
-    """Argument for files, in which patterns such as ``*.csv`` stand for the files that match.
-
-    The command lines of Windows pass a pattern as it was typed.
-    """
-
-    def __call__(
-        self,
-        parser: argparse.ArgumentParser,
-        namespace: argparse.Namespace,
-        values: Any,
-        option_string: str | None = None,
-    ) -> None:
-        setattr(namespace, self.dest, [name for value in values for name in _expand(value)])
-
-
-def _expand(pattern: str) -> list[str]:
-    if not any(letter in pattern for letter in "*?["):
-        return [pattern]
-    if os.path.exists(pattern):  # brackets may belong to a name
-        return [pattern]
-    import glob
-
-    return sorted(glob.glob(pattern)) or [pattern]
-
-
 def add_json(parser: Arguments, per: str | None = None) -> None:
     """Add ``--json``.
 
@@ -121,7 +90,10 @@ def add_expert_group(parser: argparse.ArgumentParser) -> Arguments:
 def add_instrument(parser: argparse.ArgumentParser) -> None:
     """Add the options that ``live`` and ``log`` share, such as port, survey, setup and point."""
     parser.add_argument(
-        "url", metavar="URL", help="port of the instrument: /dev/ttyUSB0, COM3, socket://HOST:PORT"
+        "url",
+        metavar="URL",
+        help="port of the instrument: /dev/ttyUSB0, COM3, socket://HOST:PORT; of a logger also "
+        "dataq://HOST or labjack://HOST",
     )
     parser.add_argument(
         "-o",

@@ -26,12 +26,11 @@ from filelock import FileLock, Timeout
 from pfwd.errors import OptionError, refusal
 from pfwd.files.output_path import (
     disk_errors,
-    refuse_bad_place,
+    refuse_inside_survey,
     refuse_special_file,
     require_writable,
     sync,
 )
-from pfwd_device.recording.storage import replace_file
 
 
 @contextlib.contextmanager
@@ -59,7 +58,7 @@ def new_file(path: str | os.PathLike[str], *, force: bool) -> Iterator[Path]:
     with _locked_draft(target) as draft, disk_errors(target):
         yield draft
         sync(draft)
-        replace_file(draft, target)
+        os.replace(draft, target)
 
 
 @contextlib.contextmanager
@@ -94,7 +93,7 @@ def new_folder(path: str | os.PathLike[str], suffix: str, *, force: bool) -> Ite
         As for :func:`new_file`.
     """
     target = Path(path)
-    refuse_bad_place(target, "--output")
+    refuse_inside_survey(target, "--output")
     clear_leftovers(target)
     if target.is_dir() and not any(target.iterdir()):
         target.rmdir()  # an empty folder may be replaced without `force`
@@ -110,9 +109,9 @@ def new_folder(path: str | os.PathLike[str], suffix: str, *, force: bool) -> Ite
             sync(file)
         old = draft.with_suffix(".old")
         if target.exists():
-            replace_file(target, old)
+            os.replace(target, old)
         try:
-            replace_file(draft, target)
+            os.replace(draft, target)
         except OSError:
             if old.exists():
                 os.replace(old, target)
@@ -190,7 +189,7 @@ def refuse_existing(path: str | os.PathLike[str], *, force: bool) -> None:
         True: an existing file may be replaced.
     """
     target = Path(path)
-    refuse_bad_place(target, "--output")
+    refuse_inside_survey(target, "--output")
     if target.is_dir() and not any(target.iterdir()):
         return  # `new_file` refuses it if the format is a file
     _check(target, force=force)
@@ -201,7 +200,7 @@ def refuse_existing(path: str | os.PathLike[str], *, force: bool) -> None:
 def _check(target: Path, *, force: bool) -> None:
     if not target.name:
         raise OptionError(refusal(str(target), "the name of a file or folder", "none"))
-    refuse_bad_place(target, "--output")
+    refuse_inside_survey(target, "--output")
     refuse_special_file(target, "--output")
     if not target.parent.is_dir():
         hint = "make it first"

@@ -74,7 +74,7 @@ def _request(
     transport: Transport, url: str, entries: Sequence[DialectEntry], timeout: float
 ) -> Probe:
     # What other dialects send could confuse an instrument whose link belongs to one of them.
-    own = [entry for entry in entries if entry.scheme and url.startswith(entry.scheme)]
+    own = [entry for entry in entries if url.startswith(f"{entry.scheme or entry.name}://")]
     entries = own or [entry for entry in entries if not entry.scheme]
     # A dialect that needs a declared identity cannot decode before a setup file declares it.
     dialects = [entry.make(DeclaredLink()) for entry in entries if not entry.needs_identity]

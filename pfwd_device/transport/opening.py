@@ -5,6 +5,7 @@ from typing import Any
 from pfwd_device.errors import PortError
 from pfwd_device.transport import ports
 from pfwd_device.transport.base import WRITE_TIMEOUT_S, Transport
+from pfwd_device.transport.dataq import DATAQ_SCHEME, open_dataq
 from pfwd_device.transport.labjack import SCHEME, open_labjack
 from pfwd_device.transport.serial_port import SerialTransport, open_serial
 from pfwd_device.transport.tcp import SCHEMES, open_tcp
@@ -22,8 +23,8 @@ def open_transport(
     ----------
     port : str, or an open port
         A URL: /dev/ttyUSB0, COM3, socket://host:port, tcp://host:port, labjack://host,
-        rfc2217://host:port, loop:// or any other that pyserial can open; or an open port of
-        pyserial or an equivalent object; or a `Transport`, which is returned unchanged.
+        dataq://host, rfc2217://host:port, loop:// or any other that pyserial can open; or an open
+        port of pyserial or an equivalent object; or a `Transport`, which is returned unchanged.
     baud_rate : int
         Baud rate of a serial port.
     write_timeout : float, s
@@ -52,6 +53,8 @@ def open_transport(
             return open_tcp(port, write_timeout)
         if scheme == SCHEME:
             return open_labjack(port, write_timeout)
+        if scheme == DATAQ_SCHEME:
+            return open_dataq(port)
         return open_serial(port, baud_rate, write_timeout)
     if hasattr(port, "in_waiting"):
         return SerialTransport(port)

@@ -1,4 +1,4 @@
-"""Dialect of the data loggers DATAQ DI-1100 to DI-4718B, at their serial port.
+"""Dialect of the data loggers DATAQ DI-1100 to DI-4718B, at their serial port or over Ethernet.
 
 Commands are lines of text that end with a carriage return, and the logger repeats each of them.
 Samples are words of 16 bits without any frame, counter or check sum. Page numbers in this module
@@ -8,6 +8,9 @@ The stream itself does not show a loss of bytes. So the scan list ends with the 
 the model has them: seven bits of their word are always zero, two inputs are in it twice, and a scan
 in which this is not so shows that words are out of order. Any irregularity ends the run; the host
 starts the logger again, and the samples in between are missing.
+
+Over Ethernet answers and samples are in packets, and those with samples are numbered. So a lost
+packet is a gap of known length, after which the run continues.
 """
 
 import re
@@ -21,6 +24,7 @@ from numpy.typing import NDArray
 
 from pfwd_device.errors import SetupError, refusal
 from pfwd_device.identity import ChannelIdentity, Identity
+from pfwd_device.wire.dataq_packets import BrokenOrder, PacketReader, are_packets
 from pfwd_device.wire.dialect import LinkCounters
 from pfwd_device.wire.messages import (
     Configure,
@@ -71,7 +75,7 @@ _RATE_TOLERANCE = 0.01
 _PACKET_TIME_S = 0.01
 """Longest time that samples wait in the logger until a packet is full, s."""
 _PACKET_SIZES = tuple(16 << code for code in range(8))
-"""Bytes of a packet by the argument of `ps` (page 20)."""
+"""Bytes of a packet by the argument of `ps` (page 20); the last is not for Ethernet (page 21)."""
 
 
 class _Stage(Enum):
@@ -149,7 +153,6 @@ class DataqDialect:
     """
 
     name = "dataq"
-    counts_samples = False
 
     def __init__(self, identity: Identity, inputs: Sequence[int], first_stream: int = 0) -> None:
         self.counters = LinkCounters()
@@ -166,11 +169,55 @@ class DataqDialect:
         self._difference: int | None = None
         """Difference of the bits of the digital inputs that are there twice; None before a scan."""
         self._data = b""
+        self._packets = PacketReader(self.counters)
+        self._in_packets: bool | None = None
+        """True over Ethernet; None before the first bytes show it."""
+        self.counts_samples = False
 
     def feed(self, data: bytes) -> list[InstrumentMessage]:
         """Return the identity, samples, stops and refusals that these bytes complete."""
         self.counters.bytes_received += len(data)
-        self._data += data
+        if self._in_packets is None:
+            data, self._data = self._data + data, b""
+            self._in_packets = are_packets(data)
+            self.counts_samples = bool(self._in_packets)
+        if not self._in_packets:
+            self._data += data
+            return [] if self._in_packets is None else self._take_bytes()
+        messages: list[InstrumentMessage] = []
+        for count, content in self._packets.feed(data):
+            is_streaming = self._stage is _Stage.STREAMING
+            if count is not None:
+                messages += self._take_packet(count, content) if is_streaming else []
+            elif content.strip(b"\0") and (not is_streaming or content.startswith(_OVERFLOW)):
+                self._data += content.rstrip(b"\0\r\n") + _END
+                messages += self._take_bytes()
+        return messages
+
+    def _take_packet(self, count: int, content: bytes) -> list[InstrumentMessage]:
+        """Return the samples that a packet of samples completes."""
+        messages: list[InstrumentMessage] = []
+        try:
+            placed = self._packets.place(count, content)
+        except BrokenOrder as err:
+            return self._end(str(err))
+        words_of_scan = len(self._zero_bits)
+        for word, samples in placed:
+            if word > self._index * words_of_scan + len(self._data) // 2:
+                messages += self._take_samples(waiting=0)
+                if self._stage is not _Stage.STREAMING:
+                    break
+                self._discard(len(self._data))  # the beginning of a scan
+                self._index = -(-word // words_of_scan)
+            # The end of a scan that began in the gap is no use.
+            self._data += samples[2 * max(0, self._index * words_of_scan - word) :]
+            messages += self._take_samples()
+            if self._stage is not _Stage.STREAMING:
+                break
+        return messages
+
+    def _take_bytes(self) -> list[InstrumentMessage]:
+        """Return the messages that the received bytes complete."""
         messages: list[InstrumentMessage] = []
         while self._stage is not _Stage.STREAMING:
             line = self._next_line()
@@ -183,14 +230,14 @@ class DataqDialect:
         """Return the first line of a command; empty for one that a logger lacks.
 
         The first line is `stop`, so that no sample is between a line and its answer. The other
-        lines follow one by one, each when the logger has repeated the one before (page 16).
+        lines follow one by one, each when the logger has repeated the one before (page 16). Over
+        Ethernet the transport repeats a line without an answer, and so not the whole command.
         """
         commands: list[str] = []
         match message:
             case Hello() | Configure():
                 if isinstance(message, Configure):
                     self._rate = message.sampling_rate
-                self._answers.clear()
                 commands = [f"info {number}" for number in _QUESTIONS]
             case Start() if self._model is not None:
                 commands = self._set_up(self._model)
@@ -198,13 +245,22 @@ class DataqDialect:
                 pass
             case _:
                 return b""
+        if self._in_packets and commands and self._is_pending(commands[-1]):
+            return b""
+        self._answers.clear()
         self._stage = _Stage.STOPPING
         self._commands = deque(commands)
         return b"stop" + _END
 
+    def _is_pending(self, line: str) -> bool:
+        """Return True if a line waits, or is a start whose first samples have not arrived."""
+        has_started = self._stage is _Stage.STREAMING and not self._index
+        return line in self._commands or (line == _START and has_started)
+
     def reset(self) -> None:
         """Discard what was received after the link was cut; the next start is a new stream."""
         self._discard(len(self._data))
+        self._packets.reset()
         self._commands.clear()
         self.outgoing = b""
         self._stage = _Stage.TALKING
@@ -216,6 +272,7 @@ class DataqDialect:
             if self._commands[0] == _START:
                 self._commands.clear()
                 self._discard(len(self._data))  # received before the command was sent
+                self._packets.begin()
                 self._difference = None
                 self._stage = _Stage.STREAMING
                 self._stream, self._index = self._stream + 1, 0
@@ -342,7 +399,8 @@ class DataqDialect:
             zero_bits.append(_MARK_ZERO_BITS)
         self._zero_bits = np.array(zero_bits, np.uint16)
         bytes_in_time = _PACKET_TIME_S * self._rate * 2 * len(words)
-        size = sum(bytes_in_time >= bound for bound in _PACKET_SIZES[1:])
+        sizes = _PACKET_SIZES[1 : -1 if self._in_packets else None]
+        size = sum(bytes_in_time >= bound for bound in sizes)
         return [
             "encode 0",
             f"ps {size}",
@@ -352,14 +410,14 @@ class DataqDialect:
             _START,
         ]
 
-    def _take_samples(self) -> list[InstrumentMessage]:
+    def _take_samples(self, waiting: int = _WAITING_SCANS) -> list[InstrumentMessage]:
         """Return the samples that are in order, and the end of the run if there is one.
 
         The latest scans wait, because scans before the first that shows a fault may have it too.
         """
         has_ended = self._data.rstrip(_END).endswith(_OVERFLOW)
         size = 2 * len(self._zero_bits)
-        scans = (len(self._data) - len(_OVERFLOW) - len(_END)) // size
+        scans = (len(self._data) - (len(_OVERFLOW) + len(_END) if waiting else 0)) // size
         if scans <= 0 and not has_ended:
             return []
         raw = np.frombuffer(self._data[: max(0, scans) * size], "<u2").reshape(-1, size // 2)
@@ -371,13 +429,18 @@ class DataqDialect:
             is_wrong |= differences != self._difference
         faults = np.flatnonzero(is_wrong)
         end = int(faults[0]) if len(faults) else len(raw)
-        messages = self._block(raw[: max(0, end - _WAITING_SCANS)])
-        if len(faults) or has_ended:
-            self._discard(len(self._data))
-            self._stage = _Stage.STOPPING
+        is_over = has_ended or len(faults) > 0
+        messages = self._block(raw[: max(0, end - (_WAITING_SCANS if is_over else waiting))])
+        if is_over:
             text = "its buffer was full" if has_ended else "the order of its channels was wrong"
-            messages.append(Event(EventKind.STOPPED, 0, text))
+            messages += self._end(text)
         return messages
+
+    def _end(self, reason: str) -> list[InstrumentMessage]:
+        """End the run after a fault; the host starts the logger again."""
+        self._discard(len(self._data))
+        self._stage = _Stage.STOPPING
+        return [Event(EventKind.STOPPED, 0, reason)]
 
     def _block(self, raw: NDArray[np.uint16]) -> list[InstrumentMessage]:
         """Remove scans from the received bytes and return them as a block of samples."""

@@ -19,7 +19,7 @@ from simulators.instrument.device import PortlessInstrument
 from simulators.instrument.endpoint import Endpoint, EndpointError, TcpEndpoint
 from simulators.instrument.scenario import ScenarioError, load_scenario
 from simulators.instrument.server import Server
-from simulators.loggers import DataqLogger, LabjackEndpoint, LabjackLogger, PortlessLogger
+from simulators.loggers import LOGGERS, PortlessLogger
 from simulators.mesh import SimulationError
 
 HAS_PTY = os.name == "posix"
@@ -116,11 +116,10 @@ def simulate(
     scenario = load_scenario(options.scenario)
     endpoint: Endpoint
     instrument: PortlessInstrument | PortlessLogger
-    of_logger = options.logger == "labjack"
-    endpoint = LabjackEndpoint() if of_logger else open_endpoint(options.listen)
+    kind, make_endpoint = LOGGERS[options.logger] if options.logger else (None, None)
+    endpoint = make_endpoint() if make_endpoint is not None else open_endpoint(options.listen)
     with closing(endpoint):
-        if options.logger is not None:
-            kind = LabjackLogger if options.logger == "labjack" else DataqLogger
+        if kind is not None:
             instrument = kind(scenario, options.seed, options.drops)
         else:
             instrument = PortlessInstrument(
@@ -279,7 +278,7 @@ def serve(
         Seed of the random numbers.
     rate : float
         Speed relative to real time; 0: as fast as the host reads.
-    logger : "dataq" or "labjack", optional
+    logger : "dataq", "dataq-ethernet" or "labjack", optional
         Data logger that measures the drops.
 
     Examples

@@ -26,15 +26,15 @@ def test_a_logger_measures_the_modulus_of_the_ground(logger: str, tmp_path: Path
 
 def test_a_trial_of_a_logger_is_written(tmp_path: Path) -> None:
     setup = tmp_path / "logger.toml"
-    setup.write_text(logger_setup(load_scenario("default"), "labjack"), encoding="utf-8")
-    with serve("default", logger="labjack") as logger:
-        arguments = ("--logger", setup, "--wait", "3", "-o", tmp_path / "trial.json")
+    setup.write_text(logger_setup(load_scenario("default"), "dataq-ethernet"), encoding="utf-8")
+    with serve("default", logger="dataq-ethernet") as logger:
+        arguments = ("--logger", setup, "--wait", "5", "-o", tmp_path / "trial.json")
         done = pfwd("conform", logger.url, *arguments)
     assert done.returncode == 0, done.stderr
     trial = json.loads((tmp_path / "trial.json").read_text(encoding="utf-8"))
     assert trial["rate_by_this_computer_hz"] == pytest.approx(1e4, rel=0.1)
     assert [channel["name"] for channel in trial["channels"]] == ["load", "centre"]
-    assert trial["identity"]["model"] == "LabJack T7"
+    assert trial["identity"]["model"] == "DATAQ DI-4108"
 
 
 def test_answers_become_a_setup_file(

@@ -73,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     expert.add_argument(
         "--logger",
-        choices=("dataq", "labjack"),
+        choices=("dataq", "dataq-ethernet", "labjack"),
         help="measure with a simulated data logger and a setup file, line by line, in real time",
     )
     add_seed(expert)

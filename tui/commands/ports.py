@@ -22,7 +22,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "urls",
         nargs="*",
         metavar="URL",
-        help="test only these, for example /dev/ttyUSB0, COM3 or socket://HOST:PORT",
+        help="test only these, for example /dev/ttyUSB0, COM3, socket://HOST:PORT, dataq://HOST or "
+        "labjack://HOST",
     )
     parser.add_argument("--no-probe", action="store_true", help="do not open the ports")
     add_json(parser, "port")

@@ -125,7 +125,9 @@ class Page(Screen[None]):
             return
         size = self.view.size
         if size.width and size.height:
-            self.view.show(self.lines(size.width, size.height), self.pfwd.screen_theme)
+            self.view.show(
+                self.lines(size.width, size.height), self.pfwd.screen_theme, self.pfwd.glyphs
+            )
 
     def on_screen_resume(self) -> None:
         """Draw the page when it is on top again."""
