@@ -170,9 +170,10 @@ def _offers(group: str) -> dict[str, _Offer]:
 
 def _trusted_path() -> list[str]:
     """Return the search path of modules without the current folder."""
-    current = os.path.realpath(os.curdir)
+    # Without case, which the file systems of macOS and Windows do not distinguish.
+    current = os.path.realpath(os.curdir).casefold()
     return [
         folder
         for folder in sys.path
-        if os.path.isabs(folder) and os.path.realpath(folder) != current
+        if os.path.isabs(folder) and os.path.realpath(folder).casefold() != current
     ]

@@ -69,6 +69,37 @@ def _refused(expected: str, got: str) -> argparse.ArgumentTypeError:
     return argparse.ArgumentTypeError(f"expected {expected}, got {got}")
 
 
+def add_files(parser: Arguments, metavar: str, text: str) -> None:
+    """Add the positional argument ``files``, which takes one or more files and patterns."""
+    parser.add_argument("files", nargs="+", metavar=metavar, action=_Files, help=text)
+
+
+class _Files(argparse.Action):
+    """Argument for files, in which patterns such as ``*.csv`` stand for the files that match.
+
+    The command lines of Windows pass a pattern as it was typed.
+    """
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        setattr(namespace, self.dest, [name for value in values for name in _expand(value)])
+
+
+def _expand(pattern: str) -> list[str]:
+    if not any(letter in pattern for letter in "*?["):
+        return [pattern]
+    if os.path.exists(pattern):  # brackets may belong to a name
+        return [pattern]
+    import glob
+
+    return sorted(glob.glob(pattern)) or [pattern]
+
+
 def add_json(parser: Arguments, per: str | None = None) -> None:
     """Add ``--json``.
 

@@ -5,7 +5,6 @@ module of a command is imported when the command is used.
 """
 
 import atexit
-import contextlib
 import errno
 import os
 import stat
@@ -17,7 +16,7 @@ import pfwd_plugins
 from pfwd.errors import DeviceError, OptionError, PortError, SurveyError
 from pfwd.processes import children_shielded
 from tui.interrupts import ignore_signals, stopped_by_signals
-from tui.output import SPELLING, say
+from tui.output import say, spell_signs
 from tui.parser import FIRST_STEPS, build_parser, command_module
 
 SUCCESS, REFUSED, USAGE, LOST = 0, 1, 2, 3
@@ -37,10 +36,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         0 done, also after SIGINT or SIGTERM; 1 data refused; 2 wrong usage; 3 device lost, or its
         port cannot be opened.
     """
-    # A character that the console cannot show is replaced; otherwise printing it would raise.
     for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(AttributeError):
-            stream.reconfigure(errors=SPELLING)  # type: ignore[union-attr]
+        spell_signs(stream)
     command = ""
     # Warnings of plug-ins are printed at the end, as messages.
     warnings.simplefilter("ignore", pfwd_plugins.PluginWarning)
@@ -96,11 +93,20 @@ def _is_closed_pipe(err: Exception) -> bool:
     return False
 
 
+def _is_writable_file(path: object) -> bool:
+    return isinstance(path, str) and os.path.isfile(path) and os.access(path, os.W_OK)
+
+
 def _explain(err: Exception, command: str) -> str:
     if isinstance(err, SurveyError | DeviceError):
         return f"{command}: {err}"
     if isinstance(err, OSError):
-        return f"{command}: {err.filename or 'input or output'}: {err.strerror or err}"
+        reason = err.strerror or str(err)
+        if os.name == "nt" and isinstance(err, PermissionError) and _is_writable_file(err.filename):
+            from pfwd.files.output_path import IN_USE
+
+            reason = IN_USE
+        return f"{command}: {err.filename or 'input or output'}: {reason}"
     return (
         f"{command}: an unexpected error, please report it: {type(err).__name__}: {err} "
         "(set PFWD_DEBUG=1 to see where)"

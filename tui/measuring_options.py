@@ -13,7 +13,7 @@ from typing import Literal
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.errors import OptionError, SurveyError, refusal
 from pfwd.files.folders import is_survey, is_survey_file
-from pfwd.files.output_path import refuse_inside_survey
+from pfwd.files.output_path import refuse_bad_place
 from pfwd.judging import Job, JobRequest, target_si
 from pfwd.judging.stations import read_stations
 from pfwd.judging.view import job_of_folder
@@ -144,7 +144,7 @@ def try_output(survey: str | os.PathLike[str]) -> None:
     path = Path(survey)
     if is_survey(path):
         return  # an existing survey is checked when it is opened
-    refuse_inside_survey(path, "--output")
+    refuse_bad_place(path, "--output")
     expected = "a folder that can be written"
     if path.exists() and not path.is_dir():
         raise SurveyError(refusal(os.fspath(path), expected, "a file"))

@@ -1,6 +1,7 @@
 """Output of commands: messages, and texts that are safe to print."""
 
 import codecs
+import contextlib
 import os
 import shlex
 import subprocess
@@ -54,6 +55,48 @@ def _spell(error: UnicodeError) -> tuple[str, int]:
 
 
 codecs.register_error(SPELLING, _spell)
+
+_SPELLED_CODE_PAGE = "pfwd_spelled_"
+_SPELLED_LETTERS = str.maketrans(SPELLED)
+
+
+def _find_code_page(name: str) -> codecs.CodecInfo | None:
+    """Return the codec of a code page in which all signs of `SPELLED` are replaced."""
+    if not name.startswith(_SPELLED_CODE_PAGE):
+        return None
+    page = codecs.lookup(name.removeprefix(_SPELLED_CODE_PAGE))
+
+    class Encoder(codecs.IncrementalEncoder):
+        def encode(self, text: str, final: bool = False) -> bytes:
+            return page.encode(text.translate(_SPELLED_LETTERS), self.errors)[0]
+
+    return codecs.CodecInfo(
+        lambda text, errors="strict": page.encode(text.translate(_SPELLED_LETTERS), errors),
+        page.decode,
+        incrementalencoder=Encoder,
+        incrementaldecoder=page.incrementaldecoder,
+        name=name,
+    )
+
+
+codecs.register(_find_code_page)
+
+
+def spell_signs(stream: TextIO) -> None:
+    """Have a stream replace characters that its encoding lacks; otherwise printing them would fail.
+
+    To a pipe or a file of Windows all signs are replaced. Their bytes are those of one code page,
+    and the program that reads them may use another one: PowerShell that of the console.
+    """
+    with contextlib.suppress(AttributeError):  # a stream of a test, or none without a console
+        encoding = stream.encoding
+        if (
+            os.name == "nt"
+            and not stream.isatty()
+            and not encoding.startswith(("utf", _SPELLED_CODE_PAGE))
+        ):
+            encoding = _SPELLED_CODE_PAGE + encoding
+        stream.reconfigure(encoding=encoding, errors=SPELLING)  # type: ignore[attr-defined]
 
 
 def clean(text: object) -> str:

@@ -34,7 +34,7 @@ from pfwd.analysis.result_columns import (
 )
 from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
 from pfwd.errors import OptionError, SurveyError, how_to_install, refusal
-from pfwd.files.output_path import disk_errors, refuse_inside_survey, replaced_durably
+from pfwd.files.output_path import disk_errors, refuse_bad_place, replaced_durably
 
 _ARCHIVE_MARK = {"format": "pfwd-archive", "version": 1}
 _PART_NAME = re.compile(r"part-(\d{6,9})\.parquet", re.ASCII)
@@ -208,7 +208,7 @@ class ArchiveFolder:
         self.folder = Path(folder)
         text = json.dumps(identity, sort_keys=True)
         self.key = hashlib.sha256(text.encode()).hexdigest()[:12]
-        refuse_inside_survey(self.folder, "--archive")
+        refuse_bad_place(self.folder, "--archive")
         mark = self.folder / "archive.json"
         description = self.folder / "runs" / f"{self.key}.json"
         with disk_errors(self.folder):

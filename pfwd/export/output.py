@@ -26,11 +26,12 @@ from filelock import FileLock, Timeout
 from pfwd.errors import OptionError, refusal
 from pfwd.files.output_path import (
     disk_errors,
-    refuse_inside_survey,
+    refuse_bad_place,
     refuse_special_file,
     require_writable,
     sync,
 )
+from pfwd_device.recording.storage import replace_file
 
 
 @contextlib.contextmanager
@@ -58,7 +59,7 @@ def new_file(path: str | os.PathLike[str], *, force: bool) -> Iterator[Path]:
     with _locked_draft(target) as draft, disk_errors(target):
         yield draft
         sync(draft)
-        os.replace(draft, target)
+        replace_file(draft, target)
 
 
 @contextlib.contextmanager
@@ -93,7 +94,7 @@ def new_folder(path: str | os.PathLike[str], suffix: str, *, force: bool) -> Ite
         As for :func:`new_file`.
     """
     target = Path(path)
-    refuse_inside_survey(target, "--output")
+    refuse_bad_place(target, "--output")
     clear_leftovers(target)
     if target.is_dir() and not any(target.iterdir()):
         target.rmdir()  # an empty folder may be replaced without `force`
@@ -109,9 +110,9 @@ def new_folder(path: str | os.PathLike[str], suffix: str, *, force: bool) -> Ite
             sync(file)
         old = draft.with_suffix(".old")
         if target.exists():
-            os.replace(target, old)
+            replace_file(target, old)
         try:
-            os.replace(draft, target)
+            replace_file(draft, target)
         except OSError:
             if old.exists():
                 os.replace(old, target)
@@ -189,7 +190,7 @@ def refuse_existing(path: str | os.PathLike[str], *, force: bool) -> None:
         True: an existing file may be replaced.
     """
     target = Path(path)
-    refuse_inside_survey(target, "--output")
+    refuse_bad_place(target, "--output")
     if target.is_dir() and not any(target.iterdir()):
         return  # `new_file` refuses it if the format is a file
     _check(target, force=force)
@@ -200,7 +201,7 @@ def refuse_existing(path: str | os.PathLike[str], *, force: bool) -> None:
 def _check(target: Path, *, force: bool) -> None:
     if not target.name:
         raise OptionError(refusal(str(target), "the name of a file or folder", "none"))
-    refuse_inside_survey(target, "--output")
+    refuse_bad_place(target, "--output")
     refuse_special_file(target, "--output")
     if not target.parent.is_dir():
         hint = "make it first"

@@ -20,7 +20,7 @@ from pfwd.errors import OptionError, SurveyError, quote, refusal
 from pfwd.files.folders import is_survey, is_survey_file, spare_folder
 from pfwd.files.foreign.common import Channels
 from pfwd.files.header import remarks_of
-from pfwd.files.output_path import refuse_inside_survey
+from pfwd.files.output_path import refuse_bad_place
 from pfwd.files.photos import is_sound_photo, moment_of, photos_of, store_photo
 from pfwd.files.reading import read_points
 from pfwd.files.record_marks import copy_fault
@@ -102,7 +102,7 @@ def import_files(
         If the survey cannot be written.
     """
     if not is_survey(survey):
-        refuse_inside_survey(survey, "--output")
+        refuse_bad_place(survey, "--output")
     with contextlib.ExitStack() as stack:
         writer: SurveyWriter | None = None
         before: dict[int, int] = {}

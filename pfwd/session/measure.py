@@ -23,7 +23,7 @@ from pfwd.analysis.options import AnalysisOptions
 from pfwd.errors import SurveyError, refusal
 from pfwd.files.folders import is_survey, is_survey_file, spare_folder
 from pfwd.files.opening import survey_content
-from pfwd.files.output_path import refuse_inside_survey
+from pfwd.files.output_path import refuse_bad_place
 from pfwd.judging import Job, job_of
 from pfwd.procedures import NO_PROCEDURE
 from pfwd.session.events import SessionNotice
@@ -111,7 +111,7 @@ def _open_survey(
     """Open a survey for writing; report changes of its files by other programs at the end."""
     with contextlib.ExitStack() as ends:
         if not is_survey(folder):
-            refuse_inside_survey(folder, "--output")
+            refuse_bad_place(folder, "--output")
         is_new = not os.path.exists(folder)
         writer = SurveyWriter.open(folder, spare=spare_folder(spare))
         if is_new:

@@ -33,6 +33,16 @@ MAX_TRUSTED_WRITE_S = 0.005
 """Duration of a write of this program after which the file is read again, because another program
 may have written to it meanwhile, s."""
 
+REPLACE_RETRY_S = 1.0
+"""Time for which a file is renamed again on Windows while another program has it open, s. A virus
+scanner reads each new file for a moment."""
+
+IN_USE = "open in another program; close it there or name another file"
+"""Reason of an error on Windows, whose own one is a lack of rights."""
+
+_NO_FULL_SYNC = frozenset({errno.ENOTSUP, errno.EINVAL, errno.ENOTTY})
+"""Error numbers of macOS for a disk without F_FULLFSYNC, such as a network share."""
+
 Stamp = tuple[int, int] | None
 """Times (ns) of the last change of a file's content and of its metadata; None if unknown.
 
@@ -83,14 +93,10 @@ class Storage:
 
     def sync(self, descriptor: int) -> None:
         """Wait until content and length of a file are on the disk."""
-        if sys.platform == "darwin":  # fsync of macOS only reaches the drive's cache
-            import fcntl
-
-            fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)
-        elif hasattr(os, "fdatasync"):
+        if hasattr(os, "fdatasync"):  # not on Windows and macOS
             os.fdatasync(descriptor)
         else:
-            os.fsync(descriptor)
+            flush_to_disk(descriptor)
 
     def read_at(self, descriptor: int, length: int, offset: int) -> bytes:
         """Return `length` bytes from an offset; fewer at the end of the file."""
@@ -171,7 +177,7 @@ class Storage:
 
     def replace(self, source: Path, target: Path) -> None:
         """Rename a file within its folder; an existing file `target` is replaced."""
-        os.replace(source, target)
+        replace_file(source, target)
 
     def unlink(self, path: Path) -> None:
         """Delete a file."""
@@ -192,7 +198,7 @@ class Storage:
             return
         descriptor = os.open(path, os.O_RDONLY | _NOT_INHERITED)
         try:
-            os.fsync(descriptor)
+            flush_to_disk(descriptor)
         finally:
             os.close(descriptor)
 
@@ -318,6 +324,44 @@ class OpenFile:
 def draft_of(path: Path) -> Path:
     """Return the temporary path at which a file is written before it is renamed to `path`."""
     return path.with_name(f".{path.name}.tmp")
+
+
+def flush_to_disk(descriptor: int) -> None:
+    """Wait until an open file or folder is on the disk."""
+    if sys.platform == "darwin":  # fsync of macOS only reaches the drive's cache
+        import fcntl
+
+        try:
+            fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)
+            return
+        except OSError as err:
+            if err.errno not in _NO_FULL_SYNC:
+                raise
+    os.fsync(descriptor)
+
+
+def replace_file(source: Path, target: Path) -> None:
+    """Rename a file; an existing file `target` is replaced.
+
+    Raises
+    ------
+    OSError
+        If it fails; on Windows with the reason `IN_USE` if another program has the target open.
+    """
+    until = time.monotonic() + REPLACE_RETRY_S
+    while True:
+        try:
+            os.replace(source, target)
+            return
+        except PermissionError as err:
+            if os.name != "nt":
+                raise
+            if time.monotonic() > until:
+                place = target if target.exists() else source
+                if not os.access(place, os.W_OK):
+                    raise
+                raise PermissionError(err.errno, IN_USE, os.fspath(place)) from err
+        time.sleep(LOCK_PAUSE_S)
 
 
 def has_content(path: Path, data: bytes) -> bool:

@@ -6,6 +6,7 @@ read byte by byte, which is too slow for an instrument.
 
 import contextlib
 import socket
+import time
 from urllib.parse import urlsplit
 
 from pfwd_device.errors import DeviceLost, PortError
@@ -14,9 +15,13 @@ from pfwd_device.transport.base import WRITE_TIMEOUT_S, LockedTransport
 SCHEMES = ("socket", "tcp")
 CONNECT_TIMEOUT_S = 3.0
 _RECEIVE_BYTES = 65536
-_KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}
+_KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPALIVE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}
 """Options of the socket by which the system detects an unplugged cable while nothing is sent: idle
 time before the first probe (s), interval of the probes (s), number of probes without a reply."""
+
+
+_DRAIN_TIME_S = 0.2
+"""Longest wait for the instrument to close its side, s."""
 
 
 class TcpTransport(LockedTransport):
@@ -66,9 +71,16 @@ class TcpTransport(LockedTransport):
 
     def _interrupt(self) -> None:
         with contextlib.suppress(OSError):
-            self._incoming.shutdown(socket.SHUT_RDWR)
+            self._incoming.shutdown(socket.SHUT_WR)
 
     def _close(self) -> None:
+        # Closing with unread samples resets the connection, and a reset deletes what the instrument
+        # has not read yet, such as the command to stop. So the rest is read until it closes too.
+        end = time.monotonic() + _DRAIN_TIME_S
+        with contextlib.suppress(OSError):
+            self._incoming.settimeout(_DRAIN_TIME_S)
+            while time.monotonic() < end and self._incoming.recv(_RECEIVE_BYTES):
+                pass
         self._outgoing.close()
         self._incoming.close()
 

@@ -108,3 +108,13 @@ def test_the_same_package_twice_on_the_path_counts_once(
     pfwd_plugins.forget()
     assert list(pfwd_plugins.load_all(GROUP, float)) == [("x", 1.0)]
     assert pfwd_plugins.remarks() == ()
+
+
+def test_the_current_folder_is_left_out_in_any_spelling(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The file systems of macOS and Windows do not distinguish upper and lower case."""
+    other = tmp_path / "other"
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", ["", str(tmp_path), str(tmp_path).upper(), str(other)])
+    assert pfwd_plugins._trusted_path() == [str(other)]

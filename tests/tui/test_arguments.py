@@ -1,8 +1,10 @@
 """Values of the command line: the accepted ones, and the messages for all others."""
 
 import argparse
+import os
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -47,3 +49,16 @@ def test_what_is_refused(read: Callable[[str], Any], text: str, expected: str) -
     message = re.escape(f"expected {expected}, got {text}")
     with pytest.raises(argparse.ArgumentTypeError, match=f"^{message}$"):
         read(text)
+
+
+def test_a_pattern_stands_for_the_files_that_match(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("b.F25", "a.F25", "c.csv", "d[1].csv"):
+        (tmp_path / name).touch()
+    monkeypatch.chdir(tmp_path)
+    parser = argparse.ArgumentParser()
+    values.add_files(parser, "FILE", "files")
+    typed = ["*.F25", "c.csv", "d[1].csv", "*.dat", "./?.csv"]
+    expected = ["a.F25", "b.F25", "c.csv", "d[1].csv", "*.dat", os.path.join(".", "c.csv")]
+    assert parser.parse_args(typed).files == expected

@@ -408,6 +408,20 @@ def test_a_lost_disk_of_windows_is_no_closed_pipe(
     assert "Invalid argument" in capsys.readouterr().err
 
 
+def test_a_file_that_is_open_elsewhere_on_windows_is_said_to_be(
+    windows_output: WindowsOutput,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / "a.csv"
+    file.touch()
+    analysis(monkeypatch, PermissionError(errno.EACCES, "Permission denied", str(file)))
+    assert main(["invert", "a.csv"]) == 1
+    reason = "open in another program; close it there or name another file"
+    assert capsys.readouterr().err == f"pfwd: invert: {file}: {reason}\n"
+
+
 def test_a_reader_who_leaves_on_windows_ends_it_cleanly(
     windows_output: WindowsOutput,
     monkeypatch: pytest.MonkeyPatch,

@@ -4,13 +4,14 @@ import io
 import json
 import os
 import subprocess
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from pfwd.export.json_text import json_text
 from tests.tui.console import PFWD, TOP
-from tui.output import clean, next_commands, spelled
+from tui.output import clean, next_commands, spell_signs, spelled
 
 
 def test_the_next_commands_can_be_copied(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -74,6 +75,26 @@ def test_a_console_without_the_letters_gets_words_and_no_question_marks(text: st
 def test_signs_are_spelled_as_people_do() -> None:
     stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
     assert spelled("η ρ ± µm ²", stream) == "eta rho +- um 2"
+
+
+@pytest.mark.parametrize("page", ["cp850", "cp1252"])
+@pytest.mark.parametrize(("name", "is_terminal"), [("nt", False), ("nt", True), ("posix", False)])
+def test_a_pipe_of_windows_gets_no_sign_that_code_pages_encode_differently(
+    page: str, name: str, is_terminal: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """PowerShell reads a pipe in the code page of the console, which is another one."""
+    buffer = io.BytesIO()
+    stream = io.TextIOWrapper(buffer, encoding=page, write_through=True)
+    monkeypatch.setattr(stream, "isatty", lambda: is_terminal, raising=False)
+    monkeypatch.setattr("tui.output.os", SimpleNamespace(name=name))
+    spell_signs(stream)
+    print("50 µm ± 2 °C, kg/m³, ν 0.35, Süd 中", file=stream)
+    text = buffer.getvalue().decode(page)
+    if (name, is_terminal) == ("nt", False):
+        assert text == "50 um +- 2 degC, kg/m3, nu 0.35, Süd \\u4e2d\n"
+        assert spelled("± ν Süd", stream) == "+- nu Süd"
+    else:
+        assert text == "50 µm ± 2 °C, kg/m³, nu 0.35, Süd \\u4e2d\n"
 
 
 def test_the_command_spells_where_the_locale_is_plain() -> None:

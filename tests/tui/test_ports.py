@@ -101,6 +101,7 @@ def test_no_ports(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
     assert "no serial ports" in captured.err
 
 
+@pytest.mark.posix
 def test_a_port_under_another_name_has_its_description(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

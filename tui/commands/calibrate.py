@@ -7,7 +7,7 @@ import os
 from pfwd.errors import OptionError, refusal
 from pfwd.export.json_text import json_text
 from pfwd.message_groups import text_of
-from tui.arguments import add_json, number
+from tui.arguments import add_files, add_json, number
 from tui.output import clean, say
 
 
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="column of the times in s (--ring; default: the first)",
     )
-    parser.add_argument("files", nargs="+", metavar="FILE", help="survey, drop or trace file")
+    add_files(parser, "FILE", "survey, drop or trace file")
     parser.add_argument(
         "--stiffness",
         type=number,

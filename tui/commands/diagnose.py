@@ -12,6 +12,7 @@ from tui.arguments import (
     add_archive,
     add_declared,
     add_expert_group,
+    add_files,
     add_jobs,
     add_json,
     add_options,
@@ -34,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "which modulus to use, or that nothing explains them. Files that declare the same device "
         "are one survey."
     )
-    parser.add_argument("files", nargs="+", metavar="FILE", help="survey, drop or trace file")
+    add_files(parser, "FILE", "survey, drop or trace file")
     parser.add_argument(
         "--details",
         action="store_true",

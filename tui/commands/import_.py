@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from pfwd.errors import OptionError, refusal
 from pfwd.export.json_text import json_text
-from tui.arguments import add_expert_group, add_json
+from tui.arguments import add_expert_group, add_files, add_json
 from tui.output import clean, counted, next_commands, say
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "text whose columns a TOML file describes (--map; pfwd map writes a first one). Nothing "
         "is imported twice, and a file that is refused does not stop the others."
     )
-    parser.add_argument("files", nargs="+", metavar="TRACES", help="file of any of these kinds")
+    add_files(parser, "TRACES", "file of any of these kinds")
     parser.add_argument(
         "-o", "--output", metavar="SURVEY", required=True, help="folder, new or existing"
     )

@@ -10,6 +10,7 @@ from tui.arguments import (
     add_archive,
     add_declared,
     add_expert_group,
+    add_files,
     add_jobs,
     add_json,
     add_options,
@@ -34,9 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "trace files. An option replaces what a file declares; an undeclared depth is fitted. A "
         "folder that is no survey stands for all surveys and files below it."
     )
-    parser.add_argument(
-        "files", nargs="+", metavar="FILE", help="survey, drop or trace file, or a folder of them"
-    )
+    add_files(parser, "FILE", "survey, drop or trace file, or a folder of them")
     add_options(parser, "bedrock_depth", "layers", "thickness")
     parser.add_argument(
         "--diagnose",

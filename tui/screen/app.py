@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 from textual import events
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
+from textual.filter import LineFilter
 from textual.screen import Screen
 
 from pfwd.errors import DeviceError, SurveyError
@@ -39,6 +40,7 @@ from pfwd.session.position import FIX_NAMES, PositionReceiver
 from pfwd.units import UNITS_BY_NAME, Units
 from tui.output import clean
 from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
+from tui.screen.lines_view import GlyphFilter
 from tui.screen.pages import PAGES, make_page
 from tui.screen.pages.dialogs import Question, TextDialog
 from tui.screen.pages.help import HelpPage
@@ -148,6 +150,7 @@ class PfwdApp(App[int]):
         self.slips = SlipWriter(source, self.runner, self.state, self.show_message)
         self.diagnoses = RequestedDiagnoses(source, self.runner, self.state, self.show_message)
         self.glyphs = glyphs or glyphs_of_terminal()
+        self._glyph_filter = GlyphFilter(self.glyphs)
         self.drawn = 0
         """Number of times that a page was drawn."""
         self._save = save
@@ -162,6 +165,11 @@ class PfwdApp(App[int]):
         """Point and number of the drop that the drop page shows."""
         for screen_theme in THEMES.values():
             self.register_theme(screen_theme.theme)
+
+    def get_line_filters(self) -> list[LineFilter]:
+        """Return the filters of the toolkit, and the one for characters that the terminal lacks."""
+        glyph_filters = [self._glyph_filter] if self._glyph_filter.enabled else []
+        return [*super().get_line_filters(), *glyph_filters]
 
     # Interface for the pages.
 

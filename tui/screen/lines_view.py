@@ -3,12 +3,14 @@
 from collections.abc import Sequence
 
 from rich.segment import Segment
+from textual.color import Color
+from textual.filter import LineFilter
 from textual.geometry import Region
 from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
-from tui.screen.drawing.glyphs import BRAILLE, Glyphs
+from tui.screen.drawing.glyphs import Glyphs
 from tui.screen.drawing.lines import Line
 from tui.screen.themes import DARK, ScreenTheme
 
@@ -30,13 +32,12 @@ class LinesView(Widget, can_focus=True):
         super().__init__(id=id)
         self._lines: list[Line] = []
         self._theme: ScreenTheme = DARK
-        self._glyphs: Glyphs = BRAILLE
 
-    def show(self, lines: Sequence[Line], theme: ScreenTheme, glyphs: Glyphs) -> int:
+    def show(self, lines: Sequence[Line], theme: ScreenTheme) -> int:
         """Show these lines in place of the former ones; return the number of lines that differ."""
         new = list(lines)
-        if theme is not self._theme or glyphs != self._glyphs or len(new) != len(self._lines):
-            self._theme, self._glyphs, self._lines = theme, glyphs, new
+        if theme is not self._theme or len(new) != len(self._lines):
+            self._theme, self._lines = theme, new
             self.refresh()
             return len(new)
         changed = [
@@ -58,12 +59,25 @@ class LinesView(Widget, can_focus=True):
         width = self.size.width
         styles = self._theme.styles
         cells = self._lines[y] if y < len(self._lines) else ()
-        segments = [
-            Segment(self._glyphs.to_terminal(part.text), styles[part.role]) for part in cells
-        ]
+        segments = [Segment(part.text, styles[part.role]) for part in cells]
         return Strip(segments).adjust_cell_length(width, styles["text"])
 
     def on_click(self, event: object) -> None:
         """Report the position of a click to the page."""
         row, column = getattr(event, "y", 0), getattr(event, "x", 0)
         self.post_message(self.Clicked(row, column))
+
+
+class GlyphFilter(LineFilter):
+    """Filter of an application that replaces the characters that the terminal lacks, also those of
+    the toolkit's own widgets.
+    """
+
+    def __init__(self, glyphs: Glyphs) -> None:
+        super().__init__(enabled=not glyphs.has_dots)
+        self._glyphs = glyphs
+
+    def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
+        """Return the segments of a line with replaced characters."""
+        show = self._glyphs.to_terminal
+        return [Segment(show(text), style, control) for text, style, control in segments]

@@ -56,6 +56,7 @@ def test_one_that_only_talks() -> None:
         with pytest.raises(DeviceRefused, match="only sends lines"):
             driver.configure(1000.0)
         port.unplug()
+        items += collect(driver, lambda seen: len(of(seen, Disconnected)) > 0)
         port.instrument = instrument
         items += collect(driver, lambda seen: len(of(seen, Samples)) > 3)
     assert_each_sample_once(items)

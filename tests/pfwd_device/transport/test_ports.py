@@ -45,6 +45,7 @@ def test_the_real_ports_can_be_listed() -> None:
     assert all(port.url for port in list_ports())
 
 
+@pytest.mark.posix
 def test_a_link_is_the_port_it_points_to(plugged: list[Any], tmp_path: Path) -> None:
     device, link = tmp_path / "ttyUSB0", tmp_path / "instrument"
     device.touch()
@@ -78,6 +79,7 @@ def test_windows_names_of_a_port_are_compared_without_opening_it(
     assert adapter_of("COM1") is None
 
 
+@pytest.mark.posix
 def test_both_names_of_a_port_of_macos_have_its_adapter(
     plugged: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

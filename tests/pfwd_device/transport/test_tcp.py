@@ -3,6 +3,7 @@
 import contextlib
 import socket
 import struct
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -57,6 +58,18 @@ def test_small_commands_leave_at_once(server: socket.socket) -> None:
         assert incoming.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="the number of the option is that of Linux")
+def test_an_unplugged_cable_is_detected_on_macos_too(
+    server: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its option for the idle time has another name."""
+    number = socket.TCP_KEEPIDLE
+    monkeypatch.setattr(socket, "TCP_KEEPALIVE", number, raising=False)
+    monkeypatch.delattr(socket, "TCP_KEEPIDLE")
+    with connected(server) as (transport, _):
+        assert transport._incoming.getsockopt(socket.IPPROTO_TCP, number) == 5
+
+
 def test_end_of_the_connection(server: socket.socket) -> None:
     """What came before is delivered; the first write after it "succeeds"."""
     with connected(server) as (transport, peer):
@@ -98,6 +111,17 @@ def test_what_is_no_address(url: str) -> None:
 def test_close_from_another_thread_ends_a_read(server: socket.socket) -> None:
     with connected(server) as (transport, _):
         assert_close_ends_a_read(transport)
+
+
+def test_closing_resets_no_connection(server: socket.socket) -> None:
+    """A reset would delete the last command that the instrument has not read yet."""
+    with connected(server) as (transport, peer):
+        peer.sendall(b"samples that are not read")
+        transport.write(b"stop")
+        transport.close()
+        assert peer.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) == 0
+        assert peer.recv(100) == b"stop"
+        assert peer.recv(100) == b""
 
 
 def test_who_does_not_read_blocks_nobody_for_long(server: socket.socket) -> None:

@@ -1,8 +1,13 @@
 """Curves, axes, digits, bars: as text, without an application."""
 
+import io
+import sys
+
 import numpy as np
 import pytest
+from rich.color import Color, ColorSystem
 
+from tui.output import SPELLED
 from tui.screen.drawing.digits import LETTER_ROWS, digit_lines, digit_width, largest_size
 from tui.screen.drawing.glyphs import ASCII, BRAILLE, glyphs_of_terminal
 from tui.screen.drawing.lines import text_of, width_of
@@ -17,6 +22,7 @@ from tui.screen.drawing.plot import (
     ticks,
 )
 from tui.screen.drawing.profile import Bar, profile_lines
+from tui.screen.themes import THEMES
 
 
 def test_a_peak_of_a_single_sample_survives_the_reduction() -> None:
@@ -159,10 +165,42 @@ def test_the_console_without_dots_gets_ascii() -> None:
     assert glyphs_of_terminal({"TERM": "linux", "PFWD_GLYPHS": "braille"}) is BRAILLE
 
 
+@pytest.mark.parametrize(
+    ("page", "shown"),
+    [
+        (850, "─ │ ■ ° µ ² ± v n > * __# ."),
+        (1252, "- | # ° µ ² ± v n > * __# …"),
+        (65001, "─ │ ■ ° µ ² ± ν η > * __# …"),
+        (936, "- | # d u 2 ~ v n > * __# ."),
+        (708, "- | # d u 2 ~ v n > * __# ."),  # which Python does not know
+    ],
+)
+def test_the_console_of_windows_gets_what_its_code_page_has(
+    page: int, shown: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tui.screen.drawing.glyphs.console_code_page", lambda: page)
+    monkeypatch.setattr(sys, "__stdout__", io.TextIOWrapper(io.BytesIO(), encoding="utf-8"))
+    glyphs = glyphs_of_terminal({})
+    assert not glyphs.has_dots
+    assert glyphs.to_terminal("─ │ ■ ° µ ² ± ν η ▶ ● ▁▂▆ …") == shown
+    assert glyphs.to_terminal("Straße 中") == "Straße 中"
+    for terminal in ("WT_SESSION", "TERM_PROGRAM"):
+        assert glyphs_of_terminal({terminal: "1"}) is BRAILLE
+    assert glyphs_of_terminal({"PFWD_GLYPHS": "braille"}) is BRAILLE
+
+
+def test_an_output_in_a_code_page_has_no_other_characters(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "__stdout__", io.TextIOWrapper(io.BytesIO(), encoding="cp850"))
+    assert glyphs_of_terminal({}).to_terminal("─ ν µ") == "─ v µ"
+
+
 def test_ascii_replacements_keep_the_columns() -> None:
-    text = "▶ ± µ ─│┤ ■□ ● ² \N{REPLACEMENT CHARACTER}"
-    assert len(ASCII.to_terminal(text)) == len(text)
-    assert ASCII.to_terminal(text).isascii()
+    text = "▶ ─│┤ ■□ ●" + "".join(SPELLED)
+    shown = ASCII.to_terminal(text)
+    assert len(shown) == len(text)
+    assert shown.isascii()
+    assert shown.count("?") == 1, "that of the replacement character alone"
+    assert ASCII.to_terminal("50 µm ± 2 %, ν 0.35") == "50 um ~ 2 %, v 0.35"
     assert ASCII.to_terminal("→ lift the plate") == "> lift the plate"
 
 
@@ -172,3 +210,24 @@ def test_bars_become_narrower_before_points_are_dropped() -> None:
     assert len(rows[-2].rpartition("┤")[2].split()) == 24
     assert "km 12+800" in rows[-1], "the chosen one has its name"
     assert max(map(len, rows)) <= 80
+
+
+@pytest.mark.parametrize(
+    "system", [ColorSystem.TRUECOLOR, ColorSystem.EIGHT_BIT, ColorSystem.STANDARD]
+)
+@pytest.mark.parametrize("theme", THEMES)
+def test_every_role_is_readable_with_the_colours_of_a_terminal(
+    theme: str, system: ColorSystem
+) -> None:
+    """Contrast as WCAG defines it, which demands 3 for large type."""
+
+    def luminance(colour: Color) -> float:
+        shares = [part / 255 for part in colour.downgrade(system).get_truecolor()]
+        linear = [s / 12.92 if s <= 0.03928 else ((s + 0.055) / 1.055) ** 2.4 for s in shares]
+        return float(np.dot((0.2126, 0.7152, 0.0722), linear))
+
+    for role, style in THEMES[theme].styles.items():
+        assert style.color is not None
+        assert style.bgcolor is not None
+        dark, light = sorted(map(luminance, (style.color, style.bgcolor)))
+        assert (light + 0.05) / (dark + 0.05) > 3.5, role

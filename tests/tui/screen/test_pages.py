@@ -45,6 +45,8 @@ from tests.tui.screen.scripted import (
     stored_drop,
     until,
 )
+from tui.screen.drawing.glyphs import ASCII
+from tui.screen.pages import PAGES
 from tui.screen.pages.points import PointsPage
 from tui.screen.session import status as status_module
 from tui.screen.session.screen_events import DiagnosisFinished, Refit
@@ -908,3 +910,21 @@ async def test_leaving_a_changed_procedure_asks(app: App, pilot: Any) -> None:
     await pilot.press("escape")
     await pilot.pause()
     assert "not in force yet" in app.text
+
+
+def test_a_terminal_of_ascii_gets_nothing_else() -> None:
+    """The frames, fields and bars of the toolkit included."""
+
+    async def script(app: App, pilot: Any) -> None:
+        await deliver(app, pilot, *complete_point())
+        await pilot.press("n")
+        await until(pilot, lambda: "enter begins the point" in app.text, 5.0)
+        assert app.text.isascii(), app.text
+        await pilot.press("escape")
+        for page in PAGES:
+            await pilot.press(page.key)
+            await until(pilot, lambda name=page.name: getattr(app.screen, "NAME", "") == name, 5.0)
+            await pilot.pause()
+            assert app.text.isascii(), app.text
+
+    play(App(glyphs=ASCII), script)

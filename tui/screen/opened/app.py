@@ -10,6 +10,7 @@ from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container
 from textual.content import Content
+from textual.filter import LineFilter
 from textual.timer import Timer
 from textual.widgets import DataTable, Input, Label, TabbedContent, TabPane
 from textual.widgets._tabs import Underline
@@ -23,7 +24,7 @@ from tui.screen.command_process import run_command
 from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
 from tui.screen.drawing.lines import Line, cell, line, wrap
 from tui.screen.drawing.plot import stacked_plots
-from tui.screen.lines_view import LinesView
+from tui.screen.lines_view import GlyphFilter, LinesView
 from tui.screen.opened.plots import STATE_ROLES, map_lines, overlay_figures, profile_lines
 from tui.screen.opened.rows import (
     ORDERS,
@@ -151,6 +152,7 @@ class OpenApp(App[int]):
         self.opened = survey
         self.settings = settings or ScreenSettings()
         self.glyphs = glyphs or glyphs_of_terminal()
+        self._glyph_filter = GlyphFilter(self.glyphs)
         self.order, self.falling = ORDERS[0], False
         self.filter_text = ""
         self.page = 0
@@ -175,6 +177,11 @@ class OpenApp(App[int]):
         self.animation_level = "none"  # a tab is shown at once
         for theme in THEMES.values():
             self.register_theme(theme.theme)
+
+    def get_line_filters(self) -> list[LineFilter]:
+        """Return the filters of the toolkit, and the one for characters that the terminal lacks."""
+        glyph_filters = [self._glyph_filter] if self._glyph_filter.enabled else []
+        return [*super().get_line_filters(), *glyph_filters]
 
     def compose(self) -> ComposeResult:
         """Yield the head, the filter, the tabs, the message and the keys."""
@@ -489,7 +496,7 @@ class OpenApp(App[int]):
                 self._draw_overlay(f"#{self.tab}-plot")
 
     def _show(self, view: LinesView, lines: Sequence[Line]) -> None:
-        view.show(lines, THEMES[self.settings.theme], self.glyphs)
+        view.show(lines, THEMES[self.settings.theme])
 
     def _profile_window(self) -> tuple[int, int, int]:
         names = [row.name for row in self.visible_rows]

@@ -125,9 +125,7 @@ class Page(Screen[None]):
             return
         size = self.view.size
         if size.width and size.height:
-            self.view.show(
-                self.lines(size.width, size.height), self.pfwd.screen_theme, self.pfwd.glyphs
-            )
+            self.view.show(self.lines(size.width, size.height), self.pfwd.screen_theme)
 
     def on_screen_resume(self) -> None:
         """Draw the page when it is on top again."""

@@ -200,9 +200,9 @@ class SetupPage(Page):
         app = self.pfwd
         if not self.query("#keys"):
             return
-        self.view.show(self.lines(self.size.width, 1), app.screen_theme, app.glyphs)
+        self.view.show(self.lines(self.size.width, 1), app.screen_theme)
         keys = self.query_one("#keys", LinesView)
-        keys.show([key_line(self.KEYS, self.size.width)], app.screen_theme, app.glyphs)
+        keys.show([key_line(self.KEYS, self.size.width)], app.screen_theme)
         if app.message:
             self._say(app.message)
 

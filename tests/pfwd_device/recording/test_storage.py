@@ -1,0 +1,83 @@
+"""How data reach the disk on macOS, whose fsync ends at the cache of the drive."""
+
+import errno
+import os
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from pfwd.files.output_path import replaced_durably
+from pfwd_device.recording import storage
+from pfwd_device.recording.storage import Storage
+
+FULL_SYNC = 51
+"""Number of F_FULLFSYNC on macOS."""
+
+
+class FakeMac:
+    """Disk of macOS that counts the files and folders that were flushed to it."""
+
+    def __init__(self) -> None:
+        self.refusal: int | None = None
+        """Number of the error of F_FULLFSYNC; None: it succeeds."""
+        self.flushed: list[int] = []
+        """Inodes of what reached the disk by F_FULLFSYNC."""
+        self.synced: list[int] = []
+        """Inodes of what reached the cache of the drive by fsync."""
+
+    def fcntl(self, descriptor: int, command: int) -> None:
+        assert command == FULL_SYNC
+        if self.refusal is not None:
+            raise OSError(self.refusal, os.strerror(self.refusal))
+        self.flushed.append(os.fstat(descriptor).st_ino)
+
+    def fsync(self, descriptor: int) -> None:
+        self.synced.append(os.fstat(descriptor).st_ino)
+
+
+@pytest.fixture
+def mac(monkeypatch: pytest.MonkeyPatch) -> FakeMac:
+    disk = FakeMac()
+    fake_os = {name: value for name, value in vars(os).items() if name != "fdatasync"}
+    monkeypatch.setattr(storage, "os", SimpleNamespace(**{**fake_os, "fsync": disk.fsync}))
+    monkeypatch.setattr(storage, "sys", SimpleNamespace(platform="darwin"))
+    monkeypatch.setitem(
+        sys.modules, "fcntl", SimpleNamespace(F_FULLFSYNC=FULL_SYNC, fcntl=disk.fcntl)
+    )
+    return disk
+
+
+@pytest.mark.posix
+def test_a_file_and_its_name_reach_the_disk(mac: FakeMac, tmp_path: Path) -> None:
+    path = tmp_path / "acknowledged.txt"
+    Storage().write_file(path, b"1\n")
+    assert mac.flushed == [path.stat().st_ino, tmp_path.stat().st_ino]
+    assert mac.synced == []
+
+
+@pytest.mark.posix
+def test_a_photo_and_its_name_reach_the_disk(mac: FakeMac, tmp_path: Path) -> None:
+    path = tmp_path / "photo.jpg"
+    with replaced_durably(path) as draft:
+        draft.write_bytes(b"photo")
+    assert mac.flushed == [path.stat().st_ino, tmp_path.stat().st_ino]
+
+
+@pytest.mark.posix
+@pytest.mark.parametrize("number", [errno.ENOTSUP, errno.EINVAL, errno.ENOTTY])
+def test_a_share_without_that_call_is_recorded_to(
+    number: int, mac: FakeMac, tmp_path: Path
+) -> None:
+    mac.refusal = number
+    path = tmp_path / "acknowledged.txt"
+    Storage().write_file(path, b"1\n")
+    assert mac.synced == [path.stat().st_ino, tmp_path.stat().st_ino]
+
+
+@pytest.mark.posix
+def test_an_error_of_the_disk_is_not_taken_for_a_missing_call(mac: FakeMac, tmp_path: Path) -> None:
+    mac.refusal = errno.EIO
+    with pytest.raises(OSError, match="Input/output error"):
+        Storage().write_file(tmp_path / "acknowledged.txt", b"1\n")
