@@ -15,18 +15,9 @@ from numpy.typing import NDArray
 
 from pfwd_device.errors import SetupError
 from pfwd_device.identity import Identity
-from pfwd_device.wire.dialect import LONG_COUNTER_BITS, LinkCounters
+from pfwd_device.wire.dialect import LONG_COUNTER_BITS, DescribedDialect
 from pfwd_device.wire.framing import Cutter
-from pfwd_device.wire.messages import (
-    Hello,
-    HostMessage,
-    InstrumentMessage,
-    Refusal,
-    RefusalCode,
-    SampleBlock,
-    Start,
-    Stop,
-)
+from pfwd_device.wire.messages import InstrumentMessage, Refusal, RefusalCode, SampleBlock
 from pfwd_device.wire.sample_clock import PlacedLines, SampleClock
 
 MAX_LINE_BYTES = 512
@@ -89,7 +80,7 @@ class _Line(NamedTuple):
     """Length of the line with its line feed, bytes."""
 
 
-class AsciiDialect:
+class AsciiDialect(DescribedDialect):
     """Decoder of the text lines that a simple instrument prints.
 
     Parameters
@@ -113,7 +104,6 @@ class AsciiDialect:
     """
 
     name = "ascii"
-    outgoing = b""
 
     def __init__(
         self,
@@ -125,15 +115,13 @@ class AsciiDialect:
         layout: LineLayout | None = None,
     ) -> None:
         channels = len(identity.channels)
-        self._layout = layout or LineLayout()
+        self._layout = layout = layout or LineLayout()
+        super().__init__(identity, layout.start, layout.stop)
         self._counter: int | None = None
         self._numbered_lines = 0
-        self._stopped = False
         _check_columns(columns, channels)
         if resolution is not None:
             _check_resolution(resolution, channels)
-        self.counters = LinkCounters()
-        self._identity = identity
         self._columns = np.array(columns, dtype=np.intp) + 1
         self._resolution = None if resolution is None else np.array(resolution, dtype=np.float64)
         value = _INTEGER if resolution is None else _DECIMAL
@@ -147,7 +135,6 @@ class AsciiDialect:
         self.counts_samples = timed or (
             self._layout.place is not None and self._layout.counter_bits >= LONG_COUNTER_BITS
         )
-        self._introduced = False
         self._cutter = Cutter(b"\n", MAX_LINE_BYTES, self.counters)
         self._held: list[_Line] = []
         self._mark: tuple[int, int, int] | None = None
@@ -171,25 +158,7 @@ class AsciiDialect:
         self._count(lines, placed)
         if not placed.good.any():
             return []
-        messages = self._messages(values, placed)
-        if not self._introduced:
-            self._introduced = True
-            return [self._identity, *messages]
-        return messages
-
-    def encode(self, message: HostMessage) -> bytes:
-        """Return the command that starts or stops the lines; empty if the instrument lacks it."""
-        match message:
-            case Hello():
-                self._introduced = False
-                return self._layout.start
-            case Start() if self._stopped:
-                self._stopped = False
-                return self._layout.start
-            case Stop():
-                self._stopped = True
-                return self._layout.stop
-        return b""
+        return self._introduce() + self._messages(values, placed)
 
     def reset(self) -> None:
         """Discard an incomplete line after the link was cut.

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-from pfwd_device.wire.messages import HostMessage, InstrumentMessage
+from pfwd_device.identity import Identity
+from pfwd_device.wire.messages import Hello, HostMessage, InstrumentMessage, Start, Stop
 
 LONG_COUNTER_BITS = 24
 """Bits of a number of samples that shows a loss of any length; a shorter one can be the same again
@@ -56,3 +57,44 @@ class Dialect(Protocol):
     def reset(self) -> None:
         """Discard an incomplete frame after the link was cut; the counters stay."""
         ...
+
+
+class DescribedDialect:
+    """Base of the dialects whose instruments send samples alone, and which a setup file describes.
+
+    Parameters
+    ----------
+    identity : Identity
+        Declared identity; the instrument cannot report it.
+    start, stop : bytes
+        Commands after which the instrument sends samples, and none; empty: it lacks the command.
+    """
+
+    outgoing = b""
+
+    def __init__(self, identity: Identity, start: bytes, stop: bytes) -> None:
+        self.counters = LinkCounters()
+        self._identity = identity
+        self._start, self._stop = start, stop
+        self._introduced = self._stopped = False
+
+    def encode(self, message: HostMessage) -> bytes:
+        """Return the command that starts or stops the samples; empty if there is none."""
+        match message:
+            case Hello():
+                self._introduced = False
+                return self._start
+            case Start() if self._stopped:
+                self._stopped = False
+                return self._start
+            case Stop():
+                self._stopped = True
+                return self._stop
+        return b""
+
+    def _introduce(self) -> list[InstrumentMessage]:
+        """Return the identity before the first samples, then nothing."""
+        if self._introduced:
+            return []
+        self._introduced = True
+        return [self._identity]

@@ -15,15 +15,8 @@ from numpy.typing import NDArray
 
 from pfwd_device.errors import SetupError, refusal
 from pfwd_device.identity import Identity
-from pfwd_device.wire.dialect import LONG_COUNTER_BITS, LinkCounters
-from pfwd_device.wire.messages import (
-    Hello,
-    HostMessage,
-    InstrumentMessage,
-    SampleBlock,
-    Start,
-    Stop,
-)
+from pfwd_device.wire.dialect import LONG_COUNTER_BITS, DescribedDialect
+from pfwd_device.wire.messages import InstrumentMessage, SampleBlock
 
 NUMBER_BYTES = {"8": 1, "16": 2, "24": 3, "32": 4}
 NUMBER_TYPES = tuple(
@@ -78,7 +71,7 @@ class FrameLayout:
     """Command after which it sends none."""
 
 
-class FrameDialect:
+class FrameDialect(DescribedDialect):
     """Decoder of frames of fixed length, one for each sample.
 
     Parameters
@@ -98,7 +91,6 @@ class FrameDialect:
     """
 
     name = "frames"
-    outgoing = b""
 
     def __init__(
         self,
@@ -112,14 +104,14 @@ class FrameDialect:
             if not len(layout.head) <= place <= layout.size - _size(kind):
                 expected = f"{kind} between the head and byte {layout.size} of the frame"
                 raise SetupError(refusal("setup, byte", expected, f"byte {place}"))
-        self.counters = LinkCounters()
+        super().__init__(identity, layout.start, layout.stop)
         self.counts_samples = (
             layout.counter is not None and 8 * _size(layout.counter[1]) >= LONG_COUNTER_BITS
         )
-        self._identity, self._layout, self._values = identity, layout, tuple(values)
+        self._layout, self._values = layout, tuple(values)
         self._stream, self._index = first_stream, -1
         self._counter: int | None = None
-        self._introduced = self._stopped = self._was_cut = False
+        self._was_cut = False
         self._run, self._last_run = 0, 0
         self._data = b""
 
@@ -138,28 +130,13 @@ class FrameDialect:
         runs = np.array([run for _, run in frames])
         stream, index = self._places(table, runs)
         ends = np.append((np.diff(index) != 1) | (np.diff(stream) != 0), True)
-        messages: list[InstrumentMessage] = [] if self._introduced else [self._identity]
-        self._introduced = True
+        messages = self._introduce()
         start = 0
         for last in np.flatnonzero(ends).tolist():
             block = counts[start : last + 1].astype(np.int32)
             messages.append(SampleBlock(int(stream[start]), int(index[start]), None, block))
             start = last + 1
         return messages
-
-    def encode(self, message: HostMessage) -> bytes:
-        """Return the command that starts or stops the frames; empty if the instrument lacks it."""
-        match message:
-            case Hello():
-                self._introduced = False
-                return self._layout.start
-            case Start() if self._stopped:
-                self._stopped = False
-                return self._layout.start
-            case Stop():
-                self._stopped = True
-                return self._layout.stop
-        return b""
 
     def reset(self) -> None:
         """Discard an incomplete frame after the link was cut.
