@@ -119,6 +119,8 @@ def marks_of(raw: RawDrop, identity: Identity) -> tuple[Notice, ...]:
         marks.append(Notice(SATURATED, {"samples": count, "channel": name}))
     if raw.by_operator:
         marks.append(Notice("triggered-by-operator"))
+    if raw.may_bounce:
+        marks.append(Notice("maybe-bounce"))
     return tuple(marks)
 
 

@@ -66,6 +66,7 @@ from pfwd.session.setup_file import response_warnings, setup_of
 from pfwd.session.stored_drops import point_event, read_point_event
 from pfwd_device.acquisition.detection import (
     DetectionSettings,
+    PulseReason,
     PulseReport,
     RawDrop,
     RawRebound,
@@ -901,6 +902,8 @@ class Session:
         """Report a pulse that may be a missed drop, and record it as an event of the survey."""
         if self._recorded is not None or self._identity is None:
             return  # it was reported during the measurement
+        if pulse.reason is PulseReason.MAYBE_BOUNCE and self._interrupted:
+            return  # it was recorded as a bounce of the drop before the interruption
         details, text = pulse_event(pulse, self._identity, self._point)
         n_unsaved = self._stored_events.due("pulse")
         if self._recorder is not None and n_unsaved is not None:

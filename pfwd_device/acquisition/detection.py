@@ -103,6 +103,8 @@ class RawDrop:
     """Reason why the record is too short; None for a complete record."""
     saturated: tuple[tuple[int, int], ...]
     """(channel, count) of samples at the end of the converter's range."""
+    may_bounce: bool = False
+    """True if it may be a bounce of a pulse that was before the samples or among missing ones."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -154,7 +154,10 @@ class Detector:
         self._watched_from = first
         """Index of the first sample after the last record."""
         self._holes: deque[tuple[int, int]] = deque()
-        """(start, end) of the latest missing samples; a bounce of a pulse in them may follow."""
+        """(start, end) of the latest missing samples; a bounce of a pulse in them may follow. So it
+        may be with the time before the first sample, except in the replay of a drop."""
+        if at_rest is None:
+            self._holes.append((first - self._flight, first))
         self._released = True
         self._off_rest = self._steady = 0
         self._open: _Trigger | None = None
@@ -608,6 +611,7 @@ class Detector:
             saturated=tuple(
                 (channel, int(count)) for channel, count in enumerate(over.sum(axis=0)) if count
             ),
+            may_bounce=trigger.reason is PulseReason.MAYBE_BOUNCE,
         )
 
     def _rebound(self, trigger: _Trigger, peak: int, last: _Last) -> RawRebound:
