@@ -25,6 +25,9 @@ from inversion.errors import InversionError
 
 GRAVITY = 9.80665
 """Standard gravity, m/s2; the true one differs by at most 0.3 %."""
+MAX_SCATTER = 0.03
+"""Largest relative standard deviation of the gains of single drops, beyond which the hammer did not
+fall alike. A height that is kept to 1 % changes the gain by 0.4 %, friction of 3 % by 1 %."""
 _EDGE = 0.002
 """Load over its peak at which a contact begins and ends."""
 _SECOND_CONTACT = 0.05
@@ -109,7 +112,7 @@ def gain_by_momentum(
     Raises
     ------
     InversionError
-        If there is no drop.
+        If there is no drop, or the drops do not repeat.
     """
     if not contacts:
         raise InversionError("expected at least one drop with a second contact, got none")
@@ -117,10 +120,17 @@ def gain_by_momentum(
     gains = np.array([[_gain(each, mass, height, f) for f in shares] for each in contacts])
     without_friction, value, with_friction = gains.mean(axis=0)
     count = len(contacts)
-    scatter = float(gains[:, 1].std(ddof=1) / np.sqrt(count)) if count > 1 else 0.0
-    width = float(stdtrit(count - 1, 0.975)) * scatter if count > 1 else 0.0
+    scatter = float(gains[:, 1].std(ddof=1)) if count > 1 else 0.0
+    if scatter > MAX_SCATTER * abs(float(value)):
+        raise InversionError(
+            f"expected gains of single drops within {100 * MAX_SCATTER:g} %, got "
+            f"{100 * scatter / abs(float(value)):.2g} %; the hammer has to fall from one height "
+            "and to bounce freely"
+        )
+    of_mean = scatter / np.sqrt(count)
+    width = float(stdtrit(count - 1, 0.975)) * of_mean if count > 1 else 0.0
     low, high = sorted((float(without_friction), float(with_friction)))
-    deviation = float(np.hypot(scatter, (high - low) / np.sqrt(12.0)))
+    deviation = float(np.hypot(of_mean, (high - low) / np.sqrt(12.0)))
     return MomentumGain(float(value), deviation, (low - width, high + width), count)
 
 

@@ -25,7 +25,11 @@ STANDARD_GRAVITY = 9.80665  # m/s2
 
 @dataclass(frozen=True)
 class Hammer:
-    """Falling weight: a mass that hits a spring above the plate. The spring takes no tension."""
+    r"""Falling weight: a mass that hits a spring above the plate. The spring takes no tension.
+
+    The force at a compression s is :math:`k s (1 + d \, \dot s / v_1)`, with the damping d and the
+    velocity :math:`v_1` at the first touch; it does not jump at the touch.
+    """
 
     mass: float
     """Mass, kg, > 0."""
@@ -35,6 +39,8 @@ class Hammer:
     """Velocity at the first touch, m/s, downward positive."""
     gravity: float = 0.0
     """Acceleration of the hammer after the first touch, m/s2; 0 or `STANDARD_GRAVITY`."""
+    damping: float = 0.0
+    """Damping of the spring, >= 0, without a unit."""
 
     def __post_init__(self) -> None:
         require(0 < self.mass < math.inf, "mass", "kg, > 0", self.mass)
@@ -96,7 +102,7 @@ class SimulatedDrop:
     def scaled(self, factor: float) -> SimulatedDrop:
         """Return the drop with all signals multiplied by a factor, as from another height.
 
-        It is exact for a `Hammer` without gravity, because the ground is linear.
+        It is exact for a `Hammer` without gravity and damping, because the ground is linear.
         """
         return SimulatedDrop(
             time=self.time,
@@ -260,6 +266,7 @@ class _HammerForce:
     def __init__(self, hammer: Hammer, rate: float) -> None:
         self.hammer, self.rate = hammer, rate
         self.x, self.v, self.a = 0.0, hammer.velocity, hammer.gravity
+        self.compression, self.closing = 0.0, hammer.velocity
 
     def advance(self, free_plate: float, plate_response: float) -> float:
         """Advance the hammer by one step and return the force on the plate at its end, N.
@@ -274,9 +281,15 @@ class _HammerForce:
         hammer, rate = self.hammer, self.rate
         hammer_response = 1 / (hammer.mass * rate**2)
         free = self.x + 2 * self.v / rate + (self.a + hammer.gravity) / rate**2
-        squeeze = hammer.stiffness * (free - free_plate)
-        force = max(0.0, squeeze / (1 + hammer.stiffness * (hammer_response + plate_response)))
+        # The speed of the step before keeps the equation linear.
+        damped = 1 + hammer.damping * self.closing / hammer.velocity
+        stiffness = hammer.stiffness * max(0.0, damped)
+        squeeze = stiffness * (free - free_plate)
+        force = max(0.0, squeeze / (1 + stiffness * (hammer_response + plate_response)))
         new = free - force * hammer_response
+        compression = new - free_plate - force * plate_response
+        self.closing = rate / 2 * (compression - self.compression)
+        self.compression = compression
         self.a = hammer.gravity - force / hammer.mass
         self.x, self.v = new, rate * (new - self.x) - self.v
         return force

@@ -3,6 +3,7 @@
 import csv
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,11 +11,27 @@ from inversion import InversionError
 from inversion.arrays import FloatArray
 from inversion.momentum import Contact, MomentumGain, contact_of, gain_by_momentum
 from inversion.ring_down import Decay, decays
+from pfwd.analysis.screening.drops import clipped_samples, screen_point
 from pfwd.errors import SurveyError, refusal
+from pfwd.files.folders import is_hdf5
 from pfwd.files.reading import read_points
+from pfwd.files.traces import TracePoint
+from pfwd.message_groups import text_of
+from pfwd_device.calibration import calibrate
+from pfwd_device.identity import identity_from_dict
+from pfwd_device.recording import DropRecord, read_drop_file
 
 MAX_DECAY_BYTES = 200_000_000
 """Largest text file with the decay of a geophone."""
+
+_PULSE_S = 0.1
+"""Time after the trigger, s, to which a record is cut before its screening, because the second
+contact in a longer record is no fault here."""
+
+_SENSOR_REASONS = frozenset(
+    {"stiffness-test", "no-centre-channel", "centre-dead", "centre-not-credible"}
+)
+"""Codes of the reasons for which a drop is rejected although its load may be right."""
 
 
 def gain_of_files(
@@ -27,6 +44,9 @@ def gain_of_files(
     header: str | None = None,
 ) -> tuple[MomentumGain, list[str]]:
     """Return the gain of the load cell from drops of a hammer, and reasons for unused drops.
+
+    The second contact is in a long record, or is the first rebound that a survey has recorded with
+    its drop.
 
     Parameters
     ----------
@@ -44,7 +64,7 @@ def gain_of_files(
     Raises
     ------
     SurveyError
-        If a file is not valid, or no drop reaches a second contact.
+        If a file is not valid, no drop reaches a second contact, or the drops do not repeat.
     """
     contacts: list[Contact] = []
     unused: list[str] = []
@@ -53,16 +73,65 @@ def gain_of_files(
             name = str(traces.setup.point or os.path.basename(file))
             if point is not None and not name.startswith(point):
                 continue
-            for drop in traces.drops:
+            records = [drop.read() for drop in traces.survey_drops]
+            if not records and is_hdf5(file):
+                records = [read_drop_file(file)]
+            loads = [_with_rebounds(record) for record in records]
+            loads = loads or [(drop.time, drop.load) for drop in traces.drops]
+            for drop, fault, (time, load) in zip(
+                traces.drops, _load_faults(traces), loads, strict=True
+            ):
                 try:
-                    contacts.append(contact_of(drop.time, drop.load))
+                    if fault is not None:
+                        raise InversionError(fault)
+                    contacts.append(contact_of(time, load))
                 except InversionError as err:
                     unused.append(f"{name}, drop {drop.number}: {err}")
+    where = ", ".join(files)
     if not contacts:
-        hint = "record longer: post_trigger_s = 1.0 in [detection] of the setup file"
+        hint = (
+            "let the hammer bounce, and measure into a survey, which records the bounces; or "
+            "record longer, with post_trigger_s = 1.0 in [detection] of the setup file"
+        )
         got = unused[0] if unused else "none"
-        raise SurveyError(refusal(", ".join(files), "drops up to the second contact", got, hint))
-    return gain_by_momentum(contacts, mass, height, friction), unused
+        raise SurveyError(refusal(where, "drops up to the second contact", got, hint))
+    try:
+        return gain_by_momentum(contacts, mass, height, friction), unused
+    except InversionError as err:
+        raise SurveyError(f"{where}: {err}") from err
+
+
+def _load_faults(traces: TracePoint) -> Iterator[str | None]:
+    """Yield for each drop the reason why its load cannot be used; None: it can."""
+    short = []
+    for drop in traces.drops:
+        part = slice(int(np.searchsorted(drop.time, _PULSE_S)))
+        channels = tuple(replace(each, values=each.values[part]) for each in drop.channels)
+        short.append(replace(drop, time=drop.time[part], load=drop.load[part], channels=channels))
+    for drop, screening in zip(
+        short, screen_point(replace(traces, drops=tuple(short))), strict=True
+    ):
+        if screening.reason is not None and screening.reason.code not in _SENSOR_REASONS:
+            yield text_of(screening.reason)
+        else:
+            yield "the load is clipped" if clipped_samples(drop.load) else None
+
+
+def _with_rebounds(record: DropRecord) -> tuple[FloatArray, FloatArray]:
+    """Return times, s, and load, N, of a drop and of its rebounds behind its record."""
+    drop = record.drop
+    parts = [(drop.time, drop.load)]
+    if record.rebounds:
+        identity = identity_from_dict(record.metadata["identity"])
+        detection = record.metadata["detection"]
+        start = detection["first_sample"] + detection["trigger"]
+        for rebound in record.rebounds:
+            trigger = start - rebound.first_sample
+            later = calibrate(drop.number, rebound.counts, (), trigger, identity)
+            is_new = later.time > parts[-1][0][-1]
+            parts.append((later.time[is_new], later.load[is_new]))
+    time, load = (np.concatenate(values) for values in zip(*parts, strict=True))
+    return time, load
 
 
 def decays_of_file(

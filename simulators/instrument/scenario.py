@@ -101,11 +101,15 @@ class HammerSettings:
     mass: float = declared(10.0, _POSITIVE, "kg")
     stiffness: float = declared(5.6e5, _POSITIVE, "of the spring, N/m")
     drop_height: float = declared(0.9, _POSITIVE, "m")
+    damping: float = declared(
+        0.0, _NOT_NEGATIVE, "of the spring; above 0 rebounds follow from the momentum of the hammer"
+    )
+    friction: float = declared(0.0, Number(minimum=0, below=0.5), "of the guide over the weight")
 
     @property
     def velocity(self) -> float:
         """Velocity of the falling weight when it hits the spring, m/s."""
-        return math.sqrt(2 * STANDARD_GRAVITY * self.drop_height)
+        return math.sqrt(2 * STANDARD_GRAVITY * self.drop_height * (1 - self.friction))
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfwd_plugins.quantities import QUANTITY_BY_ROLE
+from simulators.drop import STANDARD_GRAVITY
 from simulators.instrument.response import MAX_RESPONSE_S, DropResponse, channel_gain
 from simulators.instrument.scenario import Scenario
-from simulators.instrument.units import UnitDrops
+from simulators.instrument.units import UNIT_DROP_STEP_S, UnitDrops
 from simulators.mesh import Array
 
 PAGE = 4096
@@ -60,8 +61,6 @@ class PlannedDrop:
 
     number: int
     """Number of the drop, from 1."""
-    shift: float
-    """Deviation of the first touch from the regular interval, s."""
     modulus_factor: float
     """Modulus of the soil relative to the scenario; below 1 for the first drops of a point, which
     compact the surface."""
@@ -79,10 +78,14 @@ class Schedule:
     scenario : Scenario
     seed : int
         Seed of the random numbers.
+    units : UnitDrops, optional
+        Computed drops, needed if the spring of the hammer is damped.
     """
 
-    def __init__(self, scenario: Scenario, seed: int) -> None:
+    def __init__(self, scenario: Scenario, seed: int, units: UnitDrops | None = None) -> None:
         self._settings = scenario.drops
+        self._hammer = scenario.hammer
+        self._units = units
         self._seed = seed
         self.drop = lru_cache(maxsize=64)(self._drop)
         """Function that returns the planned drop with a number, from 1."""
@@ -98,10 +101,15 @@ class Schedule:
             place %= settings.drops_per_point
         return settings.seating[place] if place < len(settings.seating) else 1.0
 
+    def shift(self, number: int) -> float:
+        """Return the deviation of the first touch of a drop from the regular interval, s."""
+        generator = np.random.default_rng([self._seed, _DROPS, number])
+        return self._settings.jitter * float(generator.uniform(-1, 1))
+
     def _drop(self, number: int) -> PlannedDrop:
         settings = self._settings
         generator = np.random.default_rng([self._seed, _DROPS, number])
-        shift = settings.jitter * float(generator.uniform(-1, 1))
+        generator.uniform(-1, 1)  # the number of `shift`
         factor = max(0.2, 1 + settings.height_scatter * float(generator.standard_normal()))
         count = int(generator.integers(settings.bounces[0], settings.bounces[1], endpoint=True))
         impacts = [Impact(0.0, factor)]
@@ -111,12 +119,29 @@ class Schedule:
             last = impacts[-1]
             wait = float(generator.uniform(wait_low, wait_high))
             ratio = float(generator.uniform(ratio_low, ratio_high))
+            if self._hammer.damping:
+                wait, ratio = self._rebound(last.factor, self.modulus_factor(number))
             impacts.append(Impact(last.delay + wait, last.factor * ratio))
         knock = None
         if generator.uniform() < settings.knock_probability:
             when = float(generator.uniform(0.5, 0.7)) * settings.interval
             knock = Knock(when, settings.knock_load * float(generator.uniform(0.7, 1.0)))
-        return PlannedDrop(number, shift, self.modulus_factor(number), tuple(impacts), knock)
+        return PlannedDrop(number, self.modulus_factor(number), tuple(impacts), knock)
+
+    def _rebound(self, factor: float, modulus_factor: float) -> tuple[float, float]:
+        """Return the time to the next touch, s, and its speed relative to that of this touch.
+
+        The impulse of the contact is the change of the hammer's momentum and its weight. Friction
+        adds to the weight in the rise, and takes from it in the fall.
+        """
+        assert self._units is not None  # the hammer is damped
+        hammer, load = self._hammer, self._units.get(modulus_factor).load
+        contact = UNIT_DROP_STEP_S * int(np.count_nonzero(load > 0))
+        impulse = UNIT_DROP_STEP_S * float(np.sum(load))
+        speed = impulse / hammer.mass - STANDARD_GRAVITY * contact - hammer.velocity
+        rise = factor * speed / (STANDARD_GRAVITY * (1 + hammer.friction))
+        ratio = math.sqrt((1 - hammer.friction) / (1 + hammer.friction))
+        return contact + rise * (1 + 1 / ratio), speed * ratio / hammer.velocity
 
 
 class Bench:
@@ -135,7 +160,7 @@ class Bench:
         self.scenario, self.seed = scenario, seed
         self._units = units
         self._responses: dict[float, DropResponse] = {}
-        self.schedule = Schedule(scenario, seed)
+        self.schedule = Schedule(scenario, seed, units)
         channels = scenario.device.channels
         self.gains = np.array([channel_gain(c, scenario.effects) for c in channels])
         self.sensitivities = np.array([channel.sensitivity for channel in channels])
@@ -246,7 +271,7 @@ class Timeline:
     def touch(self, number: int) -> float:
         """Return the time in the stream of the first touch of a drop, s."""
         regular = self._drops.first + (number - self._first) * self._drops.interval
-        return regular + self._bench.schedule.drop(number).shift
+        return regular + self._bench.schedule.shift(number)
 
     def touch_index(self, number: int) -> int:
         """Return the index of the first sample at or after the touch of a drop."""
@@ -262,8 +287,18 @@ class Timeline:
         quiet = self._drops.quiet
         if self._last < self._first:  # all drops were in earlier streams
             return math.ceil(quiet * self._rate)
-        planned = self._bench.schedule.drop(self._last)
-        return math.ceil((self.touch(self._last) + planned.impacts[-1].delay + quiet) * self._rate)
+        delay = self._longest_rebounds  # of a damped hammer, which may not be computed yet
+        if not self._bench.scenario.hammer.damping:
+            delay = self._bench.schedule.drop(self._last).impacts[-1].delay
+        return math.ceil((self.touch(self._last) + delay + quiet) * self._rate)
+
+    @property
+    def _longest_rebounds(self) -> float:
+        """Longest time from the touch of a drop to that of its last rebound, s."""
+        hammer = self._bench.scenario.hammer
+        flight = 2 * hammer.velocity / STANDARD_GRAVITY
+        interval = flight if hammer.damping else self._drops.bounce_interval[1]
+        return self._drops.bounces[1] * interval
 
     def counts(self, start: int, stop: int) -> NDArray[np.int32]:
         """Return the samples from index `start` to before `stop`, (stop - start, channels)."""
@@ -320,8 +355,7 @@ class Timeline:
         settings = self._drops
         # Longest time from the touch of a drop to the end of its effects: rebounds, the knock
         # before the next drop, and the ringing of the channels.
-        rebounds = settings.bounces[1] * settings.bounce_interval[1]
-        span = max(rebounds, settings.interval) + MAX_RESPONSE_S
+        span = max(self._longest_rebounds, settings.interval) + MAX_RESPONSE_S
         number = self._first
         if begin > span + settings.first:
             number += max(0, math.floor((begin - span - settings.first) / settings.interval) - 1)

@@ -18,8 +18,13 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from simulators.drop import Hammer, simulate_drop
-from simulators.instrument.scenario import Scenario, builtin_scenarios, load_scenario
+from simulators.drop import STANDARD_GRAVITY, Hammer, simulate_drop
+from simulators.instrument.scenario import (
+    Scenario,
+    ScenarioError,
+    builtin_scenarios,
+    load_scenario,
+)
 from simulators.mesh import Array
 
 UNIT_DROP_DURATION_S = 0.2  # by then the motion is below 0.1 % of the peak
@@ -129,10 +134,16 @@ def compute_unit_drop(scenario: Scenario, factor: float, offsets: Sequence[float
         Distances from the plate centre at which the motion is computed.
     """
     settings = scenario.hammer
-    hammer = Hammer(settings.mass, settings.stiffness, settings.velocity)
+    gravity = STANDARD_GRAVITY if settings.damping else 0.0
+    hammer = Hammer(settings.mass, settings.stiffness, settings.velocity, gravity, settings.damping)
     places = tuple(dict.fromkeys(offsets))
     ground, plate = scenario.soil.ground(factor), scenario.device.plate
     drop = simulate_drop(ground, plate, hammer, places, UNIT_DROP_DURATION_S, UNIT_DROP_STEP_S)
+    if settings.damping and np.count_nonzero(np.diff(drop.load > 0)) > 2:  # up and down
+        raise ScenarioError(
+            f"{scenario.name}: hammer: expected a flight beyond {UNIT_DROP_DURATION_S} s, got a "
+            "second contact before; reduce damping or increase drop_height"
+        )
     rows = [places.index(offset) for offset in offsets]
     return UnitDrop(drop.load, drop.ground_velocity[rows], drop.ground_displacement[rows])
 
@@ -141,7 +152,7 @@ def _fingerprint(scenario: Scenario) -> dict[str, Any]:
     """Return all settings on which a unit drop depends, except the factor and the offsets."""
     return {
         "soil": dataclasses.asdict(scenario.soil),
-        "hammer": dataclasses.asdict(scenario.hammer),
+        "hammer": {key: value for key, value in vars(scenario.hammer).items() if value},
         "plate": [scenario.device.plate_radius, scenario.device.plate_mass],
         "record": [UNIT_DROP_DURATION_S, UNIT_DROP_STEP_S],
     }

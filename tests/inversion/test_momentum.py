@@ -1,5 +1,7 @@
 """Gain of a load cell from momentum: a hammer on a spring and a dashpot, integrated here."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -37,6 +39,13 @@ def test_the_gain_is_found(friction: float, gain: float) -> None:
     low, high = gain_by_momentum(contacts, MASS, HEIGHT, 0.03).interval
     assert low <= gain <= high
     assert high - low < 0.02
+
+
+def test_drops_that_do_not_repeat_are_refused() -> None:
+    contact = contact_of(*fall(0.0, 1.0, 0))
+    caught = dataclasses.replace(contact, flight=0.8 * contact.flight)
+    with pytest.raises(InversionError, match=r"within 3 %, got [4-9]\.. %"):
+        gain_by_momentum([contact, caught, contact], MASS, HEIGHT)
 
 
 def test_a_record_that_ends_before_the_second_contact_is_refused() -> None:

@@ -9,16 +9,17 @@ import pytest
 from numpy.typing import NDArray
 
 from simulators.demo import demo_ground
-from simulators.drop import DropSimulator, Hammer
+from simulators.drop import DropSimulator, Hammer, simulate_drop
 from simulators.instrument import units
 from simulators.instrument.response import DropResponse
-from simulators.instrument.scenario import Scenario, builtin_scenarios, load_scenario
+from simulators.instrument.scenario import Scenario, ScenarioError, builtin_scenarios, load_scenario
 from simulators.instrument.timeline import PAGE, Bench, Schedule, Timeline
 from simulators.instrument.units import (
     UNIT_DROP_DURATION_S,
     UNIT_DROP_STEP_S,
     UnitDrop,
     UnitDrops,
+    compute_unit_drop,
     with_drawn_soil,
 )
 from simulators.mesh import Plate
@@ -195,6 +196,23 @@ def test_rebounds_are_whole_drops_scaled() -> None:
     ratios = np.array(peaks) / peaks[0]
     expected = [impact.factor / impacts[0].factor for impact in impacts]
     np.testing.assert_allclose(ratios, expected, rtol=2e-3)
+
+
+def test_a_damped_hammer_rebounds_as_it_flies_in_the_finite_elements() -> None:
+    chosen = load_scenario({**QUIET, "base": "damped-hammer", "drops": {"bounces": [1, 1]}})
+    hammer = chosen.hammer
+    falling = Hammer(hammer.mass, hammer.stiffness, hammer.velocity, 9.80665, hammer.damping)
+    drop = simulate_drop(chosen.soil.ground(1.0), chosen.device.plate, falling, (0.0,), 0.5, 2e-4)
+    touches = np.flatnonzero(np.diff((drop.load > 0).astype(int)) > 0)
+    _, rebound = Schedule(chosen, 0, UnitDrops(chosen, (1.0,))).drop(9).impacts
+    assert rebound.delay == pytest.approx(2e-4 * (touches[1] - touches[0]), abs=4e-4)
+
+
+def test_a_second_contact_within_a_computed_drop_is_refused() -> None:
+    hammer = {"damping": 3.0, "drop_height": 0.1}
+    chosen = load_scenario({**QUIET, "hammer": hammer})
+    with pytest.raises(ScenarioError, match="reduce damping or increase drop_height"):
+        compute_unit_drop(chosen, 1.0, (0.0,))
 
 
 def test_seating_softens_the_first_drops_of_every_point() -> None:

@@ -80,6 +80,27 @@ def test_the_gain_of_a_load_cell_is_printed(
     assert "--height: expected a number > 0, got none" in capsys.readouterr().err
 
 
+def test_the_gain_is_found_from_the_rebounds_of_a_survey(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario = tmp_path / "gain.toml"
+    scenario.write_text(
+        'base = "damped-hammer"\n[[effects]]\nkind = "gain"\nchannel = "load"\nfactor = 1.04\n'
+        '[[faults]]\nkind = "knock"\nat_s = 6.0\nload = 1000.0\n',
+        encoding="utf-8",
+    )
+    survey = tmp_path / "survey"
+    done = pfwd("demo", "--scenario", scenario, "--drops", "3", "--rate", "5", "-o", survey)
+    assert done.returncode == 0, done.stderr
+    command = ["calibrate", str(survey), "--momentum", "--mass", "10", "--height", "0.7"]
+    assert main([*command, "--json"]) == 0
+    captured = capsys.readouterr()
+    gain = json.loads(captured.out)
+    assert gain["value"] == pytest.approx(1.04, rel=5e-3)
+    assert gain["drops"] == 2
+    assert "1, drop 2: false trigger" in captured.err
+
+
 def test_the_decay_of_a_geophone_is_printed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
