@@ -71,6 +71,8 @@ def _description(draft: "MapDraft") -> list[str]:
         f"{draft.file}: columns by {delimiter}, decimal {draft.decimal!r}, {draft.encoding}, "
         f"{draft.skip_lines} lines before the {'names' if draft.names else 'numbers'}"
         + (", a line with units" if draft.units_line else "")
+        if not draft.form
+        else f"{draft.file}: a {draft.form} file, {len(draft.columns)} columns with the time"
     ]
     for column in draft.columns:
         meaning = str(column.role) if column.role != "none" else "not used"

@@ -89,6 +89,8 @@ class MapDraft(TextLayout):
     """Plate radius, m, entered by the user; None: not entered. The texts do not state it."""
     trigger: float = 0.0
     """Time of the trigger by the clock of the file, s."""
+    form: str = ""
+    """Name of the format of a laboratory program; empty: the file is a text."""
 
     def with_column(self, column: DraftColumn) -> "MapDraft":
         """Return the draft with the description of one column replaced."""
@@ -140,7 +142,8 @@ def draft_map(file: str | os.PathLike[str]) -> MapDraft:
         for position, channel in enumerate(channels, start=1):
             columns.append(_column(position, channel.name, channel.unit, columns))
         trigger = _trigger(channels, columns)
-        return MapDraft(path, ",", ".", "utf-8", 0, True, False, tuple(columns), trigger=trigger)
+        layout = path, ",", ".", "utf-8", 0, True, False
+        return MapDraft(*layout, tuple(columns), trigger=trigger, form=form.name)
     text, encoding = _decoded(data, path)
     lines = text.splitlines()
     best: tuple[int, int, MapDraft] | None = None
@@ -301,9 +304,11 @@ def map_text(draft: MapDraft) -> str:
         lines.append(toml_line("plate_radius_m", draft.plate_radius))
     else:
         lines.append("# plate_radius_m = 0.15   # not in the file: declare it here or in --header")
-    lines += ["", "[text]", toml_line("delimiter", delimiter), toml_line("decimal", draft.decimal)]
-    lines += [toml_line("encoding", draft.encoding), toml_line("skip_lines", draft.skip_lines)]
-    lines += [toml_line("names", draft.names), toml_line("units_line", draft.units_line)]
+    if not draft.form:
+        lines += ["", "[text]", toml_line("delimiter", delimiter)]
+        lines += [toml_line("decimal", draft.decimal), toml_line("encoding", draft.encoding)]
+        lines += [toml_line("skip_lines", draft.skip_lines), toml_line("names", draft.names)]
+        lines.append(toml_line("units_line", draft.units_line))
     for column in draft.columns:
         if column.role == "none":
             title = column.name or "no name"
@@ -324,7 +329,8 @@ def _column_lines(column: DraftColumn) -> list[str]:
         lines.append(toml_line("quantity", column.quantity))
     kind = column.quantity if column.role == "sensor" else column.role
     if column.unit is None:
-        lines.append(f"# unit = ?   # one of {', '.join(COLUMN_UNITS[kind])}")
+        units = ", ".join(COLUMN_UNITS[kind])
+        lines.append(f"# unit = ?   # one of {units}; or factor = SI units per number")
     else:
         lines.append(toml_line("unit", column.unit))
     if column.role == "sensor":

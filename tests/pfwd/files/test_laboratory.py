@@ -88,6 +88,7 @@ def test_the_draft_of_a_map_finds_units_and_the_trigger(table: Table, tmp_path: 
     WRITERS["tdms"](path, RATE, NAMES, table)
     text = map_text(draft_map(path))
     assert '[time]\ncolumn = "time"\nunit = "s"' in text
+    assert "[text]" not in text
     trigger = next(line for line in text.splitlines() if line.startswith("trigger_s"))
     assert float(trigger.split("=")[1]) == pytest.approx(0.0205, abs=3e-4)
 
