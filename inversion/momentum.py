@@ -112,15 +112,18 @@ def gain_by_momentum(
     Raises
     ------
     InversionError
-        If there is no drop, or the drops do not repeat.
+        If there are less than two drops, or they do not repeat.
     """
-    if not contacts:
-        raise InversionError("expected at least one drop with a second contact, got none")
+    count = len(contacts)
+    if count < 2:
+        raise InversionError(
+            f"expected at least two drops with a second contact, got {count}; one does not show "
+            "how they repeat"
+        )
     shares = np.array([0.0, 0.5, 1.0]) * friction
     gains = np.array([[_gain(each, mass, height, f) for f in shares] for each in contacts])
     without_friction, value, with_friction = gains.mean(axis=0)
-    count = len(contacts)
-    scatter = float(gains[:, 1].std(ddof=1)) if count > 1 else 0.0
+    scatter = float(gains[:, 1].std(ddof=1))
     if scatter > MAX_SCATTER * abs(float(value)):
         raise InversionError(
             f"expected gains of single drops within {100 * MAX_SCATTER:g} %, got "
@@ -128,7 +131,7 @@ def gain_by_momentum(
             "and to bounce freely"
         )
     of_mean = scatter / np.sqrt(count)
-    width = float(stdtrit(count - 1, 0.975)) * of_mean if count > 1 else 0.0
+    width = float(stdtrit(count - 1, 0.975)) * of_mean
     low, high = sorted((float(without_friction), float(with_friction)))
     deviation = float(np.hypot(of_mean, (high - low) / np.sqrt(12.0)))
     return MomentumGain(float(value), deviation, (low - width, high + width), count)

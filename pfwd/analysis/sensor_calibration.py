@@ -18,6 +18,7 @@ from pfwd.files.reading import read_points
 from pfwd.files.traces import TracePoint
 from pfwd.message_groups import text_of
 from pfwd_device.calibration import calibrate
+from pfwd_device.errors import SetupError
 from pfwd_device.identity import identity_from_dict
 from pfwd_device.recording import DropRecord, read_drop_file
 
@@ -76,15 +77,13 @@ def gain_of_files(
             records = [drop.read() for drop in traces.survey_drops]
             if not records and is_hdf5(file):
                 records = [read_drop_file(file)]
-            loads = [_with_rebounds(record) for record in records]
-            loads = loads or [(drop.time, drop.load) for drop in traces.drops]
-            for drop, fault, (time, load) in zip(
-                traces.drops, _load_faults(traces), loads, strict=True
-            ):
+            records = records or [DropRecord("1", drop) for drop in traces.drops]
+            for record, fault in zip(records, _load_faults(traces), strict=True):
+                drop = record.drop
                 try:
                     if fault is not None:
                         raise InversionError(fault)
-                    contacts.append(contact_of(time, load))
+                    contacts.append(contact_of(*_with_rebounds(record)))
                 except InversionError as err:
                     unused.append(f"{name}, drop {drop.number}: {err}")
     where = ", ".join(files)
@@ -121,15 +120,16 @@ def _with_rebounds(record: DropRecord) -> tuple[FloatArray, FloatArray]:
     """Return times, s, and load, N, of a drop and of its rebounds behind its record."""
     drop = record.drop
     parts = [(drop.time, drop.load)]
-    if record.rebounds:
-        identity = identity_from_dict(record.metadata["identity"])
-        detection = record.metadata["detection"]
-        start = detection["first_sample"] + detection["trigger"]
-        for rebound in record.rebounds:
-            trigger = start - rebound.first_sample
+    for rebound in record.rebounds:
+        try:
+            identity = identity_from_dict(record.metadata["identity"])
+            detection = record.metadata["detection"]
+            trigger = detection["first_sample"] + detection["trigger"] - rebound.first_sample
             later = calibrate(drop.number, rebound.counts, (), trigger, identity)
-            is_new = later.time > parts[-1][0][-1]
-            parts.append((later.time[is_new], later.load[is_new]))
+        except (KeyError, TypeError, SetupError) as err:
+            raise InversionError(f"expected the record of its detection, got {err!r}") from err
+        is_new = later.time > parts[-1][0][-1]
+        parts.append((later.time[is_new], later.load[is_new]))
     time, load = (np.concatenate(values) for values in zip(*parts, strict=True))
     return time, load
 

@@ -61,8 +61,12 @@ def test_answers_become_a_setup_file(
     assert "--force" in capsys.readouterr().err
 
 
-def trace_file(path: Path, time: np.ndarray, load: np.ndarray) -> Path:
-    rows = [f"1,{at:.6f},{force:.3f},0" for at, force in zip(time, load, strict=True)]
+def trace_file(path: Path, *drops: tuple[np.ndarray, ...]) -> Path:
+    rows = [
+        f"{number},{at:.6f},{force:.3f},0"
+        for number, drop in enumerate(drops, start=1)
+        for at, force in zip(*drop, strict=True)
+    ]
     head = "# pfwd-traces = 1\n# plate_radius_m = 0.15\n# geophone_natural_frequency_hz = 0.0\n"
     text = head + "drop,time_s,load_N,velocity_m_s@0.0000\n" + "\n".join(rows) + "\n"
     path.write_text(text, encoding="utf-8")
@@ -72,12 +76,14 @@ def trace_file(path: Path, time: np.ndarray, load: np.ndarray) -> Path:
 def test_the_gain_of_a_load_cell_is_printed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = trace_file(tmp_path / "drop.csv", *fall(0.0, 1.05, 1))
+    path = trace_file(tmp_path / "drop.csv", fall(0.0, 1.05, 1), fall(0.0, 1.05, 2))
     command = ["calibrate", str(path), "--momentum", "--mass", "10", "--height", "0.7"]
     assert main([*command, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["value"] == pytest.approx(1.05, rel=5e-3)
     assert main(command[:-2]) == 2
     assert "--height: expected a number > 0, got none" in capsys.readouterr().err
+    assert main([*command[:1], str(trace_file(path, fall(0.0, 1.05, 1))), *command[2:]]) == 1
+    assert "expected at least two drops with a second contact, got 1" in capsys.readouterr().err
 
 
 def test_the_gain_is_found_from_the_rebounds_of_a_survey(
