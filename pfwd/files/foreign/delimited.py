@@ -80,7 +80,13 @@ def _channels(
         expected = f"at least {max(positions) + 1} channels"
         raise TraceError(refusal(file, expected, str(len(channels))))
     table = np.stack([channels[position].values for position in positions], axis=1)
-    return table * np.array([part.factor for part in parts]), range(1, len(table) + 1)
+    return _in_si_units(table, parts), range(1, len(table) + 1)
+
+
+def _in_si_units(table: Values, parts: Sequence[Column]) -> Values:
+    """Return the columns times their factors; numbers that become infinite are refused later."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(table * np.array([part.factor for part in parts]))
 
 
 def _parts(columns: ColumnMap) -> list[Column]:
@@ -127,8 +133,7 @@ def _numbers(stream: TextIO, file: str, columns: ColumnMap) -> tuple[Values, Seq
         line_numbers.append(number)
     if not table:
         raise TraceError(refusal(file, "rows of numbers", "the end of the file"))
-    factors = np.array([part.factor for part in parts])
-    return np.frombuffer(table).reshape(-1, len(positions)) * factors, line_numbers
+    return _in_si_units(np.frombuffer(table).reshape(-1, len(positions)), parts), line_numbers
 
 
 def _cells(stream: TextIO, file: str, columns: ColumnMap) -> Iterator[tuple[int, list[str]]]:

@@ -83,6 +83,22 @@ def test_damaged_bytes_give_one_error_or_a_drop(suffix: str, table: Table, tmp_p
         assert "\n" not in message
 
 
+@pytest.mark.parametrize("suffix", ["tdms", "csv"])
+def test_a_number_too_large_for_si_units_is_refused(
+    suffix: str, table: Table, tmp_path: Path
+) -> None:
+    path = tmp_path / f"drop.{suffix}"
+    damaged = table.copy()
+    damaged[700, 0] = 1e306
+    if suffix == "csv":
+        columns = np.column_stack([np.arange(1200) / RATE, damaged])
+        np.savetxt(path, columns, delimiter=",", header=f"time,{','.join(NAMES)}", comments="")
+    else:
+        WRITERS[suffix](path, RATE, NAMES, damaged)
+    with pytest.raises(TraceError, match="expected finite numbers in the load"):
+        read_points(path, column_map=column_map(tmp_path, NAMES, "time"))
+
+
 def test_the_draft_of_a_map_finds_units_and_the_trigger(table: Table, tmp_path: Path) -> None:
     path = tmp_path / "drop.tdms"
     WRITERS["tdms"](path, RATE, NAMES, table)
