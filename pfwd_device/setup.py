@@ -135,7 +135,11 @@ CHANNEL_KEYS = {
     ),
     "zero_v": Key(Number("V"), "zero", "Reading at rest."),
     "natural_frequency_hz": Key(
-        Number("Hz", above=0), "natural_frequency", "Natural frequency of the geophone."
+        Number("Hz", above=0),
+        "natural_frequency",
+        "Natural frequency of the geophone.",
+        hint="for a corrected velocity leave it out, and write geophone_natural_frequency_hz = 0.0 "
+        "at the top of the file",
     ),
     "damping": Key(_POSITIVE, meaning="Damping ratio of the geophone."),
     "shunt_n": Key(

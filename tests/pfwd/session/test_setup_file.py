@@ -75,7 +75,10 @@ resolution = 0.5
         ('[[channels]]\nname = "a"\nsensitivity = 0', "sensitivity"),
         ('[[channels]]\nname = "a"\nzero_v = inf', "zero_v"),
         ('[[channels]]\nname = "a"\noffset_m = -inf', "offset_m"),
-        ('[[channels]]\nname = "a"\nnatural_frequency_hz = 0', "natural_frequency_hz"),
+        (
+            '[[channels]]\nname = "a"\nnatural_frequency_hz = 0',
+            "natural_frequency_hz: .*write geophone_natural_frequency_hz = 0.0",
+        ),
         ('[[channels]]\nname = "a"\ndamping = nan', "damping"),
         ('[[channels]]\nname = "a"\nshunt_n = 0', "shunt_n"),
         ('[[channels]]\nname = "a"\ncalibrated = "2026-01-01"', "calibrated"),
