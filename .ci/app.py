@@ -130,7 +130,7 @@ def try_commands(program: Sequence[object], *, with_screen: bool) -> None:
         survey = folder / "survey"
         for arguments in (
             ("--version",),
-            ("demo", "--lines", "--drops", "3", "--rate", "10", "-o", survey),
+            ("demo", "--lines", "--drops", "3", "-o", survey),
             ("invert", survey, "--by", "point"),
             ("report", survey, "-o", folder / "report.pdf", "--jobs", "2"),
             ("export", survey, "--format", "xlsx", "-o", folder / "points.xlsx"),
@@ -150,8 +150,6 @@ def try_commands(program: Sequence[object], *, with_screen: bool) -> None:
             last = (done.stdout.strip().splitlines() or [""])[-1]
             took = time.monotonic() - begun
             print(f"  pfwd {arguments[0]}: {took:.1f} s; {last[:90]}", flush=True)
-        if len(list(survey.glob("drops/*.h5"))) != 3:
-            sys.exit("app: pfwd demo did not record each of its 3 drops")
         if not (folder / "report.pdf").read_bytes().startswith(b"%PDF"):
             sys.exit("app: report.pdf is no PDF")
         if with_screen:
