@@ -9,6 +9,7 @@ The attribute ``visible_sha256`` is a digest of everything else that is visible 
 group ``peaks`` in place of traces.
 """
 
+import functools
 import os
 from collections.abc import Mapping
 from typing import Any
@@ -383,11 +384,12 @@ def _as_float(value: object) -> float | None:
         return None
 
 
+@functools.cache  # the package may be replaced during a recording
 def software_version() -> str:
     """Return the version of this program, such as "1.2.0"; "unknown" if it is not installed."""
     from importlib.metadata import PackageNotFoundError, version
 
     try:
-        return version("pfwd")
+        return version("pfwd") or "unknown"  # None while it is being installed
     except PackageNotFoundError:
         return "unknown"

@@ -12,7 +12,7 @@ import pytest
 
 from pfwd_device import Channel, Drop
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import DropRecord, hdf5_tree
+from pfwd_device.recording import DropRecord, drop_file, hdf5_tree
 from pfwd_device.recording.drop_file import (
     DIGEST,
     MAX_CALIBRATION_ATTRIBUTES,
@@ -375,3 +375,19 @@ def test_values_that_do_not_unpack_are_said(whole: bytes) -> None:
     broken[start] ^= 0xFF  # the first byte of what gzip wrote
     with pytest.raises(RecordingError, match="expected packed values, got"):
         drop_from_file_bytes(bytes(broken), "drop.h5")
+
+
+def test_an_update_of_the_package_during_a_recording_changes_no_digest(
+    monkeypatch: pytest.MonkeyPatch, make_drop: Callable[..., Drop]
+) -> None:
+    versions = iter(["1.2.0", None, "1.3.0"])
+    monkeypatch.setattr("importlib.metadata.version", lambda _name: next(versions))
+    record = DropRecord("A", make_drop(), None, {})
+    drop_file.software_version.cache_clear()
+    try:
+        assert len({drop_file.drop_digest(record, 1) for _ in range(3)}) == 1
+        assert drop_file.software_version() == "1.2.0"
+        drop_file.software_version.cache_clear()
+        assert drop_file.software_version() == "unknown"
+    finally:
+        drop_file.software_version.cache_clear()
