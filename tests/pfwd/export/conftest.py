@@ -17,7 +17,7 @@ from pfwd.judging import drop_from_traces
 from pfwd_device import Channel, Drop
 from pfwd_device.jobs import Jobs
 from pfwd_device.recording import DropRecord, ReboundRecord, SurveyWriter
-from tests.records import complete
+from tests.records import complete, known
 
 RESULT: dict[str, Any] = {
     "method": "mpga",
@@ -47,7 +47,7 @@ FORMULA = "=HYPERLINK(1)"
 """A note that a spreadsheet would run."""
 
 BELONGS = ("modulus_sd_pa", "model", "plate_radius_m", "poisson_ratio", "warnings")
-"""What a table has to say beside a modulus."""
+"""Columns that a table must have with a modulus."""
 
 
 def result_of(drop: Drop, **more: Any) -> dict[str, Any]:
@@ -69,17 +69,16 @@ def survey(tmp_path: Path, make_drop: Callable[..., Drop]) -> Path:
     with SurveyWriter.open(folder, jobs=Jobs(0)) as writer:
         declared = {"plate_radius_m": 0.15, "poisson_ratio": 0.35, "site": "km 1", "device": "d7"}
         for number in (1, 2, 3):
-            drop = make_drop(number=number, peak=8000.0 + number, offsets=(0.0, 0.3), offset=50.0)
+            drop = make_drop(number=number, peak=8000.0 + number, offsets=(0.0, -0.3), offset=50.0)
             view = drop_from_traces(drop, PointSetup(plate_radius=0.15, poisson_ratio=0.35))
-            kept = facts_to_store(view.own, view.own_pulse_peak, view.setup)
-            assert kept is not None
+            facts = known(facts_to_store(view.own, view.own_pulse_peak, view.setup))
             metadata = {
                 "key": f"d7/1/{number}",
                 "time_utc": f"2024-05-06T08:0{number}:00+00:00",
                 "position": {"latitude": 48.1, "longitude": 11.5, "altitude_m": 520.0},
                 "identity": {"serial_number": "7", "channels": []},
                 "not a number": float("nan"),
-                FACTS_KEY: kept.to_json(),
+                FACTS_KEY: facts.to_json(),
             }
             bounce = ReboundRecord(0.2, 900.0, 4000, counts[:50])
             record = DropRecord("A/1", drop, counts, declared, metadata, (bounce,))
@@ -94,7 +93,7 @@ def survey(tmp_path: Path, make_drop: Callable[..., Drop]) -> Path:
         writer.edit("discard", "wet", number=3)
         writer.edit("name", "north, end", point="A/1")
         writer.edit("target", 45e6, point="A/1")
-        drop = make_drop(number=1, peak=7000.0, offsets=(0.0, 0.3), quantity="velocity")
+        drop = make_drop(number=1, peak=7000.0, offsets=(0.0, -0.3), quantity="velocity")
         # Without position and without time, with samples that never came at the end.
         values = drop.channels[0].values.copy()
         values[-20:] = np.nan

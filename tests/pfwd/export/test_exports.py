@@ -1,4 +1,4 @@
-"""What holds for exports in every format: nothing is lost, nothing is written over."""
+"""Exports in every format: nothing is lost, nothing is overwritten."""
 
 import json
 import re
@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from python_calamine import CalamineWorkbook
 
 from inversion.notices import text_notice
 from pfwd.analysis.drop_result import drop_result
@@ -18,7 +19,7 @@ from pfwd.export.registry import BUILT_IN_FORMATS, find_format, format_names
 from pfwd.export.surveys import safe_name
 from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.export.conftest import BELONGS, result_of, rows_of
-from tests.records import complete
+from tests.records import complete, known
 from tui.parser import build_parser
 
 
@@ -55,7 +56,7 @@ LAYERED = {
 }
 
 
-def test_layers_have_columns_behind_all_others(survey: Path, tmp_path: Path) -> None:
+def test_layers_have_the_last_columns(survey: Path, tmp_path: Path) -> None:
     drop = read_survey(survey).drops[0].read().drop
     with SurveyWriter.open(survey, publish=False) as writer:
         writer.save_result(1, complete(DropResult, result_of(drop, **LAYERED)))
@@ -65,8 +66,7 @@ def test_layers_have_columns_behind_all_others(survey: Path, tmp_path: Path) -> 
     assert names.index("layers") == names.index("notes") + 1
     assert names.index("kind") == names.index("effective_depth_m") + 1
     of_layers = names[names.index("layers") : names.index("kind")]
-    found = {name: first[name] for name in of_layers if first[name]}
-    assert found == {
+    assert {name: first[name] for name in of_layers if first[name]} == {
         "layers": "3",
         "layer_1_modulus_pa": "90000000.0",
         "layer_1_modulus_interval_low_pa": "80000000.0",
@@ -88,9 +88,15 @@ def test_layers_have_columns_behind_all_others(survey: Path, tmp_path: Path) -> 
     }
     assert not any(second[name] for name in of_layers)
     assert second["kind"] == "traces"
+    export_survey(survey, "xlsx", tmp_path / "t.xlsx")
+    book = CalamineWorkbook.from_path(tmp_path / "t.xlsx")
+    head, values, *_ = book.get_sheet_by_name("drops").to_python()
+    assert values[head.index("Layer 1 modulus (MPa)")] == pytest.approx(90.0)
+    assert values[head.index("Layer 1 thickness (mm)")] == pytest.approx(300.0)
+    assert not [title for title in head if title.startswith("Layer 4")]
 
 
-def test_what_was_declared_since_the_result_is_said(survey: Path, tmp_path: Path) -> None:
+def test_a_stale_result_has_a_warning(survey: Path, tmp_path: Path) -> None:
     with SurveyWriter.open(survey, publish=False) as writer:
         writer.edit("declared", {"plate_radius_m": 0.1}, point="A/1")
     export_survey(survey, "table", tmp_path / "t.csv")
@@ -101,7 +107,9 @@ def test_what_was_declared_since_the_result_is_said(survey: Path, tmp_path: Path
 
 
 @pytest.mark.parametrize("form", list(BUILT_IN_FORMATS))
-def test_nothing_is_written_over_by_mistake(survey: Path, tmp_path: Path, form: str) -> None:
+def test_existing_files_are_overwritten_only_on_request(
+    survey: Path, tmp_path: Path, form: str
+) -> None:
     path = tmp_path / "out"
     path.write_text("mine")
     with pytest.raises(OptionError, match="a new name, got an existing one; choose another one"):
@@ -114,10 +122,10 @@ def test_nothing_is_written_over_by_mistake(survey: Path, tmp_path: Path, form: 
         export_survey(survey, form, path)
     export_survey(survey, form, path, force=True)
     assert path.exists()
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["out", "survey"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "survey"]
 
 
-def test_a_folder_with_other_things_is_not_replaced(survey: Path, tmp_path: Path) -> None:
+def test_a_folder_with_foreign_files_is_not_replaced(survey: Path, tmp_path: Path) -> None:
     folder = tmp_path / "out"
     folder.mkdir()
     export_survey(survey, "csv", folder)  # an empty one is none
@@ -128,21 +136,21 @@ def test_a_folder_with_other_things_is_not_replaced(survey: Path, tmp_path: Path
 
 
 @pytest.mark.parametrize("form", list(BUILT_IN_FORMATS))
-def test_a_failure_leaves_nothing_behind(
+def test_a_failed_export_leaves_no_files(
     survey: Path, tmp_path: Path, form: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.replace", fail)
-    before = sorted(one.name for one in tmp_path.iterdir())
+    before = sorted(path.name for path in tmp_path.iterdir())
     with pytest.raises(SurveyError, match="a writable disk, got No space left on device"):
         export_survey(survey, form, tmp_path / "out")
     monkeypatch.undo()
-    assert sorted(one.name for one in tmp_path.iterdir()) == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == before
 
 
-def test_wrong_use_is_said(survey: Path, tmp_path: Path) -> None:
+def test_wrong_usage_is_rejected(survey: Path, tmp_path: Path) -> None:
     with pytest.raises(OptionError, match="--format: expected one of survey"):
         export_survey(survey, "shp", tmp_path / "out")
     with pytest.raises(OptionError, match="--invert: expected a format with results"):
@@ -164,9 +172,9 @@ def test_names_that_no_system_takes(name: str, safe: str) -> None:
 
 def test_inverting_on_the_way(survey: Path, tmp_path: Path) -> None:
     before = sorted((survey / "results").iterdir())
-    done = export_survey(survey, "table", tmp_path / "t.csv", invert=True)
+    summary = export_survey(survey, "table", tmp_path / "t.csv", invert=True)
     rows = rows_of(tmp_path / "t.csv")
-    assert done.results == 3
+    assert summary.results == 3
     assert rows[0]["modulus_pa"] not in ("", "45000000.0")
     assert all(rows[0][name] for name in BELONGS if name != "warnings")
     assert rows[2]["reason"] == "discarded drops are not inverted"
@@ -178,11 +186,10 @@ def test_the_example_of_the_documentation_runs(
 ) -> None:
     export_survey(survey, "h5", tmp_path / "survey.h5")
     text = (Path(__file__).resolve().parents[3] / "docs" / "files.md").read_text(encoding="utf-8")
-    found = re.search(r"<!-- example -->\n```python\n(.*?)```", text, re.S)
-    assert found is not None
+    example = known(re.search(r"<!-- example -->\n```python\n(.*?)```", text, re.S))
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}
-    exec(compile(found[1], "files.md", "exec"), names)
+    exec(compile(example[1], "files.md", "exec"), names)
     np.testing.assert_array_equal(names["load"], read_survey(survey).drops[0].read().drop.load)
     assert json.loads(names["said"])["points"][0]["name"] == "A/1"
 
@@ -201,35 +208,35 @@ def test_a_rejected_drop_keeps_its_reason(survey: Path, tmp_path: Path) -> None:
 
 def test_a_damaged_result_counts_as_absent_and_is_reported(survey: Path, tmp_path: Path) -> None:
     (survey / "results" / "drop-000001-2.json").write_text("{")
-    done = export_survey(survey, "table", tmp_path / "t.csv")
+    summary = export_survey(survey, "table", tmp_path / "t.csv")
     assert rows_of(tmp_path / "t.csv")[0]["modulus_pa"] == "1.0"
     (survey / "results" / "drop-000001-1.json").write_text("{")
-    done = export_survey(survey, "table", tmp_path / "t.csv", force=True)
-    assert len([note for note in done.notes if "is damaged" in note]) == 2
+    summary = export_survey(survey, "table", tmp_path / "t.csv", force=True)
+    assert len([note for note in summary.notes if "is damaged" in note]) == 2
     rows = rows_of(tmp_path / "t.csv")
     assert rows[0]["status"] == "no result"
     assert rows[0]["reason"].startswith("damaged: ")
     assert rows[1]["modulus_pa"] == "45000000.0"
-    assert done.results == 1
+    assert summary.results == 1
 
 
-SAID = "modulus of the subgrade not known: 1 to 800 MPa fit as well"
+WARNING = "modulus of the subgrade not known: 1 to 800 MPa fit as well"
 
 
 @pytest.mark.parametrize("form", list(BUILT_IN_FORMATS))
-def test_layers_whose_subgrade_is_not_known_go_into_every_format(
+def test_layers_without_subgrade_modulus_go_into_every_format(
     survey: Path, tmp_path: Path, form: str
 ) -> None:
     drop = read_survey(survey).drops[0].read().drop
     unknown = {"modulus_pa": None, "modulus_sd_pa": None, "modulus_interval_pa": [1e6, 8e8]}
     with SurveyWriter.open(survey, publish=False) as writer:
         writer.save_result(
-            1, complete(DropResult, result_of(drop, **LAYERED, **unknown, warnings=[SAID]))
+            1, complete(DropResult, result_of(drop, **LAYERED, **unknown, warnings=[WARNING]))
         )
     path = tmp_path / "out"
     export_survey(survey, form, path)
     if form in ("table", "jsonl", "geojson", "gpx"):
-        assert SAID in path.read_text(encoding="utf-8")
+        assert WARNING in path.read_text(encoding="utf-8")
     if form == "table":
         row = rows_of(path)[0]
         assert (row["modulus_pa"], row["modulus_interval_high_pa"]) == ("", "800000000.0")

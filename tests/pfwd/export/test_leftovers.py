@@ -1,18 +1,17 @@
-"""What a killed export leaves, and who takes it away."""
+"""Files that a killed export leaves, and their removal."""
 
 import errno
 import re
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 from filelock import FileLock
 
 from pfwd.errors import OptionError
-from pfwd.export.export import export_survey
 from pfwd.export.output import clear_leftovers, new_file, new_folder
+from tests.records import known
 from tests.tui.console import TOP
 
 KILLED = """
@@ -52,8 +51,7 @@ def started(folder: Path, kind: str, moment: str = "writing") -> "subprocess.Pop
         stdout=subprocess.PIPE,
         text=True,
     )
-    assert program.stdout is not None
-    assert program.stdout.readline() == "there\n"
+    assert known(program.stdout).readline() == "there\n"
     return program
 
 
@@ -67,7 +65,7 @@ def names(folder: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("kind", ["folder", "file"])
-def test_what_a_killed_export_left_is_taken_away_by_the_next(kind: str, tmp_path: Path) -> None:
+def test_files_of_a_killed_export_are_removed_by_the_next(kind: str, tmp_path: Path) -> None:
     end(started(tmp_path, kind))
     end(started(tmp_path, kind))
     assert [re.sub(r"[0-9a-f]{8}", "#", name) for name in names(tmp_path)].count("out.#.tmp") == 1
@@ -77,7 +75,7 @@ def test_what_a_killed_export_left_is_taken_away_by_the_next(kind: str, tmp_path
 
 
 @pytest.mark.parametrize("kind", ["folder", "file"])
-def test_what_somebody_is_writing_stays(kind: str, tmp_path: Path) -> None:
+def test_files_of_a_running_export_stay(kind: str, tmp_path: Path) -> None:
     program = started(tmp_path, kind)
     try:
         (draft,) = tmp_path.glob("out.*.tmp")
@@ -107,12 +105,12 @@ def test_a_folder_that_was_about_to_be_replaced_is_put_back(tmp_path: Path) -> N
     assert (tmp_path / "out" / "old.csv").read_text() == "old"
 
 
-def test_what_only_looks_alike_stays(tmp_path: Path) -> None:
-    kept = ["out.123.tmp", "out.abcdef01.tmp", "outer.abcdef01.tmp", "outer.abcdef01.lock"]
-    for name in kept:
+def test_files_with_similar_names_stay(tmp_path: Path) -> None:
+    similar = ["out.123.tmp", "out.abcdef01.tmp", "outer.abcdef01.tmp", "outer.abcdef01.lock"]
+    for name in similar:
         (tmp_path / name).write_text("mine")
     clear_leftovers(tmp_path / "out")
-    assert names(tmp_path) == sorted(kept)
+    assert names(tmp_path) == sorted(similar)
 
 
 @pytest.mark.posix
@@ -129,22 +127,13 @@ def test_links_lead_nowhere(tmp_path: Path) -> None:
     assert names(tmp_path) == ["out.00000001.lock", "precious"]
 
 
-def test_the_lock_of_the_dead_is_free_at_once(tmp_path: Path) -> None:
-    program = started(tmp_path, "folder")
-    (path,) = tmp_path.glob("out.*.lock")
-    end(program)
-    begun = time.monotonic()
-    with FileLock(path, timeout=5):
-        assert time.monotonic() - begun < 1
-
-
 @pytest.mark.posix
 @pytest.mark.filterwarnings("ignore:flock not supported")
-@pytest.mark.parametrize("said_by", ["the system", "filelock"])
-def test_a_disk_without_locks_takes_an_export_and_keeps_what_is_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said_by: str
+@pytest.mark.parametrize("reported_by", ["the system", "filelock"])
+def test_a_disk_without_locks_keeps_existing_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reported_by: str
 ) -> None:
-    if said_by == "the system":
+    if reported_by == "the system":
 
         def no_locks(*_: object) -> None:
             raise OSError(errno.ENOSYS, "Function not implemented")
@@ -156,21 +145,11 @@ def test_a_disk_without_locks_takes_an_export_and_keeps_what_is_there(
             raise NotImplementedError
 
         monkeypatch.setattr(FileLock, "acquire", not_implemented)
-    left = ["out.abcdef01.lock", "out.abcdef01.tmp"]
-    for name in left:
+    leftovers = ["out.abcdef01.lock", "out.abcdef01.tmp"]
+    for name in leftovers:
         (tmp_path / name).write_text("somebody's")
     with new_file(tmp_path / "out", force=False) as draft:
         draft.write_text("all of it")
     assert (tmp_path / "out").read_text() == "all of it"
-    assert names(tmp_path) == ["out", *left]
-    assert (tmp_path / left[1]).read_text() == "somebody's"
-
-
-def test_an_export_to_a_folder_leaves_nothing_beside_it(survey: Path, tmp_path: Path) -> None:
-    place = tmp_path / "place"
-    place.mkdir()
-    export_survey(survey, "csv", place / "out")
-    assert names(place) == ["out"]
-    export_survey(survey, "csv", place / "out", force=True)
-    export_survey(survey, "jsonl", place / "lines.jsonl")
-    assert names(place) == ["lines.jsonl", "out"]
+    assert names(tmp_path) == ["out", *leftovers]
+    assert (tmp_path / leftovers[1]).read_text() == "somebody's"

@@ -87,10 +87,10 @@ def test_it_is_never_changed(packed: Path) -> None:
 
 
 def test_another_name_is_recognised_by_the_content(packed: Path, tmp_path: Path) -> None:
-    other = tmp_path / "s.zip"
-    shutil.copy(packed, other)
-    assert is_survey_file(other)
-    assert read_points(other)
+    renamed = tmp_path / "s.zip"
+    shutil.copy(packed, renamed)
+    assert is_survey_file(renamed)
+    assert read_points(renamed)
     (tmp_path / "empty.pfwdz").touch()
     with pytest.raises(SurveyError, match="an intact survey in one file, got damage"):
         read_points(tmp_path / "empty.pfwdz")
@@ -286,8 +286,8 @@ def test_photos_are_imported_in_their_order(survey: Path, tmp_path: Path) -> Non
     for _ in range(2):  # nothing is imported twice
         outcomes = list(import_files([str(tmp_path / "s.pfwdz")], tmp_path / "again"))
         assert [outcome.remark or outcome.error for outcome in outcomes] == [None] * len(outcomes)
-        again = photos_of(tmp_path / "again", name)
-        assert [(p.name, p.read_bytes()) for p in again] == [
+        imported_photos = photos_of(tmp_path / "again", name)
+        assert [(p.name, p.read_bytes()) for p in imported_photos] == [
             (p.name, p.read_bytes()) for p in photos
         ]
     photos[1].write_bytes(photos[1].read_bytes()[:-9])

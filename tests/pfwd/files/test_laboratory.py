@@ -16,6 +16,7 @@ from pfwd.files.foreign.laboratory import (
 from pfwd.files.foreign.map_draft import draft_map, map_text
 from pfwd.files.reading import read_points
 from tests.pfwd.files.laboratory_files import WRITERS, Table
+from tests.records import known
 
 RATE = 10_000.0
 NAMES = ["load", "geophone"]
@@ -43,8 +44,7 @@ def column_map(folder: Path, names: list[str], time: str) -> Path:
 
 def names_in(path: Path) -> list[str]:
     """Names of the channels, the load first: some formats sort or shorten them."""
-    form = laboratory_format(path.read_bytes()[:FORMAT_BYTES])
-    assert form is not None
+    form = known(laboratory_format(path.read_bytes()[:FORMAT_BYTES]))
     columns = read_laboratory(str(path), form)
     channels = [each for each in columns if each.name != "time"]
     return [each.name for each in sorted(channels, key=lambda each: -float(each.values.max()))]
@@ -62,13 +62,13 @@ def test_a_drop_is_that_of_the_file(suffix: str, table: Table, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("suffix", WRITERS)
-def test_damaged_bytes_give_one_error_or_a_drop(suffix: str, table: Table, tmp_path: Path) -> None:
+def test_damaged_bytes_give_an_error_or_a_drop(suffix: str, table: Table, tmp_path: Path) -> None:
     path = tmp_path / f"drop.{suffix}"
     WRITERS[suffix](path, RATE, NAMES, table)
-    whole, mapped = path.read_bytes(), column_map(tmp_path, names_in(path), "time")
+    sound, mapped = path.read_bytes(), column_map(tmp_path, names_in(path), "time")
     rng = np.random.default_rng(7)
     for _ in range(200):
-        data = bytearray(whole)
+        data = bytearray(sound)
         if rng.random() < 0.3:
             data = data[: int(rng.integers(40, len(data)))]
         for at in rng.integers(0, min(len(data), 2000), int(rng.integers(1, 4))):
@@ -109,7 +109,7 @@ def test_the_draft_of_a_map_finds_units_and_the_trigger(table: Table, tmp_path: 
     assert float(trigger.split("=")[1]) == pytest.approx(0.0205, abs=3e-4)
 
 
-def test_without_a_map_the_file_asks_for_one(table: Table, tmp_path: Path) -> None:
+def test_a_missing_map_is_an_error(table: Table, tmp_path: Path) -> None:
     path = tmp_path / "drop.wav"
     WRITERS["wav"](path, RATE, NAMES, table)
     with pytest.raises(TraceError, match="expected a column map, got none"):

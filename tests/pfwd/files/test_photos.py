@@ -69,7 +69,7 @@ def test_a_stripped_png_is_the_same_picture(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["JPEG", "PNG"])
-def test_a_picture_can_be_kept_as_it_is(kind: str, tmp_path: Path) -> None:
+def test_a_picture_is_stored_unchanged_on_request(kind: str, tmp_path: Path) -> None:
     data = picture(kind)
     file = store_photo(tmp_path, "P1", data, keep_position=True)
     assert file.read_bytes() == data
@@ -109,7 +109,7 @@ def test_any_name_of_a_point_has_a_folder_within_the_survey(name: str, tmp_path:
     ],
     ids=["empty", "svg", "gif", "cut", "no picture"],
 )
-def test_what_is_no_picture_is_refused(data: bytes, reason: str, tmp_path: Path) -> None:
+def test_files_without_picture_are_rejected(data: bytes, reason: str, tmp_path: Path) -> None:
     with pytest.raises(OptionError, match=reason):
         store_photo(tmp_path, "P1", data)
     assert list(tmp_path.rglob("*.*")) == []
@@ -136,18 +136,14 @@ def test_a_picture_of_200_million_pixels_is_stored(tmp_path: Path) -> None:
     assert store_photo(tmp_path, "P1", data).read_bytes() == data
 
 
-def test_a_point_has_a_hundred_pictures_at_most(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_number_of_pictures_is_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(photos, "MAX_PHOTOS_OF_A_POINT", 1)
     store_photo(tmp_path, "P1", picture())
     with pytest.raises(OptionError, match="P1: expected at most 1 pictures of a point"):
         store_photo(tmp_path, "P1", picture())
 
 
-def test_a_disk_that_refuses_leaves_nothing_behind(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_leaves_no_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(_number: int) -> None:
         raise OSError(28, "No space left on device")
 

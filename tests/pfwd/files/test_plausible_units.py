@@ -82,7 +82,7 @@ def test_a_unit_is_that_of_every_drop(make_drop: Callable[..., Drop]) -> None:
         refuse_wrong_units([wrong, wrong], SETUP, "a.csv", "")
 
 
-def test_what_has_no_pulse_or_no_ground_is_not_compared(make_drop: Callable[..., Drop]) -> None:
+def test_drops_without_pulse_or_ground_are_not_compared(make_drop: Callable[..., Drop]) -> None:
     right = make_drop()
     refuse_wrong_units([in_units(right, 1.0, 1.0, 1e-6)], RIG, "rig.csv", "")
     refuse_wrong_units([in_units(right, 1.0, 0.0, 1.0)], SETUP, "arrays", "")

@@ -1,17 +1,16 @@
 """Trace files into surveys, surveys into analyses, and what is said of points and drops later."""
 
 import math
-import weakref
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from inversion.notices import text_of
 from pfwd.errors import OptionError, SurveyError
-from pfwd.files import opening
 from pfwd.files.editing import (
     Edit,
     edit_survey,
@@ -28,7 +27,8 @@ from pfwd.files.reading import read_points
 from pfwd.files.traces import TracePoint, write_traces
 from pfwd.files.upkeep import check_survey, recover_survey
 from pfwd_device import Drop
-from pfwd_device.recording import Survey, SurveyWriter, index, read_survey
+from pfwd_device.recording import SurveyWriter, index, read_survey
+from tests.pfwd.files.trace_lines import assert_same_drops
 
 SETUP = PointSetup(plate_radius=0.15, plate_mass=12.0, poisson_ratio=0.3, site="km 1")
 
@@ -48,42 +48,35 @@ def survey(tmp_path: Path, csv: Path) -> Path:
     return folder
 
 
-def test_what_is_imported_is_what_the_file_holds(csv: Path, survey: Path) -> None:
+def test_an_import_has_the_drops_of_the_file(csv: Path, survey: Path) -> None:
     (from_file,) = read_points(csv)
     (from_survey,) = read_points(survey)
     assert from_survey.setup.point == "first"
-    for one, other in zip(from_file.drops, from_survey.drops, strict=True):
-        assert one.number == other.number
-        assert one.load.tobytes() == other.load.tobytes()
-        assert one.time.tobytes() == other.time.tobytes()
-        assert [c.values.tobytes() for c in one.channels] == [
-            c.values.tobytes() for c in other.channels
-        ]
+    assert_same_drops(from_file.drops, from_survey.drops)
     assert from_survey.setup.poisson_ratio == 0.3
     assert from_survey.setup.site == "km 1"
 
 
-def test_importing_twice_adds_nothing(csv: Path, survey: Path) -> None:
-    again = list(import_files([str(csv)], survey))
-    assert [(one.before, one.number, one.record) for one in again] == [
-        (True, 1, 1),
-        (True, 2, 2),
-        (True, 3, 3),
+def test_a_second_import_adds_no_drops(csv: Path, survey: Path) -> None:
+    repeated = list(import_files([str(csv)], survey))
+    assert [(item.before, item.number, item.record) for item in repeated] == [
+        (True, number, number) for number in (1, 2, 3)
     ]
     assert len(read_survey(survey).drops) == 3
 
 
-def test_a_number_that_is_taken_becomes_the_next_one_and_is_told_again(
+def test_a_used_number_becomes_the_next_number(
     tmp_path: Path, survey: Path, make_drop: Callable[..., Drop]
 ) -> None:
-    other = tmp_path / "other.csv"
+    second_file = tmp_path / "other.csv"
     setup = PointSetup(plate_radius=0.15, point="first")
-    write_traces(other, TracePoint("", setup, (make_drop(peak=5000.0),), ()))
-    assert [one.number for one in import_files([str(other)], survey)] == [4]
-    assert [(one.number, one.before) for one in import_files([str(other)], survey)] == [(4, True)]
+    write_traces(second_file, TracePoint("", setup, (make_drop(peak=5000.0),), ()))
+    for before in (False, True):
+        (drop,) = import_files([str(second_file)], survey)
+        assert (drop.number, drop.before) == (4, before)
 
 
-def test_a_refused_file_does_not_keep_the_others_out(
+def test_files_after_a_rejected_file_are_imported(
     tmp_path: Path, csv: Path, make_drop: Callable[..., Drop]
 ) -> None:
     bad = tmp_path / "bad.csv"
@@ -91,33 +84,29 @@ def test_a_refused_file_does_not_keep_the_others_out(
     long = tmp_path / "long.csv"
     setup = PointSetup(plate_radius=0.15, point="x" * 65)
     write_traces(long, TracePoint("", setup, (make_drop(),), ()))
-    found = list(import_files([str(bad), str(long), str(csv)], tmp_path / "new"))
-    assert [one.error is None for one in found] == [False, False, True, True, True]
-    assert found[1] == Imported(str(long), error=found[1].error)
-    assert "point: 1 to 64 characters" in str(found[1].error)
+    imported = list(import_files([str(bad), str(long), str(csv)], tmp_path / "new"))
+    assert [item.error is None for item in imported] == [False, False, True, True, True]
+    assert imported[1] == Imported(str(long), error=imported[1].error)
+    assert "point: 1 to 64 characters" in str(imported[1].error)
 
 
-def test_files_of_which_none_can_be_read_leave_no_survey(tmp_path: Path, csv: Path) -> None:
+def test_unreadable_files_leave_no_survey(tmp_path: Path, csv: Path) -> None:
     text, exported = tmp_path / "text.csv", tmp_path / "damaged.pfwdz"
     text.write_text("not a drop\n", encoding="utf-8")
     exported.write_bytes(b"PK")
     refused, into = [str(text), str(exported), str(tmp_path / "none.csv")], tmp_path / "into"
-    assert [one.error is None for one in import_files(refused, into)] == [False] * 3
+    assert [item.error is None for item in import_files(refused, into)] == [False] * 3
     assert not into.exists()
     assert len(list(import_files([*refused, str(csv)], into))) == 6
     assert len(list(import_files(refused, into))) == 3
     assert len(read_survey(into).drops) == 3
 
 
-def test_long_names_of_files_stay_apart(tmp_path: Path, csv: Path) -> None:
-    files = []
-    for end in "ab":
-        path = tmp_path / ("very long " * 9 + end + ".csv")
-        text = csv.read_text().replace("km 1", f"km {end}")
-        path.write_text(text)
-        files.append(str(path))
-    found = list(import_files(files, tmp_path / "new"))
-    names = {one.point for one in found}
+def test_long_names_of_files_stay_distinct(tmp_path: Path, csv: Path) -> None:
+    files = [tmp_path / ("very long " * 9 + end + ".csv") for end in "ab"]
+    for number, path in enumerate(files):
+        path.write_text(csv.read_text().replace("km 1", f"km {number}"))
+    names = {drop.point for drop in import_files(map(str, files), tmp_path / "new")}
     assert len(names) == 2
     assert all(len(name) <= 64 for name in names)
 
@@ -129,14 +118,14 @@ def test_a_drop_file_is_read_like_the_survey(survey: Path) -> None:
     np.testing.assert_array_equal(point.drops[0].load, read_points(survey)[0].drops[1].load)
 
 
-def test_headers_and_options_win_over_what_was_recorded(survey: Path, tmp_path: Path) -> None:
+def test_headers_and_options_replace_recorded_values(survey: Path, tmp_path: Path) -> None:
     header = tmp_path / "h.toml"
     header.write_text("poisson_ratio = 0.4\nplate_mass_kg = 1.0")
     (point,) = read_points(survey, header, {"plate_mass_kg": 2.0})
     assert (point.setup.poisson_ratio, point.setup.plate_mass) == (0.4, 2.0)
 
 
-def test_discarded_drops_are_left_out_and_come_back(survey: Path) -> None:
+def test_discarded_drops_are_skipped_until_restored(survey: Path) -> None:
     edit_survey(survey, [Edit("discard", "wet")], drop=2)
     assert [drop.number for drop in read_points(survey)[0].drops] == [1, 3]
     edit_survey(survey, [Edit("restore")], drop=2)
@@ -148,7 +137,7 @@ def test_discarded_drops_are_left_out_and_come_back(survey: Path) -> None:
     assert len(read_points(survey)[0].drops) == 3
 
 
-def test_what_is_said_later_applies(survey: Path) -> None:
+def test_later_edits_apply(survey: Path) -> None:
     edit_survey(
         survey,
         [
@@ -179,43 +168,13 @@ def test_what_is_said_later_applies(survey: Path) -> None:
     assert read_survey(survey).drops[0].read().declared["plate_mass_kg"] == 12.0
 
 
-def test_an_edited_survey_is_shown_without_being_read_again(
-    survey: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    readings: list[str] = []
-
-    def note(name: str) -> None:
-        read = getattr(index, name)
-
-        def noted(*args: Any) -> object:
-            readings.append(name)
-            return read(*args)
-
-        monkeypatch.setattr(index, name, noted)
-
-    note("scan_journal")
-    shown = overview_of(edit_survey(survey, [Edit("note", "wet")], drop=2))
-    assert readings == ["scan_journal"]  # to see what the edit is about, and to write it
-    assert shown == survey_overview(survey)
-    assert shown[0]["drops"][1]["notes"] == ["wet"]
-
-
-def test_a_list_gives_the_memory_of_its_survey_back_at_once(
-    survey: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A search for circles costs as much as a tenth of a list of 10,000 drops."""
-    read: list[weakref.ref[Survey]] = []
-
-    def noted(folder: Path) -> Survey:
-        found = read_survey(folder)
-        read.append(weakref.ref(found))
-        return found
-
-    monkeypatch.setattr(opening, "read_survey", noted)
-    with index.no_collections():
-        (point,) = survey_overview(survey)
-        assert [found() for found in read] == [None]
-    assert len(point["drops"]) == 3
+def test_an_edited_survey_is_not_read_twice(survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scan = Mock(wraps=index.scan_journal)
+    monkeypatch.setattr(index, "scan_journal", scan)
+    overview = overview_of(edit_survey(survey, [Edit("note", "wet")], drop=2))
+    assert scan.call_count == 1, "to find the drop of the edit"
+    assert overview == survey_overview(survey)
+    assert overview[0]["drops"][1]["notes"] == ["wet"]
 
 
 def test_results_are_counted(survey: Path) -> None:
@@ -226,7 +185,7 @@ def test_results_are_counted(survey: Path) -> None:
     assert [drop["results"] for drop in point["drops"]] == [0, 2, 0]
 
 
-def test_points_measured_alike_stay_together_and_others_apart(
+def test_drops_with_a_different_setup_are_a_separate_point(
     tmp_path: Path, make_drop: Callable[..., Drop]
 ) -> None:
     folder = tmp_path / "s"
@@ -236,7 +195,7 @@ def test_points_measured_alike_stay_together_and_others_apart(
         write_traces(path, TracePoint("", setup, (make_drop(number=number),), ()))
         list(import_files([str(path)], folder))
     points = read_points(folder)
-    assert [(one.setup.plate_radius, len(one.drops)) for one in points] == [(0.15, 2), (0.1, 1)]
+    assert [(item.setup.plate_radius, len(item.drops)) for item in points] == [(0.15, 2), (0.1, 1)]
 
 
 @pytest.mark.parametrize(
@@ -249,7 +208,7 @@ def test_points_measured_alike_stay_together_and_others_apart(
         (None, None, [Edit("name", " ")], "--name: expected a name of 1 to 64 characters"),
     ],
 )
-def test_wrong_edits_are_refused_with_what_is_valid(
+def test_wrong_edits_are_rejected_with_valid_values(
     survey: Path, point: Any, drop: Any, edits: Any, message: str
 ) -> None:
     before = (survey / "journal" / "0001.pfwdj").read_bytes()
@@ -258,7 +217,7 @@ def test_wrong_edits_are_refused_with_what_is_valid(
     assert (survey / "journal" / "0001.pfwdj").read_bytes() == before
 
 
-def test_among_several_points_one_is_named(survey: Path, csv: Path, tmp_path: Path) -> None:
+def test_an_edit_names_its_point(survey: Path, csv: Path, tmp_path: Path) -> None:
     second = tmp_path / "second.csv"
     second.write_text(csv.read_text().replace("km 1", "km 2"))
     list(import_files([str(second)], survey))
@@ -294,12 +253,12 @@ def test_declarations_that_are_refused_are_wrong_usage(text: str) -> None:
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
-def test_targets_that_are_none(value: float) -> None:
+def test_impossible_targets_are_rejected(value: float) -> None:
     with pytest.raises(OptionError, match="--target"):
         target_pa(value)
 
 
-def test_what_is_no_survey_is_refused(tmp_path: Path, csv: Path) -> None:
+def test_a_folder_without_survey_is_rejected(tmp_path: Path, csv: Path) -> None:
     assert not is_survey(tmp_path)
     assert not is_survey(csv)
     for wrong in (tmp_path, tmp_path / "none", csv):
@@ -317,26 +276,21 @@ def test_a_survey_without_drops_is_refused(tmp_path: Path) -> None:
         read_points(tmp_path / "s")
 
 
-def test_what_is_lost_is_said_with_the_results(survey: Path) -> None:
+def test_lost_drops_are_a_warning(survey: Path) -> None:
     """The second drop lost in the journal and in its file: the others come, with a warning."""
     (survey / "drops" / "drop-000002.h5").unlink()
     journal = survey / "journal" / "0001.pfwdj"
     data = bytearray(journal.read_bytes())
-    record = read_survey(survey)
-    place = record._index.drops[2].entry.offset
-    data[place + 200] ^= 0xFF
+    data[read_survey(survey)._index.drops[2].entry.offset + 200] ^= 0xFF
     journal.write_bytes(bytes(data))
     points = read_points(survey)
     assert [drop.number for drop in points[0].drops] == [1, 3]
-    assert any(
-        "damaged survey" in text_of(text) and "2" in text_of(text) for text in points[0].warnings
-    )
-    found, _ = check_survey(survey)
-    assert found["ok"] is False
-    assert found["damaged"]
+    assert any("damaged survey" in text_of(warning) for warning in points[0].warnings)
+    report, _ = check_survey(survey)
+    assert (report["ok"], bool(report["damaged"])) == (False, True)
 
 
-def test_a_survey_whose_journal_is_gone_is_one_all_the_same(survey: Path) -> None:
+def test_a_survey_without_journal_is_recovered(survey: Path) -> None:
     for path in (survey / "journal").iterdir():
         path.unlink()
     (survey / "journal").rmdir()
@@ -354,27 +308,3 @@ def test_a_broken_drop_file_is_a_clear_line(survey: Path, tmp_path: Path) -> Non
         with pytest.raises(SurveyError) as caught:
             read_points(path)
         assert "\n" not in str(caught.value)
-
-
-def test_a_survey_gives_the_numbers_of_its_trace_file(
-    tmp_path: Path, make_drop: Callable[..., Drop]
-) -> None:
-    from inversion import SurrogateLibrary
-    from pfwd.analysis.analyse import analyse_file
-    from pfwd.analysis.options import AnalysisOptions
-
-    setup = PointSetup(plate_radius=0.15, plate_mass=12.0, bedrock_depth=math.inf, point="P")
-    drops = tuple(make_drop(number=n, peak=7000.0 + 500 * n, window=0.1) for n in (1, 2))
-    write_traces(tmp_path / "t.csv", TracePoint("", setup, drops, ()))
-    list(import_files([str(tmp_path / "t.csv")], tmp_path / "s"))
-    library, options = SurrogateLibrary(), AnalysisOptions(method="posterior")
-    found = []
-    for path in (tmp_path / "t.csv", tmp_path / "s"):
-        outcome = analyse_file(str(path), options, library)
-        assert outcome.error is None
-        found.append([{**one.to_json(), "file": "", "elapsed_s": 0.0} for one in outcome.results])
-    assert found[0] == found[1]
-    assert all(one["modulus_pa"] > 0 for one in found[0])
-    single = analyse_file(str(tmp_path / "s/drops/drop-000002.h5"), options, library)
-    (one,) = single.results
-    assert one.modulus_pa == found[0][1]["modulus_pa"]

@@ -1,4 +1,4 @@
-"""How each kind of broken trace file is refused: by one line that says what and where."""
+"""Broken trace files are rejected by a line with what is wrong and where."""
 
 import os
 from pathlib import Path
@@ -17,27 +17,20 @@ from tests.pfwd.files.trace_lines import HEADER, NAMES, Write, rows
     [
         ("plate_mass_kg = -1", "plate_mass_kg: expected a number >= 0, in kg, got -1"),
         ("plate_mass_kg = nan", "got nan"),
-        ("plate_mass_kg = true", "plate_mass_kg: expected a number >= 0, in kg, got True"),
         ('plate_mass_kg = "5"', "got '5'"),
-        ("poisson_ratio = -0.1", "poisson_ratio: expected a number >= 0 and < 0.5, got -0.1"),
         ("poisson_ratio = 0.5", "got 0.5; 0.5 is an incompressible soil.*use 0.49"),
         ("density_kg_m3 = 0", "density_kg_m3: expected a number > 0, in kg/m3, got 0"),
-        ("density_kg_m3 = inf", "got inf"),
         ("density_kg_m3 = 1" + 400 * "0", r"got 10+\.\.\."),
         ("bedrock_depth_m = 0", "bedrock_depth_m: expected a number from 0.01 to 10000, in m, or"),
         ("bedrock_depth_m = 1e300", "to 10000, in m, or inf for none, got 1e\\+300"),
-        ("bedrock_depth_m = -inf", "got -inf"),
         ('centre_sensor = "hole"', 'centre_sensor: expected "plate" or "ground", got \'hole\''),
         ("geophone_damping = 0", "geophone_damping: expected a number > 0, got 0"),
         ("geophone_natural_frequency_hz = -1", "a number >= 0, in Hz, got -1; 0 where"),
-        ("load_filter_hz = 0", "load_filter_hz: expected"),
         ("load_delay_s = inf", "load_delay_s: expected a finite number, in s, got inf"),
         ("seating_drops = -1", "seating_drops: expected a whole number >= 0, got -1"),
         ("seating_drops = 1.0", "got 1.0"),
-        ("seating_drops = true", "got True"),
         ("model_floor_m = -1e-6", "model_floor_m: expected"),
         ("site = true", "site: expected text in quotation marks or a finite number, got True"),
-        ("latitude = nan", "latitude: expected"),
         ("plate_mass_kg = 5,0", "expected one TOML key = value, got 'plate_mass_kg = 5,0'"),
         ("site = km 12", "text goes in quotation marks"),
         ("measured on a rainy day", "expected one TOML key = value"),
@@ -54,7 +47,7 @@ def test_a_bad_header_line_is_refused_with_its_number(
         read_traces(write([*HEADER, f"# {line}", NAMES, *rows()]))
 
 
-@pytest.mark.parametrize("radius", ["0", "-0.15", "150", "inf", "nan", "true", '"0.15"'])
+@pytest.mark.parametrize("radius", ["0", "-0.15", "150", "nan", "true", '"0.15"'])
 def test_a_bad_plate_radius_is_refused(write: Write, radius: str) -> None:
     lines = ["# pfwd-traces = 1", f"# plate_radius_m = {radius}", NAMES, *rows()]
     with pytest.raises(
@@ -104,11 +97,9 @@ def test_a_file_of_another_program_needs_a_header_file(write: Write, first: str)
         ("drop,load_N,displacement_m@0", "line 3: expected a column time_s, got columns"),
         ("drop,time_s,displacement_m@0", "line 3: expected a column load_N"),
         (NAMES + ",temperature", "line 3: expected a column drop, .*got 'temperature'"),
-        (NAMES + ",", "got ''"),
         (NAMES + ",jerk_m_s3@0.3", "got 'jerk_m_s3@0.3'"),
         (NAMES + ",velocity_m_s", "the centre sensor is velocity_m_s@0.0000"),
         (NAMES + ",velocity_m_s@-1e999", "got 'velocity_m_s@-1e999'"),
-        (NAMES + ",velocity_m_s@1e999", "got 'velocity_m_s@1e999'"),
         (NAMES + ",velocity_m_s@0.3.1", "got 'velocity_m_s@0.3.1'"),
         (NAMES + ",load_N", "expected every column once, got 'load_N' again"),
         (NAMES + ",displacement_m@0", "expected every column once, got 'displacement_m@0' again"),
@@ -150,7 +141,6 @@ def broken(index: int, row: str, lines: list[str] | None = None) -> list[str]:
         ("1,0.007,700,-1e999", "expected a finite number in displacement_m@0.0000, got -inf"),
         ("1.5,0.007,700,1e-6", "expected a whole drop number from 1, got 1.5"),
         ("0,0.007,700,1e-6", "expected a whole drop number from 1, got 0"),
-        ("-1,0.007,700,1e-6", "expected a whole drop number from 1, got -1"),
         ("1e9,0.007,700,1e-6", "expected a whole drop number from 1, got 1e"),
         ("1,0.00702,700,1e-6", "expected even time steps, each within 1 % of 0.001 s, got"),
         ("1,0.006,700,1e-6", "expected even time steps"),
@@ -181,7 +171,6 @@ SIXTEEN = "expected at least 16 samples"
         ([*rows(count=30), *rows(count=40)[31:]], "34: expected even time steps.* step of 0.002"),
         ([*rows(1), *rows(2), *rows(1)], "44: expected the rows of a drop together, got drop 1"),
         ([], f"3: {SIXTEEN}, got 0"),
-        (rows(count=1), f"3: {SIXTEEN}, got 1"),
         (rows(count=15), f"3: {SIXTEEN}, got 15"),
         ([*rows(1), *rows(2, 3)], f"24: {SIXTEEN} in drop 2, got 3"),
     ],
@@ -198,7 +187,7 @@ def test_steps_uneven_by_rounding_are_accepted(write: Write) -> None:
     read_traces(write([*HEADER, NAMES, *numbers]))
 
 
-def test_time_that_starts_again_asks_for_a_drop_column(write: Write) -> None:
+def test_time_that_restarts_requires_a_drop_column(write: Write) -> None:
     numbers = [row.split(",", 1)[1] for row in [*rows(), *rows()]]
     with pytest.raises(
         TraceError, match=r"line 24: .*several drops in one file need a column drop"
@@ -225,7 +214,7 @@ def test_16_samples_are_enough(write: Write) -> None:
         (b"x" * 100_000, "line 1: expected a line of text, got binary data"),
     ],
 )
-def test_what_is_no_text_is_refused(write: Write, data: bytes, message: str) -> None:
+def test_binary_data_is_rejected(write: Write, data: bytes, message: str) -> None:
     with pytest.raises(TraceError, match=message):
         read_traces(write(data))
 
@@ -239,16 +228,10 @@ def test_rubbish_among_the_numbers_is_refused(write: Write, rubbish: bytes) -> N
         read_traces(write(text + rubbish))
 
 
-def test_a_missing_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(
-        TraceError, match=r"none\.csv: expected a readable trace file, got No such file"
-    ):
-        read_traces(tmp_path / "none.csv")
-
-
-def test_a_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(TraceError, match="expected a trace file, got a folder"):
-        read_traces(tmp_path)
+def test_a_missing_file_and_a_folder_are_rejected(tmp_path: Path) -> None:
+    for path, message in (("none.csv", "No such file"), (".", "got a folder")):
+        with pytest.raises(TraceError, match=message):
+            read_traces(tmp_path / path)
 
 
 @pytest.mark.posix
@@ -279,7 +262,7 @@ def test_a_huge_file_is_refused_unread(tmp_path: Path) -> None:
         read_traces(path)
 
 
-def test_a_message_is_one_line_whatever_the_file_holds(write: Write) -> None:
+def test_a_message_is_a_printable_line(write: Write) -> None:
     line = "# x = \x1b[31m" + 300 * "y"
     with pytest.raises(TraceError) as caught:
         read_traces(write([*HEADER, line, NAMES, *rows()]))

@@ -1,4 +1,4 @@
-"""What a technician is told to do."""
+"""Advice to the operator."""
 
 import dataclasses
 
@@ -34,7 +34,7 @@ def measured(number: int, load: float = 7000.0, deflection: float = 4e-4) -> Dro
     return DropView(PointDrop(number, Kind.MEASURED, load, deflection), load, SETUP)
 
 
-OTHERS = [measured(1), measured(2)]
+EARLIER = [measured(1), measured(2)]
 UNEVEN = "drop 3 does not press evenly"
 
 
@@ -47,52 +47,52 @@ UNEVEN = "drop 3 does not press evenly"
     ],
 )
 def test_a_drop_from_another_height(load: float, sides: list[str]) -> None:
-    found = advice_on_drop(PLAIN, measured(3, load), OTHERS)
+    advice = advice_on_drop(PLAIN, measured(3, load), EARLIER)
     expected = [f"drop 3 fell from {side}" for side in sides]
-    assert [text.partition(":")[0] for text in found] == expected
+    assert [text.partition(":")[0] for text in advice] == expected
 
 
 def test_a_load_that_the_procedure_does_not_presume() -> None:
-    (found,) = advice_on_drop(E_VD, measured(1, 9600.0), [])
-    assert "wrong drop height: 9.6 kN, the procedure needs 7.07 kN" in found
+    (advice,) = advice_on_drop(E_VD, measured(1, 9600.0), [])
+    assert "wrong drop height: 9.6 kN, the procedure needs 7.07 kN" in advice
     assert advice_on_drop(PLAIN, measured(1, 9600.0), []) == []
 
 
 def test_a_loose_sensor_and_an_uneven_plate() -> None:
-    usual = [0.004, 0.005, 0.006]
-    found = advice_on_drop(
+    survey = [0.004, 0.005, 0.006]
+    advice = advice_on_drop(
         PLAIN,
         measured(3),
-        OTHERS,
+        EARLIER,
         contact_residual=MIN_UNEVEN_RESIDUAL * 1.01,
-        survey_residuals=usual,
+        survey_residuals=survey,
         excluded_sensors=(2,),
     )
-    assert [text.partition(":")[0] for text in found] == ["re-seat sensor 2", UNEVEN]
+    assert [text.partition(":")[0] for text in advice] == ["re-seat sensor 2", UNEVEN]
     even = advice_on_drop(
-        PLAIN, measured(3), OTHERS, contact_residual=MIN_UNEVEN_RESIDUAL, survey_residuals=usual
+        PLAIN, measured(3), EARLIER, contact_residual=MIN_UNEVEN_RESIDUAL, survey_residuals=survey
     )
     assert even == []
 
 
-def test_what_an_instrument_leaves_of_every_drop_is_not_the_contact() -> None:
+def test_a_residual_common_to_all_drops_is_not_the_contact() -> None:
     """Contact residuals of the drops of a real survey: 3 to 15 % with nothing under the plate."""
-    usual = [0.044, 0.056, 0.023, 0.105, 0.029, 0.084, 0.034, 0.040]
+    survey = [0.044, 0.056, 0.023, 0.105, 0.029, 0.084, 0.034, 0.040]
 
-    def about_residual(left: float, others: list[float]) -> list[str]:
-        found = advice_on_drop(
-            PLAIN, measured(3), OTHERS, contact_residual=left, survey_residuals=others
+    def about_residual(residual: float, survey: list[float]) -> list[str]:
+        advice = advice_on_drop(
+            PLAIN, measured(3), EARLIER, contact_residual=residual, survey_residuals=survey
         )
-        return [text.partition(":")[0] for text in found]
+        return [text.partition(":")[0] for text in advice]
 
     limit = UNEVEN_RATIO * 0.042
-    assert about_residual(limit - 1e-4, usual) == []
-    assert about_residual(limit + 1e-4, usual) == [UNEVEN]
-    few = usual[: MIN_COMPARED_DROPS - 1]
-    assert about_residual(MIN_UNEVEN_RESIDUAL_UNCOMPARED, few) == [], (
+    assert about_residual(limit - 1e-4, survey) == []
+    assert about_residual(limit + 1e-4, survey) == [UNEVEN]
+    too_short = survey[: MIN_COMPARED_DROPS - 1]
+    assert about_residual(MIN_UNEVEN_RESIDUAL_UNCOMPARED, too_short) == [], (
         "too few to know what is usual"
     )
-    assert about_residual(MIN_UNEVEN_RESIDUAL_UNCOMPARED + 1e-4, few) == [UNEVEN]
+    assert about_residual(MIN_UNEVEN_RESIDUAL_UNCOMPARED + 1e-4, too_short) == [UNEVEN]
 
 
 @pytest.mark.parametrize(
@@ -109,33 +109,33 @@ def test_what_an_instrument_leaves_of_every_drop_is_not_the_contact() -> None:
         ({1: 0.05}, None),  # alone
     ],
 )
-def test_the_sensor_that_moves_otherwise_than_the_others(
+def test_a_sensor_that_moves_out_of_step_is_loose(
     residuals: dict[int, float], loose: int | None
 ) -> None:
-    found = advice_on_drop(PLAIN, measured(3), OTHERS, sensor_residuals=residuals)
+    advice = advice_on_drop(PLAIN, measured(3), EARLIER, sensor_residuals=residuals)
     expected = [] if loose is None else [f"re-seat sensor {loose}: it does not move as"]
-    assert [text[: len(expected[0])] for text in found] == expected
+    assert [text[: len(expected[0])] for text in advice] == expected
 
 
 def test_a_channel_at_the_end_of_its_range() -> None:
     marks = [Notice("saturated", {"samples": 16, "channel": "g0"}).to_json()]
     drop = dataclasses.replace(measured(3), metadata={"marks": marks})
-    (found,) = advice_on_drop(PLAIN, drop, OTHERS)
-    assert found == SATURATED_ADVICE
+    (advice,) = advice_on_drop(PLAIN, drop, EARLIER)
+    assert advice == SATURATED_ADVICE
 
 
 def test_the_ground_is_not_blamed_for_a_drop_from_higher() -> None:
     depths = [9e-4, 6e-4, 5e-4, 4e-4, 4e-4, 4e-4 * 1.2]
     drops = [measured(number, deflection=depth) for number, depth in enumerate(depths, 1)]
     progress = PointView("1", drops, job=PLAIN).progress
-    (found,) = advice_on_point(progress, {4: 7000.0, 6: 7000.0})
-    assert "drop 6 moves 20 % more than drop 4" in found
+    (advice,) = advice_on_point(progress, {4: 7000.0, 6: 7000.0})
+    assert "drop 6 moves 20 % more than drop 4" in advice
     assert advice_on_point(progress, {4: 7000.0, 6: 8400.0}) == []
 
 
 def test_a_rejected_drop_has_its_reason_and_no_advice() -> None:
     rejected = dataclasses.replace(measured(3, 3000.0), own=PointDrop(3, Kind.REJECTED))
-    assert advice_on_drop(PLAIN, rejected, OTHERS, excluded_sensors=(1,)) == []
+    assert advice_on_drop(PLAIN, rejected, EARLIER, excluded_sensors=(1,)) == []
 
 
 @pytest.mark.parametrize(
@@ -151,8 +151,8 @@ def test_first_and_last_drop_differ(last: float, expected: list[str]) -> None:
     depths = [9e-4, 6e-4, 5e-4, 4e-4, 4e-4, 4e-4 * last]
     drops = [measured(number, deflection=depth) for number, depth in enumerate(depths, 1)]
     progress = PointView("1", drops, job=PLAIN).progress
-    found = [text.split("; ")[0].split(": ")[1] for text in advice_on_point(progress)]
-    assert found == expected
+    advice = [text.split("; ")[0].split(": ")[1] for text in advice_on_point(progress)]
+    assert advice == expected
 
 
 def test_effects_that_ask_for_something_are_in_the_catalogue() -> None:

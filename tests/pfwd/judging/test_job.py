@@ -1,4 +1,4 @@
-"""What a survey keeps of its job, and what is said of it later."""
+"""Declarations of a job, stored in its survey."""
 
 from pathlib import Path
 
@@ -10,6 +10,7 @@ from pfwd.judging import Job, JobRequest, Station, job_of, target_si
 from pfwd.procedures import NO_PROCEDURE, find_procedure, plain_procedure
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from tests.pfwd.report.surveys import SETUP, half_sine_drop
+from tests.records import known
 
 MNDOT, PAPER = find_procedure("mndot"), find_procedure("paper")
 E_VD = find_procedure("tp-bf-stb-b8.3")
@@ -17,17 +18,17 @@ E_VD = find_procedure("tp-bf-stb-b8.3")
 
 def survey_with(folder: Path, *requests: JobRequest, **declared: object) -> Path:
     with SurveyWriter.open(folder, publish=False) as writer:
-        known = {**declared_values(SETUP), **declared}
-        writer.save_drop(DropRecord("1", half_sine_drop(1, 8000.0), None, known, {}))
+        header = {**declared_values(SETUP), **declared}
+        writer.save_drop(DropRecord("1", half_sine_drop(1, 8000.0), None, header, {}))
         for request in requests:
             for event in request.events():
                 writer.note_event(*event)
     return folder
 
 
-def test_what_is_said_is_read_again_with_its_date(tmp_path: Path) -> None:
+def test_declarations_of_a_job_are_read_back_with_their_date(tmp_path: Path) -> None:
     stations = (Station("12+320", 12_320.0, 48.1, 11.5, 5e-4), Station("12+340"))
-    asked = JobRequest(
+    request = JobRequest(
         procedure=MNDOT,
         target=6e-4,
         stations=stations,
@@ -38,19 +39,18 @@ def test_what_is_said_is_read_again_with_its_date(tmp_path: Path) -> None:
         units="us",
         time_zone="+02:00",
     )
-    job = job_of(read_survey(survey_with(tmp_path / "s", asked)))
-    assert {key: getattr(job, key) for key in asked.declared() if key != "procedure"} == {
-        key: value for key, value in asked.declared().items() if key != "procedure"
+    job = job_of(read_survey(survey_with(tmp_path / "s", request)))
+    assert {key: getattr(job, key) for key in request.declared() if key != "procedure"} == {
+        key: value for key, value in request.declared().items() if key != "procedure"
     }
-    assert job.procedure is not None
-    assert job.procedure.text == MNDOT.text
-    assert not asked.news(job), "what the survey says already is nothing new"
-    assert {change.key for change in job.changes} == set(asked.declared())
+    assert known(job.procedure).text == MNDOT.text
+    assert not request.news(job), "what the survey says already is nothing new"
+    assert {change.key for change in job.changes} == set(request.declared())
     assert all(change.time_utc for change in job.changes)
     assert job.station("12+340") == stations[1]
 
 
-def test_what_was_said_last_counts_and_every_change_is_kept(tmp_path: Path) -> None:
+def test_the_last_declaration_counts_and_every_change_is_stored(tmp_path: Path) -> None:
     folder = survey_with(
         tmp_path / "s",
         JobRequest(procedure=MNDOT, target=6e-4),
@@ -67,7 +67,7 @@ def test_what_was_said_last_counts_and_every_change_is_kept(tmp_path: Path) -> N
     ]
 
 
-def test_an_event_of_another_program_is_left_alone(tmp_path: Path) -> None:
+def test_an_event_of_a_foreign_program_is_ignored(tmp_path: Path) -> None:
     folder = survey_with(tmp_path / "s", JobRequest(target=4e7, step_m=20.0))
     with SurveyWriter.open(folder, publish=False) as writer:
         writer.note_event("job", {"target": "forty", "stations": [{"nam": 1}], "colour": "red"})
@@ -77,7 +77,7 @@ def test_an_event_of_another_program_is_left_alone(tmp_path: Path) -> None:
     assert (job.target, job.stations, job.step_m) == (4e7, (), None)
 
 
-def test_a_procedure_that_cannot_be_read_is_said_unless_another_is_chosen(tmp_path: Path) -> None:
+def test_an_unreadable_procedure_is_an_error_unless_replaced(tmp_path: Path) -> None:
     folder = survey_with(tmp_path / "s", JobRequest(target=4e7))
     with SurveyWriter.open(folder, publish=False) as writer:
         writer.note_event("procedure", {"name": "x", "text": "pfwd-procedure = 9"})
@@ -89,13 +89,13 @@ def test_a_procedure_that_cannot_be_read_is_said_unless_another_is_chosen(tmp_pa
 
 def test_differences_are_sentences_in_the_procedures_unit() -> None:
     job = Job(procedure=MNDOT, target=6e-4, operator="A", device="T-1")
-    asked = JobRequest(procedure=PAPER, target=4e7, operator="A", device="T-2")
-    assert asked.differences(job) == [
+    request = JobRequest(procedure=PAPER, target=4e7, operator="A", device="T-2")
+    assert request.differences(job) == [
         "the procedure of the survey was mndot, now it is paper",
         "the target of the survey was 0.6 mm, now it is 40 MPa",
     ]
     assert JobRequest(target=6e-4).differences(job) == []
-    assert asked.differences(Job()) == [], "nothing was said before"
+    assert request.differences(Job()) == [], "nothing was said before"
 
 
 def test_targets_of_another_quantity_are_named_when_the_procedure_changes() -> None:
@@ -105,8 +105,8 @@ def test_targets_of_another_quantity_are_named_when_the_procedure_changes() -> N
     rule = "not for procedure paper, which judges modulus in MPa. Enter it again with"
     assert job_lines[1].startswith(f"the target 0.6 mm of the survey: {rule} --target")
     assert job_lines[2].startswith(f"2 stations with targets such as 0.6 mm of A: {rule}")
-    typed_anew = JobRequest(procedure=PAPER, target=4e7, stations=(Station("A", target=5e7),))
-    assert not any("not for" in line for line in typed_anew.differences(job))
+    replaced = JobRequest(procedure=PAPER, target=4e7, stations=(Station("A", target=5e7),))
+    assert not any("not for" in line for line in replaced.differences(job))
     unplanned = Job(target=4e7)
     assert (
         "40 MPa of the survey: not for procedure mndot"
@@ -115,7 +115,7 @@ def test_targets_of_another_quantity_are_named_when_the_procedure_changes() -> N
 
 
 @pytest.mark.parametrize(
-    ("procedure", "shown", "si"),
+    ("procedure", "typed", "si"),
     [
         (PAPER, 45.0, 45e6),
         (MNDOT, 0.6, 6e-4),
@@ -125,12 +125,12 @@ def test_targets_of_another_quantity_are_named_when_the_procedure_changes() -> N
         (PAPER, 10e3, 10e9),
     ],
 )
-def test_a_target_is_typed_in_the_unit_of_the_procedure(procedure, shown, si) -> None:  # type: ignore[no-untyped-def]
-    assert target_si(shown, procedure) == pytest.approx(si)
+def test_a_target_is_typed_in_the_unit_of_the_procedure(procedure, typed, si) -> None:  # type: ignore[no-untyped-def]
+    assert target_si(typed, procedure) == pytest.approx(si)
 
 
 @pytest.mark.parametrize(
-    ("shown", "procedure", "message"),
+    ("typed", "procedure", "message"),
     [
         (0.0, PAPER, r"--target: expected a number > 0, in MPa, got 0"),
         (float("nan"), MNDOT, r"expected a number > 0, in mm"),
@@ -143,6 +143,6 @@ def test_a_target_is_typed_in_the_unit_of_the_procedure(procedure, shown, si) ->
         (0.6, NO_PROCEDURE, r"did you mean a deflection\? without a procedure a modulus is judged"),
     ],
 )
-def test_what_can_be_no_target_is_refused(shown: float, procedure, message: str) -> None:  # type: ignore[no-untyped-def]
+def test_an_impossible_target_is_rejected(typed: float, procedure, message: str) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(OptionError, match=message):
-        target_si(shown, procedure)
+        target_si(typed, procedure)

@@ -1,4 +1,4 @@
-"""One truth per survey: whatever was measured and said, every way to the verdict finds the same."""
+"""Every way to the verdicts of a random survey gives the same ones."""
 
 import csv
 import json
@@ -8,18 +8,14 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import pytest
-from hypothesis import Phase, given, settings
 
+import pfwd
 from pfwd.export.export import export_survey
-from pfwd.export.maps import GPX_NAMESPACE
-from pfwd.export.registry import BUILT_IN_FORMATS
-from pfwd.facts import fact_of_value
 from pfwd.files.opening import survey_content
 from pfwd.judging import JobRequest, PointView, point_views
-from pfwd.judging.job import target_text
+from pfwd.procedures import PointProgress
 from pfwd.report import formatting, gathering
 from pfwd.report.blocks import Mark
 from pfwd.report.certificate_blocks import points_table
@@ -29,24 +25,19 @@ from pfwd.report.texts import load_texts
 from pfwd.session.events import SurveyChanged
 from pfwd.session.live_view import CompletePoints
 from pfwd.session.measure import replay
-from pfwd.units import SI
 from pfwd_device.recording import read_survey
 from tests.pfwd.judging import stories
-from tests.pfwd.judging.stories import Told, whole
+from tests.pfwd.judging.stories import PlayedSession, story_of, with_results
+from tests.pfwd.report.surveys import RecordedInversion
+from tests.records import known
 from tui.output import counted
 from tui.screen.opened.rows import OpenedSurvey
 from tui.screen.session.state import SessionState
 
-WITHOUT_VERDICT = {
-    "csv": "a folder of trace files, which other programs read",
-    "h5": "records of drops and their stored results, which other programs read",
-}
-"""Formats that have no room for a verdict, and why."""
-
 
 @contextmanager
 def surveys() -> Iterator[Path]:
-    """A place for a survey; what pages keep of it goes there, too."""
+    """Temporary folder for a survey and for the caches of its readers."""
     with tempfile.TemporaryDirectory() as place, pytest.MonkeyPatch.context() as patch:
         patch.setenv("PFWD_CACHE", os.path.join(place, "cache"))
         yield Path(place)
@@ -62,30 +53,29 @@ def read(folder: Path) -> dict[str, PointView]:
 
 
 def check_sessions(story: list[Any], cut: int) -> None:
-    """Play a story as two sessions, the second going on with what the first left."""
+    """Play a story as two sessions; the second continues the survey of the first."""
     with surveys() as place:
-        told = Told(place / "s")
-        told.play(story[:cut])
-        check_session(told)
-        told.begin_again()
-        told.play(story[cut:])
-        check_session(told)
-        known = read(told.folder)
-        check_replay(told.folder, known)
-        check_opened(told.folder, known)
+        session = PlayedSession(place / "s")
+        session.play(story[:cut])
+        check_session(session)
+        session.restart()
+        session.play(story[cut:])
+        check_session(session)
+        points = read(session.folder)
+        check_replay(session.folder, points)
+        check_opened(session.folder, points)
 
 
-def check_session(told: Told) -> None:
-    """What was told while it was measured is what is read afterwards."""
-    known = read(told.folder)
-    for name, point in known.items():
-        live = told.state.view.points[name]
-        assert stories.shown(live) == stories.shown(point), "live"
+def check_session(session: PlayedSession) -> None:
+    """Compare the events of a session with the survey that it wrote."""
+    points = read(session.folder)
+    for name, point in points.items():
+        live = session.state.view.points[name]
         assert live.progress == point.progress, "on the screen"
         if point.progress.complete:
-            assert name in told.last_lines
-    for name, line in told.last_lines.items():
-        _same_line(line, known[name], "log")
+            assert name in session.last_lines
+    for name, line in session.last_lines.items():
+        _same_line(line, points[name], "log")
 
 
 def _same_line(line: Mapping[str, Any], point: PointView, where: str) -> None:
@@ -97,10 +87,10 @@ def _same_line(line: Mapping[str, Any], point: PointView, where: str) -> None:
     assert (line["value"] or {}).get("value") == (progress.value and progress.value.value), where
 
 
-def check_replay(folder: Path, known: Mapping[str, PointView]) -> None:
-    """Of a replay: the points, the lines and the screen of ``replay --live``."""
-    said: list[PointView] = []
-    complete, state = CompletePoints(said.append), SessionState()
+def check_replay(folder: Path, points: Mapping[str, PointView]) -> None:
+    """Compare the points, lines and screen of ``replay --live``."""
+    complete_points: list[PointView] = []
+    complete, state = CompletePoints(complete_points.append), SessionState()
 
     def listen(event: Any) -> None:
         if isinstance(event, SurveyChanged):
@@ -109,9 +99,9 @@ def check_replay(folder: Path, known: Mapping[str, PointView]) -> None:
 
     replay(folder, listen)
     complete.rest()
-    lines = {point.name: point.as_json() for point in said}
+    lines = {point.name: point.as_json() for point in complete_points}
     measured = {point.name for point in read_survey(folder).points if point.drops}
-    for name, point in known.items():
+    for name, point in points.items():
         if name not in measured:  # a replay has nothing to begin it with
             continue
         assert state.view.points[name].progress == point.progress, "replay --live"
@@ -120,17 +110,16 @@ def check_replay(folder: Path, known: Mapping[str, PointView]) -> None:
             _same_line(lines[name], point, "replay")
 
 
-def check_opened(folder: Path, known: Mapping[str, PointView]) -> None:
-    """Of ``pfwd open``: as it judges the points, and as it keeps them for the next time."""
-    opened, again = OpenedSurvey(folder), OpenedSurvey(folder)
+def check_opened(folder: Path, points: Mapping[str, PointView]) -> None:
+    """Compare the points of ``pfwd open``, judged and from its cache."""
+    opened, reopened = OpenedSurvey(folder), OpenedSurvey(folder)
     opened.read()
     opened.judge(lambda _rows: None)
-    kept = again.from_cache()
-    assert kept is not None
-    for rows in (opened.rows, kept):
-        assert [row.name for row in rows] == list(known)
+    cached = known(reopened.from_cache())
+    for rows in (opened.rows, cached):
+        assert [row.name for row in rows] == list(points)
         for row in rows:
-            progress = known[row.name].progress
+            progress = points[row.name].progress
             value = progress.value
             assert (row.verdict, row.target) == (progress.verdict, progress.target), "opened"
             assert row.value == (value and value.value)
@@ -145,34 +134,39 @@ def check_opened(folder: Path, known: Mapping[str, PointView]) -> None:
 
 
 def check_documents(story: list[Any]) -> None:
-    """Measure a survey, then look into everything that can be made of it."""
+    """Measure a survey and compare its report, its exports and what scripts read.
+
+    All formats in columns have the same rows; the tests of each format check its columns.
+    """
     with surveys() as place:
-        told = Told(place / "s")
-        told.play(whole(story))
-        known = read(told.folder)
-        check_report(told.folder, known)
-        checked = {name for name in BUILT_IN_FORMATS if name not in WITHOUT_VERDICT}
-        assert checked == set(EXPORTS), "a new format is compared, or says why it cannot be"
-        for form, check in EXPORTS.items():
-            if form in NEEDING_DROPS and not any_counts(told.folder):
-                continue
-            made = place / f"made.{form}"
-            export_survey(told.folder, form, made)
-            check(made, known)
-        check_notebook(told.folder, known)
+        session = PlayedSession(place / "s")
+        session.play(with_results(story))
+        points = read(session.folder)
+        by_title = {point.shown_name: point.progress for point in points.values()}
+        check_report(session.folder, by_title)
+        for form in ("points", "jsonl", "survey"):
+            export_survey(session.folder, form, place / form)
+        with (place / "points").open(encoding="utf-8", newline="") as stream:
+            rows = list(csv.DictReader(stream))
+        assert [row["point"] for row in rows] == list(by_title)
+        lines = (place / "jsonl").read_text(encoding="utf-8").splitlines()
+        for row in (*rows, *map(json.loads, lines), *pfwd.open(session.folder).to_dict()["drops"]):
+            assert_same_verdict(row, by_title[str(row["point"])])
+        packed = point_views(survey_content(place / "survey"))
+        assert [point.progress for point in packed] == [p.progress for p in points.values()]
 
 
-def check_report(folder: Path, known: Mapping[str, PointView]) -> None:
-    """Of a report: ``--json``, the table of its first page, and a workbook that is filled."""
+def check_report(folder: Path, by_title: Mapping[str, PointProgress]) -> None:
+    """Compare ``report --json``, the table of the first page and a filled workbook."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gathering, "curves_of", lambda *_: None)  # takes long, and judges nothing
-        patch.setattr(gathering, "analyse_drop", _refuse)
+        # A rebound has no result, also where the larger drop was moved away later.
+        RecordedInversion(patch)
         report = gathering.gather(folder)
     texts = load_texts("en")
     table = points_table(report, texts)
-    by_title = {point.shown_name: point for point in known.values()}
     for point, cells in zip(report.points, table.rows, strict=True):
-        progress = by_title[point.shown_name].progress
+        progress = by_title[point.shown_name]
         assert point.progress == progress, "reported"
         assert point.progress.as_dict() == progress.as_dict()
         (mark,) = (cell for cell in cells if isinstance(cell, Mark))
@@ -181,174 +175,22 @@ def check_report(folder: Path, known: Mapping[str, PointView]) -> None:
         value = formatting.value_of(progress.value, texts)
         assert value in cells or value == formatting.NO_VALUE
         assert formatting.target_of(progress.target, report.procedure.quantity, texts) in cells
-        _same(point_values(point), progress, "a filled workbook")
+        assert_same_verdict(point_values(point), progress)
 
 
-def _refuse(*_: Any) -> Any:
-    raise AssertionError("a stored result was there")
-
-
-def _same(said: Mapping[str, Any], progress: Any, where: str, digits: int | None = None) -> None:
-    """Verdict, value with its interval, and target as numbers or as their texts; a workbook keeps
-    so many digits."""
+def assert_same_verdict(row: Mapping[str, Any], progress: PointProgress) -> None:
+    """Compare verdict, value with its interval, and target, as numbers or as texts."""
     value = progress.value
     low, high = (None, None) if value is None or value.interval is None else value.interval
     expected = {
-        "verdict": progress.verdict.value,
         "value": value and value.value,
         "interval_low": low,
         "interval_high": high,
         "target": progress.target,
     }
-    found = {key: _number(said[key]) if key != "verdict" else said[key] for key in expected}
-    if digits is not None:
-        found, expected = (
-            {k: _rounded(v, digits) for k, v in d.items()} for d in (found, expected)
-        )
-    assert found == expected, where
-
-
-def _rounded(value: Any, digits: int) -> Any:
-    return f"{value:.{digits}g}" if isinstance(value, float) else value
-
-
-def _number(value: Any) -> float | None:
-    return None if value in ("", None) else float(value)
-
-
-def _by_point(
-    rows: Any, known: Mapping[str, PointView], where: str, digits: int | None = None
-) -> None:
-    by_title = {point.shown_name: point.progress for point in known.values()}
-    for row in rows:
-        _same(row, by_title[str(row["point"])], where, digits)
-
-
-def _csv(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8", newline="") as stream:
-        return list(csv.DictReader(stream))
-
-
-def _check_table(path: Path, known: Mapping[str, PointView]) -> None:
-    rows = _csv(path)
-    _by_point(rows, known, "table")
-    kinds = {point.shown_name: dict(point.progress.kinds) for point in known.values()}
-    for row in rows:
-        if row["status"] in ("seating", "measured") and row["discarded"] == "false":
-            assert row["status"] == kinds[row["point"]][int(row["drop"])]
-
-
-def _check_points(path: Path, known: Mapping[str, PointView]) -> None:
-    rows = _csv(path)
-    assert [row["point"] for row in rows] == [point.shown_name for point in known.values()]
-    _by_point(rows, known, "points")
-
-
-def _check_jsonl(path: Path, known: Mapping[str, PointView]) -> None:
-    lines = path.read_text(encoding="utf-8").splitlines()
-    _by_point(map(json.loads, lines), known, "jsonl")
-
-
-def _check_parquet(path: Path, known: Mapping[str, PointView]) -> None:
-    parquet = pytest.importorskip("pyarrow.parquet")
-    _by_point(parquet.read_table(path).to_pylist(), known, "parquet")
-
-
-def _check_geojson(path: Path, known: Mapping[str, PointView]) -> None:
-    features = json.loads(path.read_text(encoding="utf-8"))["features"]
-    _by_point((feature["properties"] for feature in features), known, path.suffix)
-
-
-def _check_xlsx(path: Path, known: Mapping[str, PointView]) -> None:
-    openpyxl = pytest.importorskip("openpyxl")
-    book = openpyxl.load_workbook(path, read_only=True)
-    for sheet in ("points", "drops"):
-        titles, *rows = book[sheet].iter_rows(values_only=True)
-        # The sheet of drops says of its columns of the point that they are these.
-        names = [title.lower().replace(" ", "_").removeprefix("point_") for title in titles]
-        # Of a row that ends with empty cells these are not there.
-        empty = dict.fromkeys(names)
-        said = (empty | dict(zip(names, row, strict=False)) for row in rows)
-        # The workbook's units are engineering units, whose factors cost the last digits.
-        _by_point(map(_in_si, said), known, f"xlsx, {sheet}", digits=12)
-    book.close()
-
-
-def _in_si(row: Mapping[str, Any]) -> dict[str, Any]:
-    factor = {"MPa": 1e6, "mm": 1e-3}[row["unit"]]
-    names = ("value", "interval_low", "interval_high", "target")
-    return {**row} | {name: row[name] and row[name] * factor for name in names}
-
-
-def _check_gpkg(path: Path, known: Mapping[str, PointView]) -> None:
-    raw = pytest.importorskip("pyogrio.raw")
-    about, _, _, columns = raw.read(path)
-    values = zip(*(column.tolist() for column in columns), strict=True)
-    rows = (dict(zip(about["fields"].tolist(), row, strict=True)) for row in values)
-    without_nan = ({k: None if v != v else v for k, v in row.items()} for row in rows)
-    _by_point(without_nan, known, "gpkg")
-
-
-def _check_gpx(path: Path, known: Mapping[str, PointView]) -> None:
-    kept = [point for point in known.values() if not point.discarded]
-    by_title = {point.shown_name: point.progress for point in kept}
-    points = list(ElementTree.parse(path).iter(f"{{{GPX_NAMESPACE}}}wpt"))
-    assert points or not any(progress.used for progress in by_title.values())
-    for point in points:
-        progress = by_title[str(point.findtext(f"{{{GPX_NAMESPACE}}}name"))]
-        words = str(point.findtext(f"{{{GPX_NAMESPACE}}}desc"))
-        assert words.startswith(f"verdict {progress.verdict} ("), "gpx"
-        if progress.target is not None:
-            assert f"target {target_text(progress.target)}" in words
-        if progress.value is not None:
-            assert f" = {SI.show(fact_of_value(progress.value))}" in words
-
-
-def _check_pddx(path: Path, known: Mapping[str, PointView]) -> None:
-    by_title = {point.shown_name: point.progress for point in known.values()}
-    for section in path.read_text(encoding="utf-8").split("[Test Location")[1:]:
-        said = dict(line.split(" = ", 1) for line in section.splitlines() if " = " in line)
-        progress = by_title[said["TestComment"]]
-        assert said["PointVerdict"] == progress.verdict, "pddx"
-        value, target = progress.value, progress.target
-        scale = 1e-3 if said.get("PointQuantity") != "deflection" else 1e6
-        assert said.get("PointValue") == (None if value is None else f"{value.value * scale:.2f}")
-        assert said.get("PointTarget") == (None if target is None else f"{target * scale:.2f}")
-
-
-def _check_survey(path: Path, known: Mapping[str, PointView]) -> None:
-    for point, expected in zip(point_views(survey_content(path)), known.values(), strict=True):
-        assert point.progress == expected.progress, "in one file"
-
-
-EXPORTS = {
-    "survey": _check_survey,
-    "table": _check_table,
-    "points": _check_points,
-    "jsonl": _check_jsonl,
-    "parquet": _check_parquet,
-    "geojson": _check_geojson,
-    "points-geojson": _check_geojson,
-    "xlsx": _check_xlsx,
-    "gpkg": _check_gpkg,
-    "gpx": _check_gpx,
-    "pddx": _check_pddx,
-}
-NEEDING_DROPS = ("pddx",)
-"""Refused where every drop is discarded."""
-
-
-def any_counts(folder: Path) -> bool:
-    """Whether a drop of the survey is not discarded."""
-    points = read_survey(folder).points
-    return any(not d.discarded for point in points if not point.discarded for d in point.drops)
-
-
-def check_notebook(folder: Path, known: Mapping[str, PointView]) -> None:
-    """Of what a script has: ``pfwd.open(SURVEY).to_dict()``."""
-    import pfwd
-
-    _by_point(pfwd.open(str(folder)).to_dict()["drops"], known, "pfwd.open")
+    assert row["verdict"] == progress.verdict.value
+    for key, number in expected.items():
+        assert (None if row[key] in ("", None) else float(row[key])) == number, key
 
 
 PLAIN = JobRequest(procedure=stories.PROCEDURES[0])
@@ -372,57 +214,33 @@ DIFFERED = {
     "a point judged by its diagnosis": [*stories.measured(44e6), ("diagnosis", "1", 41e6)],
     "a small drop before a large one": [("drop", "1", 1600.0, 45e6), ("drop", "1", 9000.0, 45e6)],
 }
-"""Stories that were told in two ways before they were found."""
+"""Stories of which two readers once gave different verdicts."""
 
 
 @pytest.mark.parametrize("story", DIFFERED.values(), ids=DIFFERED.keys())
-def test_what_once_differed(story: list[Any]) -> None:
+def test_stories_that_differed_once(story: list[Any]) -> None:
     check_sessions(story, len(story))
     check_documents(story)
 
 
 def test_a_rebound_does_not_end_a_diagnosis() -> None:
     with surveys() as place:
-        told = Told(place / "s")
-        told.play(DIFFERED["a rebound after the diagnosis"])
-        value = read(told.folder)["1"].progress.value
-    assert value is not None
-    assert value.value == 41e6
+        session = PlayedSession(place / "s")
+        session.play(DIFFERED["a rebound after the diagnosis"])
+        value = read(session.folder)["1"].progress.value
+    assert known(value).value == 41e6
 
 
-# Everyday some examples; many more in the slow run, and new ones with the profile `explore`.
+# Some stories every day, many more in the slow run.
+NUMBERS = [*range(12), *(pytest.param(n, marks=pytest.mark.slow) for n in range(12, 160))]
 
 
-def test_live_logged_resumed_replayed_and_opened_it_is_one_verdict() -> None:
-    _sessions(SOME)
+@pytest.mark.parametrize("number", NUMBERS)
+def test_live_logged_resumed_replayed_and_opened_verdicts_agree(number: int) -> None:
+    story = story_of(number)
+    check_sessions(story, 7 * number % (len(story) + 1))
 
 
-def test_reported_and_exported_it_is_the_same() -> None:
-    _documents(SOME)
-
-
-@pytest.mark.slow
-def test_many_sessions_have_one_verdict() -> None:
-    _sessions(MANY)
-
-
-@pytest.mark.slow
-def test_many_reports_and_exports_have_the_same() -> None:
-    _documents(MANY)
-
-
-SOME, MANY = 12, 150
-
-
-def _settings(count: int) -> settings:
-    # A story is short enough to be read as it came; to look for a shorter one takes minutes.
-    phases = (Phase.explicit, Phase.reuse, Phase.generate)
-    return settings(max_examples=count, phases=phases, report_multiple_bugs=False)
-
-
-def _sessions(count: int) -> None:
-    _settings(count)(given(stories.stories, stories.cuts)(check_sessions))()
-
-
-def _documents(count: int) -> None:
-    _settings(count)(given(stories.stories)(check_documents))()
+@pytest.mark.parametrize("number", NUMBERS)
+def test_reported_and_exported_it_is_the_same(number: int) -> None:
+    check_documents(story_of(number))

@@ -18,7 +18,7 @@ def halfspace(modulus: float, offsets: list[float], radius: float = 0.15) -> Pea
     return Peaks(load, tuple(zip(offsets, peaks, strict=True)))
 
 
-def test_a_half_space_has_one_modulus() -> None:
+def test_a_half_space_has_the_same_modulus_everywhere() -> None:
     basin = basin_of(halfspace(80e6, [0.0, 0.3, 0.6, 0.9, 1.5]), 0.15, 0.35)
     assert basin.peak_modulus_pa == pytest.approx(80e6)
     assert list(basin.surface_moduli_pa) == [0.3, 0.6, 0.9, 1.5]
@@ -37,7 +37,7 @@ def test_indices_by_hand() -> None:
     assert basin.area_m == pytest.approx(19.5 * 0.0254)
 
 
-def test_what_no_sensor_stands_for_is_not_known() -> None:
+def test_an_index_is_missing_without_its_sensor() -> None:
     basin = basin_of(halfspace(80e6, [0.0, 0.2, 0.45]), 0.15, 0.35)
     assert (basin.sci_m, basin.bdi_m, basin.bci_m, basin.area_m) == (None,) * 4
     assert list(basin.surface_moduli_pa) == [0.45]

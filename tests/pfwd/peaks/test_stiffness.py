@@ -1,5 +1,6 @@
 """Stiffness of a rig against a mass on a spring whose motion is computed on its own."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from pfwd.files.header import PointSetup
 from pfwd.peaks.stiffness import stiffness_of
 from pfwd_device import Channel, Drop
 from pfwd_device.drop import Peaks
+from tests.records import known
 
 SPRING, RATE = 20e6, 15_000.0
 
@@ -28,11 +30,11 @@ def rig(quantity: str = "velocity", drift: float = 0.0, **geophone: float) -> Dr
             force = float(np.interp(t, time, rate))
             return [state[1], force - 2 * damping * omega * state[1] - omega**2 * state[0]]
 
-        found = solve_ivp(
+        motion = solve_ivp(
             answer, (time[0], time[-1]), [0.0, 0.0], t_eval=time, max_step=1 / RATE, rtol=1e-8
         )
         # The velocity's answer is that of the second derivative of the mass, integrated once.
-        values = np.gradient(found.y[0], time)
+        values = np.gradient(motion.y[0], time)
     values = values + drift * np.maximum(time, 0)
     return Drop(1, time, load + 700.0, (Channel(0.0, quantity, values + 1e-4),))  # type: ignore[arg-type]
 
@@ -42,43 +44,33 @@ SETUP = PointSetup(plate_radius=0.0, test="stiffness")
 
 @pytest.mark.parametrize("quantity", ["velocity", "displacement"])
 def test_a_spring_has_its_stiffness(quantity: str) -> None:
-    found = stiffness_of(rig(quantity), SETUP)
-    assert found is not None
-    assert found.peak_load_n == pytest.approx(8e3, rel=1e-3)
-    assert found.peak_displacement_m == pytest.approx(8e3 / SPRING, rel=1e-3)
-    assert found.secant_n_per_m == pytest.approx(SPRING, rel=2e-3)
-    assert found.dynamic_n_per_m == pytest.approx(SPRING, rel=1e-2)
+    stiffness = known(stiffness_of(rig(quantity), SETUP))
+    assert stiffness.peak_load_n == pytest.approx(8e3, rel=1e-3)
+    assert stiffness.peak_displacement_m == pytest.approx(8e3 / SPRING, rel=1e-3)
+    assert stiffness.secant_n_per_m == pytest.approx(SPRING, rel=2e-3)
+    assert stiffness.dynamic_n_per_m == pytest.approx(SPRING, rel=1e-2)
 
 
-def test_a_declared_response_is_taken_out() -> None:
+def test_a_declared_response_is_corrected() -> None:
     drop = rig(frequency=4.5, damping=0.6)
-    plain = stiffness_of(drop, SETUP)
-    known = PointSetup(
-        plate_radius=0.0,
-        test="stiffness",
-        geophone_natural_frequency=4.5,
-        geophone_damping=0.6,
-    )
-    corrected = stiffness_of(drop, known)
-    assert plain is not None
-    assert corrected is not None
+    plain = known(stiffness_of(drop, SETUP))
+    setup = dataclasses.replace(SETUP, geophone_natural_frequency=4.5, geophone_damping=0.6)
+    corrected = known(stiffness_of(drop, setup))
     assert plain.secant_n_per_m > 1.05 * SPRING
     assert corrected.secant_n_per_m == pytest.approx(SPRING, rel=1e-2)
 
 
 def test_a_drift_after_the_pulse_is_no_peak() -> None:
-    found = stiffness_of(rig(drift=0.5), SETUP)
-    assert found is not None
-    assert found.secant_n_per_m == pytest.approx(SPRING, rel=0.1)
+    stiffness = known(stiffness_of(rig(drift=0.5), SETUP))
+    assert stiffness.secant_n_per_m == pytest.approx(SPRING, rel=0.1)
 
 
 def test_peaks_alone_have_a_secant() -> None:
-    found = stiffness_of(Drop.of_peaks(1, Peaks(8e3, ((0.0, 4e-4),))), SETUP)
-    assert found is not None
-    assert (found.secant_n_per_m, found.dynamic_n_per_m) == (pytest.approx(2e7), None)
+    stiffness = known(stiffness_of(Drop.of_peaks(1, Peaks(8e3, ((0.0, 4e-4),))), SETUP))
+    assert (stiffness.secant_n_per_m, stiffness.dynamic_n_per_m) == (pytest.approx(2e7), None)
 
 
-def test_without_a_sensor_in_the_centre_there_is_none() -> None:
+def test_stiffness_is_missing_without_a_centre_sensor() -> None:
     assert stiffness_of(Drop.of_peaks(1, Peaks(1e3, ((0.3, 1e-4),))), SETUP) is None
     time = np.arange(40) / RATE
     outside = Drop(1, time, time, (Channel(0.3, "velocity", time),))

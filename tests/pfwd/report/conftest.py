@@ -8,6 +8,7 @@ import pytest
 from pfwd.analysis.results import DropResult
 from pfwd.files.importing import import_files
 from pfwd.files.traces import TracePoint, write_traces
+from pfwd.report import gathering
 from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
 from tests.records import complete
@@ -22,18 +23,15 @@ def write_survey(top: Path, drops: tuple[int, ...]) -> Path:
     list(import_files([str(top / "A.csv"), str(top / "B.csv")], folder))
     with SurveyWriter.open(folder, publish=False) as writer:
         for drop in read_survey(folder).drops:
-            writer.save_result(
-                drop.number, complete(DropResult, result_of(drop.drop, 60e6))
-            )  # an older one
-            writer.save_result(
-                drop.number, complete(DropResult, result_of(drop.drop, 45e6 + 1e5 * drop.drop))
-            )
+            for modulus in (60e6, 45e6 + 1e5 * drop.drop):  # the last result counts
+                result = complete(DropResult, result_of(drop.drop, modulus))
+                writer.save_result(drop.number, result)
     return folder
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two points of four drops with results; made once, for the disk takes its time."""
+    """Two points of four drops with results; made once, because the disk is slow."""
     return write_survey(tmp_path_factory.mktemp("made"), (1, 2, 3, 4))
 
 
@@ -47,3 +45,9 @@ def survey(made: Path, tmp_path: Path) -> Path:
 def short_survey(tmp_path: Path) -> Path:
     """Two points of two drops, the first of them seating, for tests that invert them."""
     return write_survey(tmp_path, (1, 2))
+
+
+@pytest.fixture
+def without_curves(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out the fitted curves, which take most of the time of a report."""
+    monkeypatch.setattr(gathering, "curves_of", lambda *_: None)

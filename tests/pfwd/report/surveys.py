@@ -5,12 +5,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
-from pfwd.analysis.results import DropResult
+from inversion.notices import text_notice
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.results import DropAnalysis, DropResult
 from pfwd.files.header import PointSetup, declared_values
 from pfwd.judging import JobRequest
 from pfwd.procedures import plain_procedure
+from pfwd.report import gathering
 from pfwd_device import Channel, Drop
 from pfwd_device.recording import DropRecord, SurveyWriter
 from tests.records import complete
@@ -79,3 +83,17 @@ def half_sine_drop(number: int, peak: float) -> Drop:
 
     moved = 5e-4 * peak / 8000 * pulse(time - 1e-3, 0.0216)
     return Drop(number, time, peak * pulse(time, 0.018), (Channel(0.0, "displacement", moved),))
+
+
+class RecordedInversion:
+    """Replaces the inversion of a report; stores the options and gives no result."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.options: list[AnalysisOptions] = []
+        monkeypatch.setattr(gathering, "analyse_drop", self)
+
+    def __call__(
+        self, drop: Drop, _setup: Any, screening: Any, options: AnalysisOptions, _library: Any
+    ) -> DropAnalysis:
+        self.options.append(options)
+        return DropAnalysis(drop, screening, None, text_notice("not inverted"))

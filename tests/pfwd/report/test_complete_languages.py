@@ -71,7 +71,7 @@ def vocabulary() -> frozenset[str]:
 
 
 @cache
-def own_words(code: str) -> frozenset[str]:
+def translated_words(code: str) -> frozenset[str]:
     """Words that texts of a language have themselves, as units and names of documents."""
     tables = dict(catalogue(f"messages/{code}.toml"))
     values = [*catalogue(f"{code}.toml").values()]
@@ -81,7 +81,7 @@ def own_words(code: str) -> frozenset[str]:
 
 
 def english_words(text: str, code: str) -> set[str]:
-    return (words_of(text) & vocabulary()) - own_words(code)
+    return (words_of(text) & vocabulary()) - translated_words(code)
 
 
 @pytest.mark.parametrize("code", CODES)
@@ -92,8 +92,8 @@ def test_names_of_the_program_are_translated(code: str) -> None:
     names |= {"half-space", "layer", "rig", "measured", "half-sine", *QUANTITY_BY_ROLE}
     names |= {*PLATE_MODELS, "sensor_on_plate", "sensor_on_ground", "declared", "edited", "nmea"}
     names |= {*FIX_NAMES.values(), "unknown"}
-    own = {name for name in names if texts.word(name) == name.replace("_", " ")}
-    assert not own
+    untranslated = {name for name in names if texts.word(name) == name.replace("_", " ")}
+    assert not untranslated
     advised = [EffectResult(**EFFECT, name=e.result_name or e.name, advice=e.advice) for e in OWN]
     assert [e.name for e in advised if texts.advice(e) == e.advice] == []
 
@@ -212,9 +212,9 @@ def full_report(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Report:
         for name, load in (("C", 7000.0), ("D", 7050.0), ("E", 7100.0), ("F", 7200.0)):
             for number in (1, 2, 3, 4):
                 drop = half_sine_drop(number, load + number)
-                near = drop.channels[0]
-                wide = Channel(0.3, near.quantity, 0.4 * near.values)
-                drop = replace(drop, channels=(near, wide))
+                centre = drop.channels[0]
+                wide = Channel(0.3, centre.quantity, 0.4 * centre.values)
+                drop = replace(drop, channels=(centre, wide))
                 metadata = {"position": position, "marks": [MARK.to_json()]}
                 metadata |= {"time_utc": "2026-03-01T09:00:00Z", "identity": IDENTITY}
                 saved = writer.save_drop(
@@ -268,8 +268,8 @@ def test_no_text_of_a_report_is_english(code: str, slip: bool, full_report: Repo
         blocks = compose(full_report, texts, letters)
         recompute = blocks.index(Heading(texts["recompute"]))
         blocks = blocks[: recompute + 2]  # then come command, settings and files as they are
-    own = "a warning of the search"  # of the stored results
-    names = [own, full_report.title, full_report.procedure.source]
+    untranslated = "a warning of the search"  # of the stored results
+    names = [untranslated, full_report.title, full_report.procedure.source]
     english = {}
     for text in texts_of(blocks):
         if text == full_report.survey_name:
@@ -280,11 +280,13 @@ def test_no_text_of_a_report_is_english(code: str, slip: bool, full_report: Repo
         if words:
             english[text] = words
     assert not english
-    said = " ".join(texts_of(blocks))
+    text = " ".join(texts_of(blocks))
     expected = ["slip", "yes", "qr_code"]
     if not slip:
+        title = f"{texts['procedure']}: {texts.title(full_report.procedure)}"
+        assert Heading(title) in blocks
         expected = ["diagnosis", "device", "layers", "lot", "zones", "bowl", "effects", "discarded"]
-    assert [key for key in expected if texts[key] not in said] == []
+    assert [key for key in expected if texts[key] not in text] == []
 
 
 SENTENCES = ("verdict_reason", "value_not_supported", "use_reason", "modulus_not_supported")
@@ -295,20 +297,20 @@ def judgement_of(report: Report) -> dict[str, Any]:
     """Return what a report states of its points, judged anew, with the texts in German."""
     points = tuple(replace(point) for point in report.points)
     texts = compose(replace(report, points=points), load_texts("de"), Letters())
-    again = [read(DiagnosisResult, known(point.diagnosis).to_stored()) for point in points]
+    diagnoses = [read(DiagnosisResult, known(point.diagnosis).to_stored()) for point in points]
     return {
         "progress": [point.progress for point in points],
         "exported": [
             {key: value for key, value in judged_values(point).items() if key not in SENTENCES}
             for point in points
         ],
-        "stored": [codes(diagnosis.warnings or ()) for diagnosis in again],
-        "uses": [diagnosis.use for diagnosis in again],
+        "stored": [codes(diagnosis.warnings or ()) for diagnosis in diagnoses],
+        "uses": [diagnosis.use for diagnosis in diagnoses],
         "translated": list(texts_of(texts)),
     }
 
 
-def test_nothing_depends_on_the_english_text_of_a_message(
+def test_results_do_not_depend_on_the_english_messages(
     full_report: Report, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = judgement_of(full_report)

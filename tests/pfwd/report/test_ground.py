@@ -8,19 +8,18 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from inversion.notices import text_notice, text_of
+from inversion.notices import Notice, text_of
 from inversion.records import Interval
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.results import DropAnalysis, DropResult
+from pfwd.analysis.results import DropResult
 from pfwd.files.editing import Edit, edit_survey
-from pfwd.report import gathering
 from pfwd.report.gathering import ReportOptions, gather
 from pfwd.report.ground_blocks import draw_ground, effective_of, ground_blocks
 from pfwd.report.report import write_report
 from pfwd.report.texts import languages, load_texts
 from pfwd_device import Channel, Drop
 from pfwd_device.recording import DropRecord, SurveyWriter
-from tests.pfwd.report.surveys import result_of
+from tests.pfwd.report.surveys import RecordedInversion, result_of
 from tests.records import complete
 
 OFFSETS = (0.0, 0.3, -0.3, 0.6)
@@ -101,18 +100,22 @@ def test_the_layers_of_every_drop_stand_in_a_table(layered: Path) -> None:
     assert "Effective modulus 71.0 MPa (70.0 – 72.0), down to 0.93 m" in text.replace("\xa0", " ")
 
 
-def test_what_the_record_leaves_open_has_no_value(survey: Path, make_drop: Any) -> None:
+def test_an_open_modulus_is_dotted_and_has_no_value(survey: Path, make_drop: Any) -> None:
     open_below = layer(45e6, (40e6, 410e6))
     keep(survey, make_drop, layers=[TOP, open_below], modulus_pa=None, modulus_interval_pa=None)
     text = report_text(survey)
     assert "2, subgrade left open (40 – 410)" in text
     assert "2, subgrade 45" not in text
-    assert point_of(survey).progress.value is None, "nothing is judged that is not known"
+    assert point_of(survey).progress.value is None
+    profile = drawn(survey).axes[0]
+    styles = {tuple(line.get_xdata()): line.get_linestyle() for line in profile.get_lines()}
+    assert styles[120.0, 120.0] == "-"
+    assert styles[45.0, 45.0] == ":"
 
 
-def test_a_given_thickness_is_named_so(survey: Path, make_drop: Any) -> None:
-    given = TOP | {"thickness_sd_m": None, "thickness_interval_m": None}
-    keep(survey, make_drop, layers=[given, BELOW])
+def test_a_declared_thickness_is_marked(survey: Path, make_drop: Any) -> None:
+    declared = TOP | {"thickness_sd_m": None, "thickness_interval_m": None}
+    keep(survey, make_drop, layers=[declared, BELOW])
     assert "0.25 (given)" in report_text(survey)
 
 
@@ -126,8 +129,8 @@ def test_the_picture_has_steps_bands_boundary_and_effective_modulus(
     assert ([120.0, 45.0], [0.25, 0.25]) in lines
     assert ([71.0, 71.0], [0.0, 0.93]) in lines
     # The interval of the boundary, between the two moduli.
-    middle = pytest.approx(np.sqrt(120.0 * 45.0))
-    assert any(x == [middle] * 2 and y == pytest.approx([0.24, 0.262]) for x, y in lines)
+    mean_modulus = pytest.approx(np.sqrt(120.0 * 45.0))
+    assert any(x == [mean_modulus] * 2 and y == pytest.approx([0.24, 0.262]) for x, y in lines)
     bands = [path.get_datalim(profile.transData) for path in profile.collections]
     assert any((b.x0, b.x1) == pytest.approx((110.0, 131.0)) for b in bands)
     low, high = profile.get_ylim()
@@ -141,19 +144,6 @@ def test_the_picture_has_steps_bands_boundary_and_effective_modulus(
     assert profile.get_ylabel() == texts["depth_axis"]
 
 
-def test_an_open_modulus_is_dotted(survey: Path, make_drop: Any) -> None:
-    open_below = layer(45e6, (40e6, 410e6))
-    keep(survey, make_drop, layers=[TOP, open_below], modulus_pa=None, modulus_interval_pa=None)
-    profile = drawn(survey).axes[0]
-    styles = {
-        tuple(line.get_xdata()): line.get_linestyle()
-        for line in profile.get_lines()
-        if len(line.get_xdata()) == 2
-    }
-    assert styles[120.0, 120.0] == "-"
-    assert styles[45.0, 45.0] == ":"
-
-
 def test_rock_is_hatched_down_to_the_end(survey: Path, make_drop: Any) -> None:
     on_rock = BELOW | {"thickness_m": 0.75, "thickness_sd_m": 0.01}
     keep(survey, make_drop, layers=[TOP, on_rock], bedrock_depth_m=1.0, model="layer")
@@ -165,7 +155,7 @@ def test_rock_is_hatched_down_to_the_end(survey: Path, make_drop: Any) -> None:
     assert "rock" in [text.get_text() for text in profile.texts]
 
 
-def test_the_bowl_is_shown_without_layers_too(layered: Path, make_drop: Any) -> None:
+def test_the_bowl_is_drawn_without_layers(layered: Path, make_drop: Any) -> None:
     with SurveyWriter.open(layered, publish=False) as writer:
         drop = make_drop(number=1, offsets=(0.0, 0.3))
         saved = writer.save_drop(DropRecord("plain", drop, None, DECLARED, {}))
@@ -190,73 +180,58 @@ def test_the_bowl_is_shown_without_layers_too(layered: Path, make_drop: Any) -> 
     assert empty.axes == []
 
 
-def test_a_sensor_that_was_left_out_is_named(survey: Path, make_drop: Any) -> None:
+def test_an_excluded_sensor_is_named(survey: Path, make_drop: Any) -> None:
     with SurveyWriter.open(survey, publish=False) as writer:
         drop = make_drop(number=1, offsets=OFFSETS)
         away = 5e-4 * np.clip(drop.time / 0.02, 0.0, 1.0)
         loose = tuple(
             Channel(c.offset, c.quantity, away) if c.offset == 0.6 else c for c in drop.channels
         )
-        kept = Drop(1, drop.time, drop.load, loose)
-        saved = writer.save_drop(DropRecord("L", kept, None, DECLARED, {}))
+        drop = Drop(1, drop.time, drop.load, loose)
+        saved = writer.save_drop(DropRecord("L", drop, None, DECLARED, {}))
         writer.save_result(saved, complete(DropResult, result_of(1)))
     text = report_text(survey)
     assert "0.6 m: left out – – – –" in text
     assert re.search(r"-0\.3 m \d", text)
 
 
-def test_the_modulus_is_said_to_be_that_below_the_layers(layered: Path) -> None:
+def test_the_modulus_is_that_of_the_lowest_medium(layered: Path) -> None:
     judged = point_of(layered, procedure="paper")
-    (said,) = [text for text in map(text_of, judged.warnings) if "lowest medium" in text]
-    assert "the average and a target refer to it" in said
+    (message,) = [text for text in map(text_of, judged.warnings) if "lowest medium" in text]
+    assert "the average and a target refer to it" in message
     point, text = point_of(layered), report_text(layered)
-    (said,) = [text for text in map(text_of, point.warnings) if "lowest medium" in text]
+    (message,) = [text for text in map(text_of, point.warnings) if "lowest medium" in text]
     assert "lowest of 2 media, half-space" in text
-    assert said in text
+    assert message in text
     # E_vd is no modulus of the inversion, and the equivalent modulus is that of all media.
-    other = point_of(layered, procedure="tp-bf-stb-b8.3")
-    (said,) = [text for text in map(text_of, other.warnings) if "lowest medium" in text]
-    assert "average" not in said
-    assert said in map(text_of, point.warnings)
+    dynamic = point_of(layered, procedure="tp-bf-stb-b8.3")
+    (message,) = [text for text in map(text_of, dynamic.warnings) if "lowest medium" in text]
+    assert "average" not in message
+    assert message in map(text_of, point.warnings)
     assert not any("lowest medium" in text_of(text) for text in gather(layered).points[0].warnings)
 
 
-def test_drops_with_other_numbers_of_media_are_told_apart(layered: Path, make_drop: Any) -> None:
+def test_drops_with_different_numbers_of_media_are_reported(layered: Path, make_drop: Any) -> None:
     with SurveyWriter.open(layered, publish=False) as writer:
         drop = make_drop(number=3, offsets=OFFSETS)
         writer.save_result(
             writer.save_drop(DropRecord("L", drop, None, DECLARED, {})),
             complete(DropResult, result_of(3)),
         )
-    (warning,) = [one for one in point_of(layered).warnings if one.code == "media-differ"]
-    assert warning.values == {"media": "1 and 2"}
-
-
-class Asked:
-    """Stands for the inversion and keeps what it was asked for."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.options: list[AnalysisOptions] = []
-        monkeypatch.setattr(gathering, "analyse_drop", self)
-
-    def __call__(
-        self, drop: Drop, _setup: Any, screening: Any, options: AnalysisOptions, _library: Any
-    ) -> DropAnalysis:
-        self.options.append(options)
-        return DropAnalysis(drop, screening, None, text_notice("not inverted"))
+    assert Notice("media-differ", {"media": "1 and 2"}) in point_of(layered).warnings
 
 
 def test_layers_are_inverted_for_the_report_whatever_is_stored(
     layered: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = Asked(monkeypatch)
+    inversion = RecordedInversion(monkeypatch)
     gather(layered)
-    assert asked.options == []
+    assert inversion.options == []
     report = gather(
         layered, ReportOptions(analysis=AnalysisOptions(layers=3, thickness=(0.1, 0.3), seed=5))
     )
-    assert len(asked.options) == 10
-    assert set(asked.options) == {AnalysisOptions(layers=3, thickness=(0.1, 0.3), seed=5)}
+    assert len(inversion.options) == 10
+    assert set(inversion.options) == {AnalysisOptions(layers=3, thickness=(0.1, 0.3), seed=5)}
     assert "--layers 3 --thickness 0.1,0.3 --seed 5" in report.command
     assert report.settings["layers"] == 3
     assert report.settings["thickness"] == "0.1,0.3"
@@ -267,10 +242,10 @@ def test_a_result_of_layers_that_is_stale_is_inverted_with_layers(
     layered: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     edit_survey(layered, [Edit("declared", {"poisson_ratio": 0.4})], point="L")
-    asked = Asked(monkeypatch)
+    inversion = RecordedInversion(monkeypatch)
     point_of(layered)
-    assert asked.options == [AnalysisOptions(layers=2)] * 2
+    assert inversion.options == [AnalysisOptions(layers=2)] * 2
 
 
-def test_a_result_without_effective_modulus_says_nothing_of_it() -> None:
+def test_a_missing_effective_modulus_is_a_dash() -> None:
     assert effective_of(DropResult(), load_texts("en")) == "–"

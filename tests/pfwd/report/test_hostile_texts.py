@@ -56,27 +56,27 @@ def with_text(value: Any, text: str, places: list[int]) -> Any:
         places.append(1)
         return f"{text}{value}"
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        for one in dataclasses.fields(value):
-            changed = with_text(getattr(value, one.name), text, places)
+        for item in dataclasses.fields(value):
+            changed = with_text(getattr(value, item.name), text, places)
             with contextlib.suppress(TraceError):  # not every header takes any text
-                value = dataclasses.replace(value, **{one.name: changed})
+                value = dataclasses.replace(value, **{item.name: changed})
         return value
     if isinstance(value, Mapping):
-        return {key: with_text(one, text, places) for key, one in value.items()}
+        return {key: with_text(item, text, places) for key, item in value.items()}
     if isinstance(value, tuple | list):
-        return type(value)(with_text(one, text, places) for one in value)
+        return type(value)(with_text(item, text, places) for item in value)
     return value
 
 
 def without_pictures(blocks: Iterable[Block]) -> list[Block]:
     """The blocks that are text, those that stand together as well."""
-    found: list[Block] = []
+    report: list[Block] = []
     for block in blocks:
         if isinstance(block, Together):
-            found += without_pictures(block.blocks)
+            report += without_pictures(block.blocks)
         elif not isinstance(block, Picture):
-            found.append(block)
-    return found
+            report.append(block)
+    return report
 
 
 class Gathered:
@@ -88,7 +88,7 @@ class Gathered:
 
 @pytest.fixture(scope="module")
 def gathered(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Gathered:
-    """With something in every place."""
+    """A report with something in every place."""
     folder = tmp_path_factory.mktemp("hostile") / "survey"
     shutil.copytree(made, folder)
     edits = [
@@ -97,14 +97,14 @@ def gathered(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Gathered:
     ]  # fmt: skip
     edit_survey(folder, edits, "A")
     edit_survey(folder, [Edit("note", "of a drop")], "A", 1)
-    found = gather(folder, ReportOptions(procedure="astm-e2835"))
-    shown = dataclasses.replace(
-        found, damage=("lost",), check={"zero_n": 1.0, "span_ratio": None, "faults": ["a fault"]}
+    report = gather(folder, ReportOptions(procedure="astm-e2835"))
+    full = dataclasses.replace(
+        report, damage=("lost",), check={"zero_n": 1.0, "span_ratio": None, "faults": ["a fault"]}
     )
-    return Gathered(shown)
+    return Gathered(full)
 
 
-@settings(max_examples=60, suppress_health_check=list(HealthCheck), deadline=None)
+@settings(max_examples=30, suppress_health_check=list(HealthCheck), deadline=None)
 @given(text=TEXTS)
 @example(text=ESCAPES)
 def test_whatever_stands_in_every_text_the_page_is_harmless(text: str, gathered: Gathered) -> None:
@@ -120,30 +120,20 @@ def test_whatever_stands_in_every_text_the_page_is_harmless(text: str, gathered:
     assert "<script" not in page
 
 
-@pytest.mark.parametrize("ending", ["html", "pdf"])
-def test_the_name_of_a_folder_is_made_harmless(
-    ending: str,
-    survey: Path,
-    tmp_path: Path,
-) -> None:
+def test_the_name_of_a_folder_is_made_harmless(survey: Path, tmp_path: Path) -> None:
     name = ESCAPES.replace("\x00", "").replace("\ud800", "")
     for letter in '<>"\\|\r\x07':  # which some systems do not take
         name = name.replace(letter, "")
     folder = survey.rename(tmp_path / name)
     edit_survey(folder, [Edit("declared", {"site": ESCAPES.replace("\ud800", "")})], "A")
-    target = tmp_path / f"report.{ending}"
+    target = tmp_path / "report.html"
     report = write_report(folder, target, ReportOptions(title=None))
-    data = target.read_bytes()
-    if ending == "html":
-        text = data.decode("utf-8")
-        assert harmful_of(text) == set()
-        (title,) = re.findall("<title>(.*)</title>", text, re.DOTALL)
-        assert "\N{REPLACEMENT CHARACTER}" in title
-    else:
-        assert data.startswith(b"%PDF")
-        assert b"\x1b]0;owned" not in data
+    text = target.read_text(encoding="utf-8")
+    assert harmful_of(text) == set()
+    (title,) = re.findall("<title>(.*)</title>", text, re.DOTALL)
+    assert "\N{REPLACEMENT CHARACTER}" in title
     assert report.title
-    assert read_survey(folder).points  # which is not changed by it
+    assert read_survey(folder).points, "the survey itself is not changed"
 
 
 def test_lines_stay_lines() -> None:

@@ -21,18 +21,9 @@ from pfwd.report.fonts import Letters
 from pfwd.report.gathering import ReportOptions, gather
 from pfwd.report.peaks_blocks import basin_of_drop, has_only_peaks
 from pfwd.report.texts import load_texts
-from tests.pfwd.files.foreign.peaks_builders import pddx, places
 from tests.pfwd.report.surveys import SETUP, half_sine_drop
 
 EN = load_texts("en")
-
-
-@pytest.fixture(scope="module")
-def peaks(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("peaks")
-    (folder / "a.pdx").write_text(pddx(places()))
-    assert all(item.kind == "peaks" for item in import_files([str(folder / "a.pdx")], folder / "s"))
-    return folder / "s"
 
 
 def flat(blocks: Any) -> list[Block]:
@@ -50,7 +41,7 @@ def drawn(picture: Picture) -> list[Any]:
     return list(figure.axes)
 
 
-def test_no_column_is_empty_and_there_is_no_modulus_of_a_fit(peaks: Path) -> None:
+def test_peaks_have_no_empty_column_and_no_fitted_modulus(peaks: Path) -> None:
     report = gather(peaks)
     assert has_only_peaks(report)
     table = points_table(report, EN)
@@ -67,7 +58,7 @@ def test_no_column_is_empty_and_there_is_no_modulus_of_a_fit(peaks: Path) -> Non
     )
 
 
-def test_it_says_nothing_of_histories_and_fits(peaks: Path) -> None:
+def test_peaks_have_no_text_on_histories_and_fits(peaks: Path) -> None:
     blocks = flat(compose(gather(peaks), EN, Letters()))
     paragraphs = [block.text for block in blocks if isinstance(block, Paragraph)]
     pairs = dict(row for block in blocks if isinstance(block, Pairs) for row in block.rows)
@@ -100,12 +91,12 @@ def test_the_peaks_of_all_sensors_are_in_tables_and_picture(peaks: Path) -> None
         assert line.get_ydata()[0] == pytest.approx(1e6 * fmean(p[offset] for p in recorded))
     assert np.isfinite(moduli.lines[0].get_ydata()).all()
     tables = [block for block in blocks if isinstance(block, Table)]
-    (own, _) = (table for table in tables if any("d(" in title for title in table.columns))
-    assert len(own.columns) == 3 + len(offsets)
-    assert float(str(own.rows[0][3])) == pytest.approx(1e6 * recorded[0][offsets[0]], rel=5e-3)
+    (sensors, _) = (table for table in tables if any("d(" in title for title in table.columns))
+    assert len(sensors.columns) == 3 + len(offsets)
+    assert float(str(sensors.rows[0][3])) == pytest.approx(1e6 * recorded[0][offsets[0]], rel=5e-3)
 
 
-def test_names_in_the_sketch_of_many_points_do_not_overlap(peaks: Path) -> None:
+def test_names_in_a_crowded_sketch_do_not_overlap(peaks: Path) -> None:
     from dataclasses import replace
 
     first = gather(peaks)
@@ -132,7 +123,7 @@ def test_names_in_the_sketch_of_many_points_do_not_overlap(peaks: Path) -> None:
     names = [text for text in axes.texts if text.get_text().isdigit()]
     assert len(names) > 5
     boxes = [name.get_window_extent(renderer) for name in names]
-    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+    assert not any(first.overlaps(second) for first, second in combinations(boxes, 2))
 
 
 def test_a_report_of_a_rig_has_its_stiffness_and_no_modulus(tmp_path: Path) -> None:
@@ -152,3 +143,5 @@ def test_a_report_of_a_rig_has_its_stiffness_and_no_modulus(tmp_path: Path) -> N
     notes = [block.text for block in blocks if isinstance(block, Paragraph)]
     assert EN["uncertainty_note"] not in notes
     assert EN["report_of_stiffness"] in notes
+    judged = gather(tmp_path / "rig", ReportOptions(procedure="astm-e2835"))
+    assert judged.points[0].progress.value is None

@@ -38,7 +38,7 @@ def test_the_report_of_a_point_has_its_photos(survey: Path, tmp_path: Path) -> N
     assert (tmp_path / "r.pdf").read_bytes().startswith(b"%PDF")
 
 
-def test_of_many_photos_the_first_are_drawn_and_all_counted(survey: Path) -> None:
+def test_the_first_four_photos_are_drawn_and_all_counted(survey: Path) -> None:
     point = gather_stored(survey).points[0]
     assert photo_blocks(point, str(survey), load_texts("en")) == []
     for count in range(6):
@@ -51,7 +51,7 @@ def test_of_many_photos_the_first_are_drawn_and_all_counted(survey: Path) -> Non
 
 
 @pytest.mark.parametrize("name", [None, "copied by hand.png"])
-def test_a_damaged_photo_is_left_out_with_a_remark(
+def test_a_damaged_photo_is_skipped_with_a_remark(
     survey: Path, tmp_path: Path, name: str | None
 ) -> None:
     point = gather_stored(survey).points[0].name

@@ -4,6 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from inversion.notices import text_of
 from pfwd.analysis.result_store import basis_of
 from pfwd.analysis.results import DiagnosisResult, DropResult
@@ -18,7 +20,9 @@ from pfwd.report.summary_blocks import common_warnings, warning_blocks
 from pfwd.report.texts import load_texts
 from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.report.surveys import result_of
-from tests.records import complete, read
+from tests.records import complete, known, read
+
+pytestmark = pytest.mark.usefixtures("without_curves")
 
 FIT: dict[str, Any] = {
     "model": "layer",
@@ -94,7 +98,7 @@ def report_text(report: Report) -> str:
     return "\n".join(texts)
 
 
-def test_numbers_of_a_diagnosed_point_are_those_of_its_diagnosis(survey: Path) -> None:
+def test_a_diagnosed_point_has_the_numbers_of_its_diagnosis(survey: Path) -> None:
     report = diagnosed_report(survey, "explained")
     rows = rows_of(report.points[0])
     assert rows["Modulus E"].replace("\xa0", " ") == "51.2 MPa (48.6 – 53.9)"
@@ -113,14 +117,13 @@ def test_numbers_of_a_diagnosed_point_are_those_of_its_diagnosis(survey: Path) -
 def test_a_diagnosed_depth_has_the_deviation_of_its_effect(survey: Path) -> None:
     report = diagnosed_report(survey, "explained")
     point = report.points[0]
-    assert point.diagnosis is not None
-    record = point.diagnosis.to_stored()
+    record = known(point.diagnosis).to_stored()
     record["effects"] = [{"name": "bedrock", "value": 0.887, "sd": 0.031, "unit": "m"}]
-    again = replace(point, whole=None, diagnosis=read(DiagnosisResult, record))
-    assert "layer on rock at 0.89 ± 0.03 m," in rows_of(again)["Basis"]
+    with_effect = replace(point, whole=None, diagnosis=read(DiagnosisResult, record))
+    assert "layer on rock at 0.89 ± 0.03 m," in rows_of(with_effect)["Basis"]
 
 
-def test_nothing_contradicts_a_modulus_to_use_with_care(survey: Path) -> None:
+def test_warnings_do_not_contradict_a_modulus_to_use_with_care(survey: Path) -> None:
     report = diagnosed_report(survey, "unexplained", discrepancy_over_peak=0.014)
     point = report.points[0]
     rows = rows_of(point)
@@ -135,7 +138,7 @@ def test_nothing_contradicts_a_modulus_to_use_with_care(survey: Path) -> None:
     assert line.endswith("(point B)")
 
 
-def test_numbers_are_those_of_the_fits_where_the_diagnosis_must_not_be_used(survey: Path) -> None:
+def test_an_unusable_diagnosis_leaves_the_numbers_of_the_fits(survey: Path) -> None:
     report = diagnosed_report(survey, "unexplained", discrepancy_over_peak=0.2)
     rows = rows_of(report.points[0])
     assert rows["Modulus E"].startswith("45")

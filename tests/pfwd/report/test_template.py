@@ -17,6 +17,8 @@ from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.report.surveys import result_of
 from tests.records import complete
 
+pytestmark = pytest.mark.usefixtures("without_curves")
+
 
 def template(path: Path, cells: dict[str, Any], names: dict[str, str] | None = None) -> Path:
     book = Workbook()
@@ -85,7 +87,7 @@ def test_the_equivalent_modulus_has_its_interval_and_the_modulus_its_depth(
     assert (top, bottom) == (0.0, 1.4)
 
 
-def test_what_a_survey_says_is_never_a_formula(survey: Path, tmp_path: Path) -> None:
+def test_a_note_is_never_a_formula(survey: Path, tmp_path: Path) -> None:
     edit_survey(survey, [Edit("note", "=HYPERLINK(1)")], "A")
     rows = filled(survey, tmp_path, {"A1": "{{ points.note }}"})
     assert rows[0][0] == "=HYPERLINK(1)"
@@ -100,7 +102,7 @@ def test_what_a_survey_says_is_never_a_formula(survey: Path, tmp_path: Path) -> 
         ({"A1": "no braces"}, "named cells or"),
     ],
 )
-def test_a_template_that_asks_for_what_there_is_not_is_refused(
+def test_an_unknown_key_in_a_template_is_rejected(
     cells: dict[str, str], message: str, survey: Path, tmp_path: Path
 ) -> None:
     with pytest.raises(OptionError, match=message):
@@ -108,7 +110,7 @@ def test_a_template_that_asks_for_what_there_is_not_is_refused(
     assert not (tmp_path / "out.xlsx").exists()
 
 
-def test_what_is_no_workbook_is_refused(survey: Path, tmp_path: Path) -> None:
+def test_an_unusable_template_is_rejected(survey: Path, tmp_path: Path) -> None:
     (tmp_path / "T.xlsx").write_bytes(b"PK\x03\x04 no zip")
     for name, options, message in (
         ("out.xlsx", ReportOptions(template=str(tmp_path / "T.xlsx")), "a workbook"),

@@ -23,7 +23,7 @@ def plain(text: str) -> str:
     return text.replace("\N{NO-BREAK SPACE}", " ")
 
 
-def test_there_are_three_languages() -> None:
+def test_the_languages_are_listed() -> None:
     assert languages() == ("de", "en", "zh")
     with pytest.raises(OptionError, match="one of de, en, zh"):
         load_texts("xx")
@@ -49,7 +49,7 @@ def catalogue(**changes: str | None) -> str:
     )
 
 
-def test_a_language_of_ones_own_is_a_file(tmp_path: Path) -> None:
+def test_a_custom_language_is_a_file(tmp_path: Path) -> None:
     path = tmp_path / "french.toml"
     path.write_text(catalogue(code="fr", summary="Résumé"), "utf-8")
     texts = load_texts(str(path))
@@ -85,12 +85,12 @@ def test_a_file_that_is_no_language_is_refused(tmp_path: Path, content: str, mes
         load_texts(str(tmp_path / "none.toml"))
 
 
-def test_every_text_that_is_asked_for_is_there() -> None:
-    asked = set()
+def test_every_used_text_exists() -> None:
+    keys = set()
     for path in Path(package.__path__[0]).glob("*.py"):
-        asked |= set(re.findall(r'texts(?:\[|\.say\(\s*)"(\w+)"', path.read_text("utf-8")))
-    assert len(asked) > 40
-    for key in asked:
+        keys |= set(re.findall(r'texts(?:\[|\.say\(\s*)"(\w+)"', path.read_text("utf-8")))
+    assert len(keys) > 40
+    for key in keys:
         assert EN[key]
 
 
@@ -116,13 +116,13 @@ def test_a_fact_has_the_words_and_the_sign_of_its_language() -> None:
     assert plain(formatting.show(fact, load_texts("de"))) == "0,7 m (angegeben)"
 
 
-def test_one_drop_has_no_interval_and_says_so() -> None:
+def test_a_value_of_a_single_drop_states_that_it_has_no_interval() -> None:
     value = PointValue(Quantity.E_VD, 45e6, None, 1, factor=1.5, plate_radius=0.15, pressure=1e5)
     assert plain(formatting.value_of(value, EN)) == "45.0 MPa (one drop: no interval)"
     assert plain(formatting.value_basis(value, EN)) == "k = 1.5, r = 0.15 m, σ = 100 kPa, n = 1"
 
 
-def test_a_deflection_is_shown_in_millimetres() -> None:
+def test_a_deflection_is_written_in_millimetres() -> None:
     value = PointValue(Quantity.DEFLECTION, 5.1e-4, (4.9e-4, 5.3e-4), 3)
     assert plain(formatting.value_of(value, EN)) == "0.510 mm (0.490 – 0.530)"
     assert formatting.target_of(6e-4, Quantity.DEFLECTION, EN) == "≤ 0.6 mm"

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pypdf
 import pytest
+from matplotlib.figure import Figure
 
 from pfwd.analysis.results import DropResult
 from pfwd.errors import OptionError
@@ -32,6 +33,7 @@ from pfwd.report.provenance_blocks import result_values
 from pfwd.report.report import ReportOptions, write_report
 from pfwd.report.texts import load_texts
 from pfwd.report.typst_file import render_pdf
+from tests.records import known
 
 MARGIN, PAGE_WIDTH = 42.5, 595.28
 """Points."""
@@ -40,6 +42,16 @@ MARGIN, PAGE_WIDTH = 42.5, 595.28
 def render(*blocks: Block, language: str = "en", template: Path | None = None) -> bytes:
     first = Heading("Title", 1)
     return render_pdf((first, *blocks), load_texts(language), "Title", Letters(), template)
+
+
+def rising_line(label: str) -> Picture:
+    """Return a picture with a label on its axis."""
+
+    def draw(figure: Figure) -> None:
+        figure.subplots().plot([0, 1])
+        figure.axes[0].set_xlabel(label)
+
+    return Picture(draw, 60.0, "caption", "a rising line")
 
 
 def text_of_pages(pdf: bytes) -> list[str]:
@@ -52,8 +64,8 @@ def words_within(pdf: bytes, folder: Path) -> Sequence[tuple[float, float, str]]
     (folder / "page.pdf").write_bytes(pdf)
     command = ["pdftotext", "-bbox", str(folder / "page.pdf"), "-"]
     page = subprocess.run(command, capture_output=True, check=True, text=True).stdout
-    found = re.findall(r'<word xMin="([\d.]+)".*? xMax="([\d.]+)".*?>(.*?)</word>', page)
-    return [(float(left), float(right), word) for left, right, word in found]
+    boxes = re.findall(r'<word xMin="([\d.]+)".*? xMax="([\d.]+)".*?>(.*?)</word>', page)
+    return [(float(start), float(right), word) for start, right, word in boxes]
 
 
 @pytest.mark.parametrize("lines", range(56, 68))
@@ -91,13 +103,9 @@ def test_blocks_that_belong_together_start_a_page_where_they_do_not_fit() -> Non
 
 
 def test_the_file_is_tagged_archived_and_accessible() -> None:
-    def draw(figure: object) -> None:
-        figure.subplots().plot([0, 1])  # type: ignore[attr-defined]
-
-    pdf = render(Picture(draw, 60.0, "caption", "a rising line"), language="de")
+    pdf = render(rising_line("x"), language="de")
     reader = pypdf.PdfReader(io.BytesIO(pdf))
-    assert reader.metadata is not None
-    assert reader.metadata.title == "Title"
+    assert known(reader.metadata).title == "Title"
     root = reader.root_object
     assert root["/Lang"] == "de"
     assert root["/MarkInfo"]["/Marked"]  # type: ignore[index]
@@ -115,7 +123,7 @@ def test_the_file_is_tagged_archived_and_accessible() -> None:
     assert all("/FontFile2" in font for font in fonts), "embedded TrueType"
 
 
-def test_nothing_of_a_survey_is_markup() -> None:
+def test_texts_of_a_survey_are_not_markup() -> None:
     hostile = '#panic("x") $x$ *b* @ref <label> // no\\ [ ] " \N{REPLACEMENT CHARACTER}'
     (text,) = text_of_pages(render(Paragraph(hostile), Pairs(((hostile, hostile),))))
     assert text.count('#panic("x") $x$ *b* @ref') == 2 or text.count("#panic") == 3
@@ -158,7 +166,7 @@ def test_a_template_reads_the_files_of_its_folder_alone(template: Path, tmp_path
         assert re.search("not found|escape the project root", message), path
 
 
-def test_a_template_gets_packages_of_its_folder_and_none_of_the_network(
+def test_a_template_gets_packages_of_its_folder_only(
     template: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     package = template.parent / "preview" / "own" / "1.0.0"
@@ -189,7 +197,7 @@ def test_the_memory_of_a_template_is_limited(template: Path) -> None:
     assert "lack of memory" in refusal_of(template, "#let numbers = range(1000000000)")
 
 
-def test_a_folder_with_too_many_files_is_not_copied(
+def test_a_folder_with_excess_files_is_not_copied(
     template: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pfwd.report.typst_process.MAX_TEMPLATE_FILES", 1)
@@ -218,7 +226,7 @@ def test_hundreds_of_points_have_their_values_in_the_pdf() -> None:
     assert "modulus_pa 45000000" in last.replace("\n", " ")
 
 
-def test_the_title_of_a_symbol_stays_on_one_line() -> None:
+def test_the_title_of_a_symbol_stays_on_a_line() -> None:
     titles = (symbol_title("v", "mm/s"), symbol_title("s/v", "ms"))
     long = "a cell that needs more than its share of the width of the page" * 3
     (page,) = text_of_pages(render(Table((*titles, "Text"), (("1", "2", long),) * 3)))
@@ -227,12 +235,7 @@ def test_the_title_of_a_symbol_stays_on_one_line() -> None:
 
 
 def test_letters_of_pictures_are_text_with_an_embedded_font() -> None:
-    def draw(figure: object) -> None:
-        axes = figure.subplots()  # type: ignore[attr-defined]
-        axes.plot([0, 1])
-        axes.set_xlabel("time after the trigger & <more>")
-
-    pdf = render(Picture(draw, 60.0, "", "a rising line"))
+    pdf = render(rising_line("time after the trigger & <more>"))
     (page,) = text_of_pages(pdf)
     assert "time after the trigger & <more>" in page
     assert "0.8" in page
@@ -245,15 +248,11 @@ def test_chinese_letters_of_pictures_are_of_the_chinese_font() -> None:
     if chinese_family() is None:
         pytest.skip("no font with Chinese letters on this computer")
 
-    def draw(figure: object) -> None:
-        axes = figure.subplots()  # type: ignore[attr-defined]
-        axes.plot([0, 1])
-        axes.set_xlabel("峰值荷载 kN")
-
-    svg = svg_of(Picture(draw, 60.0, "", ""), letters_as_text=True)
+    picture = rising_line("峰值荷载 kN")
+    svg = svg_of(picture, letters_as_text=True)
     (chinese,) = [text for text in svg.splitlines() if "峰值荷载" in text]
     (latin,) = [text for text in svg.splitlines() if ">0.6<" in text and "text-anchor: end" in text]
     assert f"font-family: '{chinese_family()}', 'DejaVu Sans'" in chinese
     assert f"font-family: 'DejaVu Sans', '{chinese_family()}'" in latin
-    (page,) = text_of_pages(render(Picture(draw, 60.0, "", "x"), language="zh"))
+    (page,) = text_of_pages(render(picture, language="zh"))
     assert "峰值荷载 kN" in page

@@ -129,7 +129,7 @@ def acquired(
     **more: Any,
 ) -> dict[str, Any]:
     """A ``database.json`` of the acquisition."""
-    found: dict[str, Any] = {
+    database: dict[str, Any] = {
         "Database": {"Software": "Maxidyn"},
         "Project": {"Name": "P", "Site": "yard"},
         "ParamsBearing": {"DPlate": 0.6, "CPoisson": 0.25, "FForme": 4.0},
@@ -138,10 +138,10 @@ def acquired(
         "Hardware": {"Serial": "T-2\0\0", "TypeMachineName": "Maxidyn"},
     }
     if offsets is not None:
-        del found["ParamsBearing"]
+        del database["ParamsBearing"]
         channels = [{"Type": "LoadCell", "Position": 0.0}]
-        channels += [{"Type": "Geophone", "Position": float(np.float32(one))} for one in offsets]
-        found["Calibrations"] = {"Dplate": float(np.float32(0.3)), "Channels": channels}
+        channels += [{"Type": "Geophone", "Position": float(np.float32(drop))} for drop in offsets]
+        database["Calibrations"] = {"Dplate": float(np.float32(0.3)), "Channels": channels}
     entries = []
     for number, (identity, drops) in enumerate(points.items(), start=1):
         point = {
@@ -157,7 +157,7 @@ def acquired(
         peaks = [{"Number": n, "Fmax": float(d.load.max())} for n, d in enumerate(drops, start=1)]
         entries.append({"Point": point, "Drops": peaks})
     about = {"Name": "north", "Operator": "A. B.", "Temperature": "12"}
-    return {**found, "PVs": [{"PV": about, "Points": entries}], **more}
+    return {**database, "PVs": [{"PV": about, "Points": entries}], **more}
 
 
 def viewed(
@@ -245,17 +245,17 @@ def thy(
         "Comments: none",
         "",
     ]
-    for station, number, one in drops:
-        columns = " ".join(f"Disp{n}" for n in range(1, len(one.sensors) + 1))
+    for station, number, drop in drops:
+        columns = " ".join(f"Disp{n}" for n in range(1, len(drop.sensors) + 1))
         lines += [
             f"Station: {station}  Lane: 1  Milepost:   0.000",
             f"Drop # {number}  Desired peak force: 9000.000",
             f"Time Force {columns}",
-            f"Impact: 0    Number_of_samples: {one.load.size}",
+            f"Impact: 0    Number_of_samples: {drop.load.size}",
         ]
-        for row in range(one.load.size):
-            kip = one.load[row] / 4448.2216152605
-            mils = " ".join(f"{-value / 2.54e-5:.6f}" for value in one.sensors[:, row])
+        for row in range(drop.load.size):
+            kip = drop.load[row] / 4448.2216152605
+            mils = " ".join(f"{-value / 2.54e-5:.6f}" for value in drop.sensors[:, row])
             lines.append(f"{row * step_ms:.{digits}f} {kip:.6f} {mils}")
         lines.append("")
     return "\r\n".join(lines).encode("latin-1")

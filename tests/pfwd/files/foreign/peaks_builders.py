@@ -22,9 +22,9 @@ class Place:
 
 def bowl(load: float, dead: float = 0.08) -> tuple[float, list[float]]:
     """A load in kPa and deflections in um; the second sensor hardly moves."""
-    found = [round(load * 0.15 / (1 + 4 * abs(offset)), 2) for offset in OFFSETS]
-    found[1] = dead
-    return load, found
+    written = [round(load * 0.15 / (1 + 4 * abs(offset)), 2) for offset in OFFSETS]
+    written[1] = dead
+    return load, written
 
 
 def places() -> list[Place]:
@@ -42,7 +42,7 @@ def newtons(pressure: float) -> float:
     return 1e3 * pressure * pi * RADIUS**2
 
 
-def f25(found: Sequence[Place], units: str = "25SI", none: Sequence[int] = ()) -> str:
+def f25(written: Sequence[Place], units: str = "25SI", empty: Sequence[int] = ()) -> str:
     lines = [
         '5001,25.60,1,40, 3, 1,"Prog    "',
         f'5002,"{units}  ","8002-000","CP15-000"',
@@ -55,7 +55,7 @@ def f25(found: Sequence[Place], units: str = "25SI", none: Sequence[int] = ()) -
         '5302,0,1,8,0,0,0,1,0,"rs          "',
         "5303,0, 17.8, 18.4, 18.0",
     ]
-    for place in found:
+    for place in written:
         lines += [
             f"5280,0,140418.0,{place.latitude:12.7f},{place.longitude:12.7f},  00.3, 2, 9,   0,  0",
             f"5301,0,1,3,3,{place.chainage:8.3f},1,1,NA      ,2024,05,06,07,30",
@@ -63,12 +63,12 @@ def f25(found: Sequence[Place], units: str = "25SI", none: Sequence[int] = ()) -
             f"5303,0, N0, {place.surface:4.1f}, {place.air:4.1f}",
         ]
         for number, (load, moved) in enumerate(place.drops, start=1):
-            cells = ["N0" if n in none else f"{v:6.1f}" for n, v in enumerate(moved)]
+            cells = ["N0" if n in empty else f"{v:6.1f}" for n, v in enumerate(moved)]
             lines.append(f"{number:4d},{load:6.0f},{','.join(cells)}")
     return "\r\n".join(lines) + "\r\n"
 
 
-def sweco(found: Sequence[Place]) -> str:
+def sweco(written: Sequence[Place]) -> str:
     lines = [
         "",
         "_" * 40,
@@ -78,11 +78,11 @@ def sweco(found: Sequence[Place]) -> str:
         "Date [dd/mm/yy]:.......\t06/05/2024",
         f"Load plate radius [mm].\t{1e3 * RADIUS:g}",
         "                       \t" + "\t".join(f"R({n + 1})" for n in range(len(OFFSETS))),
-        "Radial offset [cm].....\t" + "\t".join(f"{100 * one:.0f}" for one in OFFSETS),
+        "Radial offset [cm].....\t" + "\t".join(f"{100 * value:.0f}" for value in OFFSETS),
         "Tolerance [%]..........\t" + "\t".join("5" for _ in OFFSETS),
     ]
     names = [f"D({n + 1})" for n in range(len(OFFSETS))]
-    for place in found:
+    for place in written:
         lines += [
             "_" * 40,
             "$2",
@@ -109,16 +109,16 @@ def sexagesimal(value: float) -> str:
     return f"{degrees:.0f}°{minutes:.0f}'{60 * rest:.4f}\""
 
 
-def dynatest(found: Sequence[Place], radius: float = 0.0) -> str:
-    """As the viewer writes it: nothing between numbers, 0.1 in place of what is not positive."""
+def dynatest(written: Sequence[Place], radius: float = 0.0) -> str:
+    """Return the layout of the viewer: no separators, 0.1 for values that are not positive."""
 
     def cell(value: float) -> str:
         text = f"{value:.2f}"
         return (text if float(text) > 0 else "0.1").rjust(4)
 
     positions = [radius, *OFFSETS[2:9]]
-    head = "".join(f"{1e3 * one:4.0f}" for one in positions)
-    head += "".join(f"{one * 0.0393701:6.2f}" for one in positions)
+    head = "".join(f"{1e3 * value:4.0f}" for value in positions)
+    head += "".join(f"{value * 0.0393701:6.2f}" for value in positions)
     lines = [
         "R80    102    yard",
         "70103300\0\0\0\0\0\0\0\00069994.3703111  1",
@@ -130,7 +130,7 @@ def dynatest(found: Sequence[Place], radius: float = 0.0) -> str:
         "D1 159 1.000 29.66",
         "*000+0.0 000+0.0 st",
     ]
-    for place in found:
+    for place in written:
         lines += [
             f"G0000001+{place.latitude!r}+{place.longitude!r}999.9",
             f"S {place.chainage:8.2f} {place.air:4.1f}00 {place.surface:2.0f}  0I20730   47   37",
@@ -139,8 +139,8 @@ def dynatest(found: Sequence[Place], radius: float = 0.0) -> str:
     return "\r\n".join(line.ljust(80) for line in lines)
 
 
-def pddx(found: Sequence[Place], *, viewer: bool = True) -> str:
-    """Of the viewer, with a diameter in m for a radius in mm and pressures for loads; or sound."""
+def pddx(written: Sequence[Place], *, viewer: bool = True) -> str:
+    """Return the wrong layout of the viewer, a diameter as radius and pressures, or a sound one."""
     radius = "0.30000001192092896" if viewer else f"{1e3 * RADIUS:g}"
     axis = ([0.0] if viewer else []) + list(OFFSETS)
     lines = [
@@ -164,11 +164,11 @@ def pddx(found: Sequence[Place], *, viewer: bool = True) -> str:
         "[Device Configuration]",
         f"LoadPlateRadius = {radius} ",
         f"NumberOfDeflectionSensors = {len(OFFSETS)} ",
-        f"DeflectionSensorXAxisDistances = {', '.join(f'{1e3 * one:g}' for one in axis)}",
+        f"DeflectionSensorXAxisDistances = {', '.join(f'{1e3 * value:g}' for value in axis)}",
         f"DeflectionSensorYAxisDistances = {', '.join('0' for _ in range(17))}",
         "TemperatureSensorUse = air,surface,manual",
     ]
-    for number, place in enumerate(found):
+    for number, place in enumerate(written):
         chainage = place.chainage if viewer else place.chainage / 1e3
         lines += [
             f"[Test Location {number}]",

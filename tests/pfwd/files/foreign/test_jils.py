@@ -1,6 +1,5 @@
 """JILS time histories: units, signs, stations; what is wrong with a file is said."""
 
-import math
 from pathlib import Path
 
 import numpy as np
@@ -37,10 +36,10 @@ def test_units_and_signs_are_ours(file: Path, header: Path) -> None:
     first, second = read_points(file, header)
     assert (first.setup.point, second.setup.point) == ("station 1 lane 1", "station 2 lane 1")
     assert [drop.number for drop in first.drops] == [1, 2]
-    for drop, (_, _, one) in zip([*first.drops, *second.drops], DROPS, strict=True):
+    for drop, (_, _, recorded) in zip([*first.drops, *second.drops], DROPS, strict=True):
         assert [channel.offset for channel in drop.channels] == [0.0, 0.3]
-        np.testing.assert_allclose(drop.load, one.load, atol=0.01)
-        for channel, values in zip(drop.channels, one.sensors, strict=False):
+        np.testing.assert_allclose(drop.load, recorded.load, atol=0.01)
+        for channel, values in zip(drop.channels, recorded.sensors, strict=False):
             assert channel.quantity == "displacement"
             assert channel.values.max() > 0
             np.testing.assert_allclose(channel.values, values, atol=2e-11)
@@ -48,8 +47,8 @@ def test_units_and_signs_are_ours(file: Path, header: Path) -> None:
         assert np.diff(drop.time) == pytest.approx(0.1707e-3, rel=1e-6)
     assert first.setup.temperature == 20.0
     assert (first.setup.site, first.setup.operator) == ("Test road", "A. B.")
-    wanted = first.setup.extra["imported"]["desired_peak_force_n"]
-    assert wanted == pytest.approx([40033.99, 40033.99], abs=0.01)
+    desired = first.setup.extra["imported"]["desired_peak_force_n"]
+    assert desired == pytest.approx([40033.99, 40033.99], abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -89,7 +88,7 @@ def test_content_tells_it_under_any_name(tmp_path: Path, header: Path) -> None:
     assert len(read_points(path, header)) == 2
 
 
-def test_a_number_that_comes_again_is_counted_on(tmp_path: Path, header: Path) -> None:
+def test_a_repeated_number_becomes_the_next_number(tmp_path: Path, header: Path) -> None:
     path = tmp_path / "a.thy"
     path.write_bytes(thy([DROPS[0], DROPS[0]]))
     (point,) = read_points(path, header)
@@ -113,7 +112,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("data", "header", "message"), WRONG)
-def test_what_is_wrong_is_one_line_with_the_file(
+def test_a_wrong_history_is_an_error_line_with_the_file(
     tmp_path: Path, data: bytes, header: str, message: str
 ) -> None:
     path, keys = tmp_path / "a.thy", tmp_path / "h.toml"
@@ -125,16 +124,11 @@ def test_what_is_wrong_is_one_line_with_the_file(
     assert "\n" not in str(caught.value)
 
 
-def test_nan_leaves_a_sensor_out_and_nothing_else(file: Path, header: Path) -> None:
-    (first, _) = read_points(file, header)
-    assert all(math.isfinite(channel.offset) for channel in first.drops[0].channels)
-
-
 def dat(station: int, drops: list[tuple[float, list[float]]], note: str = "retest") -> str:
-    """What a .DAT says of a station; loads in N, deflections in m."""
+    """Return the lines of a station in a .DAT; loads in N, deflections in m."""
     lines = [
         f"{station} 1   0.000 1 {load / 4448.2216152605:.2f} "
-        f"{' '.join(f'{one / 2.54e-5:.2f}' for one in moved)}  68.0"
+        f"{' '.join(f'{peak / 2.54e-5:.2f}' for peak in moved)}  68.0"
         for load, moved in drops
     ]
     lines += [
@@ -154,8 +148,8 @@ HEAD = (
 
 def of_drops(station: int) -> list[tuple[float, list[float]]]:
     return [
-        (float(one.load.max()), [float(row.max()) for row in one.sensors])
-        for number, _, one in DROPS
+        (float(recorded.load.max()), [float(row.max()) for row in recorded.sensors])
+        for number, _, recorded in DROPS
         if number == station
     ]
 
@@ -177,16 +171,16 @@ def test_peaks_alone_are_read_as_peaks(tmp_path: Path, header: Path) -> None:
         )
 
 
-def test_peaks_beside_histories_are_compared(tmp_path: Path, file: Path, header: Path) -> None:
-    good, other = of_drops(1), of_drops(2)
-    (load, moved), wrong = other[0], [of_drops(2)[0][1][0], 9e-4, 0.0]
+def test_peaks_with_histories_are_compared(tmp_path: Path, file: Path, header: Path) -> None:
+    good, second_peaks = of_drops(1), of_drops(2)
+    (load, moved), wrong = second_peaks[0], [of_drops(2)[0][1][0], 9e-4, 0.0]
     (tmp_path / "a.DAT").write_text(HEAD + dat(1, good) + dat(2, [(load, wrong)], "again"))
     first, second = read_points(file, header)
     assert (second.setup.latitude, second.setup.longitude) == (34.5, -89.25)
     assert second.setup.extra["imported"]["note"] == "again"
     assert not any(".DAT" in text_of(text) for text in first.warnings)
-    said = [text for text in second.warnings if "a.DAT" in text_of(text)]
-    assert [text_of(text).split(" is ")[0] for text in said] == [
+    differing = [text for text in second.warnings if "a.DAT" in text_of(text)]
+    assert [text_of(text).split(" is ")[0] for text in differing] == [
         "a.DAT, line 14: peak of sensor 2",
         "a.DAT, line 14: peak of sensor 3",
     ]
@@ -202,7 +196,7 @@ def test_peaks_beside_histories_are_compared(tmp_path: Path, file: Path, header:
     )
 
 
-def test_damage_of_peaks_is_one_line(tmp_path: Path, header: Path) -> None:
+def test_damaged_peaks_are_an_error_line(tmp_path: Path, header: Path) -> None:
     path = tmp_path / "a.DAT"
     for text, message in (
         (HEAD, "lines with load and deflections, got none; is it a JILS .DAT"),

@@ -36,27 +36,14 @@ ALL: dict[str, str] = {
 }
 
 
-@pytest.fixture
-def read(tmp_path: Path) -> Reader:
-    def read(name: str, text: str, header: str = "") -> list[TracePoint]:
-        path = tmp_path / name
-        path.write_bytes(text.encode())
-        if not header:
-            return read_points(path)
-        (tmp_path / "header.toml").write_text(header)
-        return read_points(path, tmp_path / "header.toml")
-
-    return read
-
-
 def numbers(points: list[TracePoint]) -> list[tuple[float, dict[float, float]]]:
     """Load and deflection by offset of every drop."""
-    found = []
+    values = []
     for point in points:
         for drop in point.drops:
             assert drop.only_peaks is not None
-            found.append((drop.only_peaks.load, dict(drop.only_peaks.displacements)))
-    return found
+            values.append((drop.only_peaks.load, dict(drop.only_peaks.displacements)))
+    return values
 
 
 def noted(point: TracePoint) -> dict[str, Any]:
@@ -65,10 +52,10 @@ def noted(point: TracePoint) -> dict[str, Any]:
 
 @pytest.mark.parametrize("name", ALL)
 def test_every_layout_gives_the_numbers_it_was_written_with(read: Reader, name: str) -> None:
-    points = read(name, ALL[name])
+    points = read(ALL[name], name)
     assert len(points) == 2
-    wanted = [drop for place in places() for drop in place.drops]
-    for (load, moved), (pressure, peaks) in zip(numbers(points), wanted, strict=True):
+    expected = [drop for place in places() for drop in place.drops]
+    for (load, moved), (pressure, peaks) in zip(numbers(points), expected, strict=True):
         # F25 has whole kPa, Sweco 0.1 kN.
         assert load == pytest.approx(newtons(pressure), abs=52 if name != "a.pdx" else 0.01)
         if name in ("a.F25", "a-sweco.fwd", "a.pdx"):
@@ -83,59 +70,59 @@ def test_every_layout_gives_the_numbers_it_was_written_with(read: Reader, name: 
     assert (first.setup.latitude, first.setup.longitude) == pytest.approx((48.5, 2.25), abs=1e-7)
     assert noted(first)["air_temperature_c"] == pytest.approx(8.6)
     assert noted(first)["surface_temperature_c"] == pytest.approx(3.0)
-    assert any("peaks as another program recorded them" in text_of(one) for one in first.warnings)
+    assert any("peaks as another program recorded them" in text_of(item) for item in first.warnings)
     if name != "a-dynatest.fwd":
         assert noted(first)["time_local"].startswith("2024-05-06T07:30")
     assert noted(points[1]).get("chainage_m", 20.0) == 20.0
 
 
-def test_zeros_and_what_stands_for_them(read: Reader) -> None:
-    found = numbers(
-        read("a-dynatest.fwd", ALL["a-dynatest.fwd"], "sensor_offsets_m = " + str(list(OFFSETS)))
+def test_zero_deflections_are_written_as_a_tenth(read: Reader) -> None:
+    values = numbers(
+        read(ALL["a-dynatest.fwd"], "a-dynatest.fwd", "sensor_offsets_m = " + str(list(OFFSETS)))
     )
-    assert [moved[-0.2] for _, moved in found] == pytest.approx(
+    assert [moved[-0.2] for _, moved in values] == pytest.approx(
         [8e-8, 1e-7, 1e-7, 8e-8, 1e-7, 8e-8]
     )
-    assert list(found[0][1]) == pytest.approx(list(OFFSETS))
+    assert list(values[0][1]) == pytest.approx(list(OFFSETS))
 
 
-def test_a_dynatest_file_says_what_was_assumed(read: Reader) -> None:
-    (first, _) = read("a.fwd", ALL["a-dynatest.fwd"])
+def test_assumptions_about_a_dynatest_file_are_remarks(read: Reader) -> None:
+    (first, _) = read(ALL["a-dynatest.fwd"], "a.fwd")
     assert any(
         "line 3: the plate radius is 0, 0.15 m was assumed" in text_of(w) for w in first.warnings
     )
     assert any("7 sensor positions, but 11 deflections" in text_of(w) for w in first.warnings)
-    (first, _) = read("a.fwd", dynatest(places(), radius=0.225))
+    (first, _) = read(dynatest(places(), radius=0.225), "a.fwd")
     assert first.setup.plate_radius == 0.225
     assert not any("assumed" in text_of(w) for w in first.warnings)
-    (first, _) = read("a.fwd", ALL["a-dynatest.fwd"], "plate_radius_m = 0.3")
+    (first, _) = read(ALL["a-dynatest.fwd"], "a.fwd", "plate_radius_m = 0.3")
     assert first.setup.plate_radius == 0.3
     assert numbers([first])[0][0] == pytest.approx(4 * newtons(992.67))
 
 
 def test_columns_of_a_dynatest_file_are_not_guessed(read: Reader) -> None:
-    """Where the largest deflection is not in one column, nobody knows which is which."""
-    found = places()
-    for number, (_, moved) in enumerate(drop for place in found for drop in place.drops):
+    """The positions are unknown if the largest deflection is not always in the same column."""
+    values = places()
+    for number, (_, moved) in enumerate(drop for place in values for drop in place.drops):
         moved[number % 4] = 999.0  # type: ignore[index]
     with pytest.raises(TraceError, match=r"got 11; declare sensor_offsets_m") as caught:
-        read("a.fwd", dynatest(found))
+        read(dynatest(values), "a.fwd")
     assert "/a.fwd, line 3: expected 7 deflections" in str(caught.value).replace("\\", "/")
 
 
-def test_the_viewers_pddx_is_told_from_a_sound_one(read: Reader) -> None:
-    (first, _) = read("a.pdx", ALL["a.pdx"])
+def test_the_pddx_of_the_viewer_is_detected(read: Reader) -> None:
+    (first, _) = read(ALL["a.pdx"], "a.pdx")
     assert any(
         "a.pdx, line 19: LoadPlateRadius 0.3 is the diameter in m" in text_of(w)
         for w in first.warnings
     )
-    sound = read("a.pdx", pddx(places(), viewer=False))
+    sound = read(pddx(places(), viewer=False), "a.pdx")
     assert [point.setup.point for point in sound] == ["km 1", "km 1 (2)"]
     assert sound[0].setup.plate_radius == 0.15
     assert not any("diameter" in text_of(w) for w in sound[0].warnings)
-    for (load, moved), (other, others) in zip(numbers(sound), numbers([first]), strict=False):
-        assert load == pytest.approx(other, rel=1e-3)
-        assert moved == pytest.approx(others)
+    for (load, moved), (pressed, peaks) in zip(numbers(sound), numbers([first]), strict=False):
+        assert load == pytest.approx(pressed, rel=1e-3)
+        assert moved == pytest.approx(peaks)
     assert noted(sound[1])["chainage_m"] == pytest.approx(20.0)
 
 
@@ -153,7 +140,7 @@ def test_a_wrong_pddx_is_refused(read: Reader, old: str, new: str, message: str)
     text = pddx(places(), viewer=False)
     assert old in text
     with pytest.raises(TraceError, match=message):
-        read("a.pdx", text.replace(old, new, 1))
+        read(text.replace(old, new, 1), "a.pdx")
 
 
 def test_units_of_a_pddx(read: Reader) -> None:
@@ -161,8 +148,8 @@ def test_units_of_a_pddx(read: Reader) -> None:
     text = text.replace("LoadUnits = kilo-Newton", "LoadUnits = kip")
     text = text.replace("DeflectionUnits = micron", "DeflectionUnits = mils")
     text = text.replace("TemperatureUnits = Celsius", "TemperatureUnits = Fahrenheit")
-    (first, _) = read("a.pdx", text)
-    (sound, _) = read("b.pdx", pddx(places(), viewer=False))
+    (first, _) = read(text, "a.pdx")
+    (sound, _) = read(pddx(places(), viewer=False), "b.pdx")
     assert numbers([first])[0][0] == pytest.approx(4.4482216152605 * numbers([sound])[0][0])
     assert numbers([first])[0][1][0.0] == pytest.approx(25.4 * numbers([sound])[0][1][0.0])
     assert noted(first)["air_temperature_c"] == pytest.approx((8.6 - 32) / 1.8)
@@ -170,11 +157,11 @@ def test_units_of_a_pddx(read: Reader) -> None:
 
 def test_an_f25_without_si_units_is_refused(read: Reader) -> None:
     with pytest.raises(TraceError, match=r"line 2: expected units SI \(25SI\), got '25US'"):
-        read("a.f25", f25(places(), "25US"))
+        read(f25(places(), "25US"), "a.f25")
     with pytest.raises(TraceError, match="a line 5020 with plate and sensors"):
-        read("a.f25", "5001,25.60,1\r\n")
+        read("5001,25.60,1\r\n", "a.f25")
     with pytest.raises(TraceError, match="drops with a load and deflections"):
-        read("a.f25", "\r\n".join(ALL["a.F25"].split("\r\n")[:10]))
+        read("\r\n".join(ALL["a.F25"].split("\r\n")[:10]), "a.f25")
 
 
 def basin_row(number: int, count: int, centre: str = " 400.0") -> str:
@@ -232,7 +219,7 @@ SHORT, LONG = {0.0: 400e-6, 0.3: 90e-6}, {0.0: 1607e-6, 0.3: 90e-6, 0.6: 80e-6}
 def test_columns_of_an_f25_that_do_not_fit_its_positions(
     read: Reader, rows: list[str], deflections: list[dict[float, float]], remark: str | None
 ) -> None:
-    (point,) = read("a.f25", f25_of(*rows))
+    (point,) = read(f25_of(*rows), "a.f25")
     assert [moved for _, moved in numbers([point])] == [pytest.approx(d) for d in deflections]
     if remark is not None:
         assert any(text_of(w).startswith(f"a.f25, line 6: {remark}") for w in point.warnings)
@@ -240,11 +227,11 @@ def test_columns_of_an_f25_that_do_not_fit_its_positions(
 
 def test_an_f25_of_which_no_drop_can_be_read_is_refused(read: Reader) -> None:
     with pytest.raises(TraceError, match="drops with a load and deflections, got none"):
-        read("b.f25", f25_of(SHIFTED))
+        read(f25_of(SHIFTED), "b.f25")
 
 
-def test_a_position_of_an_f25_may_be_missing_between_others(read: Reader) -> None:
-    (point,) = read("a.f25", f25_of(FIRST, positions="0,N0    ,   600"))
+def test_a_position_of_an_f25_may_be_missing(read: Reader) -> None:
+    (point,) = read(f25_of(FIRST, positions="0,N0    ,   600"), "a.f25")
     assert numbers([point])[0][1] == pytest.approx({0.0: 400e-6, 0.6: 80e-6})
     assert any("deflection 2 was left out" in text_of(w) for w in point.warnings)
 
@@ -256,7 +243,7 @@ def test_sensors_of_an_f25_that_change_within_the_file(read: Reader) -> None:
         "5301,0,1,3,3,  13.000,1,1,NA      ,2024,05,06,07,40",
         "   1,   700,  90.0, 400.0,  50.0,  30.0",
     ]
-    first, second = read("a.f25", f25_of(basin_row(1, 3), *later))
+    first, second = read(f25_of(basin_row(1, 3), *later), "a.f25")
     assert numbers([first])[0][1] == pytest.approx({0.0: 400e-6, 0.3: 90e-6, 0.6: 80e-6})
     expected = {0.0: 400e-6, 0.3: 90e-6, 0.9: 50e-6, 1.2: 30e-6}
     assert numbers([second])[0][1] == pytest.approx(expected)
@@ -269,17 +256,17 @@ def test_the_plate_of_an_f25_may_change_between_stations(read: Reader) -> None:
         "5301,0,1,3,3,  13.000,1,1,NA      ,2024,05,06,07,40",
         basin_row(1, 3),
     ]
-    first, second = read("a.f25", f25_of(basin_row(1, 3), *later))
+    first, second = read(f25_of(basin_row(1, 3), *later), "a.f25")
     assert (first.setup.plate_radius, second.setup.plate_radius) == (0.15, 0.225)
     loads = [load for load, _ in numbers([first, second])]
     assert loads[1] == pytest.approx(2.25 * loads[0])
     assert any("radius 0.15 or 0.225 m" in text_of(w) for w in first.warnings)
     with pytest.raises(TraceError, match="line 7: expected one plate at a station, of radius 150"):
-        read("b.f25", f25_of(basin_row(1, 3), later[0], basin_row(2, 3)))
+        read(f25_of(basin_row(1, 3), later[0], basin_row(2, 3)), "b.f25")
 
 
-def test_a_sensor_that_gave_nothing_is_left_out(read: Reader) -> None:
-    (first, _) = read("a.f25", f25(places(), none=(1,)))
+def test_a_sensor_without_data_is_excluded(read: Reader) -> None:
+    (first, _) = read(f25(places(), empty=(1,)), "a.f25")
     assert -0.2 not in numbers([first])[0][1]
     assert len(numbers([first])[0][1]) == 10
 
@@ -288,10 +275,10 @@ def test_a_drop_of_peaks_is_imported_once(tmp_path: Path) -> None:
     path = tmp_path / "a.F25"
     path.write_text(ALL["a.F25"])
     first = list(import_files([str(path)], tmp_path / "s"))
-    assert [(one.kind, one.before, one.error) for one in first] == [("peaks", False, None)] * 6
-    assert all("no time history" in one.remarks[0] for one in first)
-    again = list(import_files([str(path)], tmp_path / "s"))
-    assert [(one.kind, one.before) for one in again] == [("peaks", True)] * 6
+    assert [(item.kind, item.before, item.error) for item in first] == [("peaks", False, None)] * 6
+    assert all("no time history" in item.remarks[0] for item in first)
+    repeated = list(import_files([str(path)], tmp_path / "s"))
+    assert [(item.kind, item.before) for item in repeated] == [("peaks", True)] * 6
     survey = read_survey(tmp_path / "s")
     assert [point.title for point in survey.points] == ["station 0.000", "station 20.000"]
 
@@ -325,8 +312,8 @@ def test_a_project_without_traces_has_peaks(tmp_path: Path) -> None:
     assert numbers([point])[1] == (61e3, {-0.3: 3e-4, 0.0: 8e-4, 0.6: 1e-4})
     assert point.setup.source == "Rincent project (.prjz), peaks"
     assert noted(point)["pulse_durations_s"] == [0.025] * 3
-    assert any("drop 2: no peaks, left out" in text_of(one) for one in point.warnings)
-    assert not any("processed and stored" in text_of(one) for one in point.warnings)
+    assert any("drop 2: no peaks, left out" in text_of(item) for item in point.warnings)
+    assert not any("processed and stored" in text_of(item) for item in point.warnings)
 
 
 def test_a_viewers_project_names_its_sensors(tmp_path: Path) -> None:
@@ -340,11 +327,11 @@ def test_a_viewers_project_names_its_sensors(tmp_path: Path) -> None:
     point["base"]["drops"] = [{"base": {"data": data}}]
     path = tmp_path / "a.mpvz"
     path.write_bytes(peaks_of_project(database))
-    (found,) = read_points(path)
-    assert numbers([found]) == [(5e4, {-0.3: 1e-4, 0.0: 5e-4, 1.2: 3e-5})]
+    (imported,) = read_points(path)
+    assert numbers([imported]) == [(5e4, {-0.3: 1e-4, 0.0: 5e-4, 1.2: 3e-5})]
 
 
-def test_a_point_without_traces_is_not_lost_among_others(tmp_path: Path) -> None:
+def test_a_point_without_traces_has_its_peaks(tmp_path: Path) -> None:
     drops = {"1F": [pulse(peak=80e3)], "2F": [pulse(peak=81e3)]}
     database = acquired(drops)
     for entry in database["PVs"][0]["Points"]:
@@ -370,21 +357,21 @@ def test_a_file_cut_anywhere_is_read_in_part_or_refused(read: Reader, name: str)
     text = ALL[name]
     for end in np.linspace(3, len(text), 60).astype(int).tolist():
         with contextlib.suppress(TraceError):
-            assert read(name, text[:end])
+            assert read(text[:end], name)
 
 
-def test_what_says_not_what_it_is_is_a_remark(read: Reader) -> None:
+def test_an_unknown_line_is_a_remark(read: Reader) -> None:
     lines = ALL["a.F25"].split("\r\n")
     lines.insert(12, "EOJ")
-    (first, second) = read("a.f25", "\r\n".join(lines) + "\x1a")
+    (first, second) = read("\r\n".join(lines) + "\x1a", "a.f25")
     assert any(
         "a.f25, line 13: not read, because it does not begin" in text_of(w) for w in first.warnings
     )
     assert len(first.drops) == len(second.drops) == 3
 
 
-def test_two_points_of_one_number_are_two(read: Reader) -> None:
+def test_points_with_the_same_number_stay_separate(read: Reader) -> None:
     text = pddx(places()).replace("[Test Location 1]", "[Test Location 0]")
-    points = read("a.pdx", text)
+    points = read(text, "a.pdx")
     assert [point.setup.point for point in points] == ["location 0", "location 0 (2)"]
     assert [len(point.drops) for point in points] == [3, 3]

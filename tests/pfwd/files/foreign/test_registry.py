@@ -1,4 +1,4 @@
-"""Which reader a file gets, with readers of other packages beside the program's own."""
+"""The reader of a file, with readers of other packages."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -53,7 +53,7 @@ def offer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Offer]:
     registry._plugin_formats.cache_clear()
 
 
-def test_every_reader_is_there() -> None:
+def test_every_reader_can_be_imported() -> None:
     for form in (*registry.FOREIGN_FORMATS, registry.DELIMITED_TEXT):
         assert callable(form.reader())
 
@@ -99,19 +99,17 @@ def test_another_package_reads_by_the_end_of_the_name(
     offer()
     (tmp_path / name).write_text("what only it knows")
     assert read_points(tmp_path / name) == []
-    assert tmp_path / name in [Path(one.path) for one in find_sources([str(tmp_path)])]
+    assert tmp_path / name in [Path(source.path) for source in find_sources([str(tmp_path)])]
 
 
-def test_an_error_of_another_reader_is_one_line_that_names_its_package(
-    offer: Offer, tmp_path: Path
-) -> None:
+def test_an_error_of_a_plugin_names_its_package(offer: Offer, tmp_path: Path) -> None:
     offer(read="return 1 / 0")
     (tmp_path / "a.toy").write_text("x")
     with pytest.raises(TraceError, match=r"a\.toy: expected a file that toy 0\.1 reads, got Zero"):
         read_points(tmp_path / "a.toy")
 
 
-def test_one_that_cannot_say_what_it_reads_costs_a_remark(offer: Offer, tmp_path: Path) -> None:
+def test_a_broken_plugin_is_a_remark(offer: Offer, tmp_path: Path) -> None:
     offer("return head.no_such_thing")
     (tmp_path / "a.other").write_text("x")
     assert registry.find_format(str(tmp_path / "a.other")) is None

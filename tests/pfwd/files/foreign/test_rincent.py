@@ -4,7 +4,7 @@ import json
 import re
 import struct
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,6 @@ import pytest
 from inversion.notices import text_of
 from pfwd.errors import SurveyError, TraceError
 from pfwd.files.foreign import archive as archive_module
-from pfwd.files.foreign.common import Channels
 from pfwd.files.importing import import_files
 from pfwd.files.reading import read_points
 from pfwd.files.traces import TracePoint
@@ -36,25 +35,15 @@ RAW = {"1": [pulse(peak=8000.0 + n, offset=2000.0) for n in range(3)], "A": [pul
 HEX = {"F0000000000000AB": [pulse(peak=80e3 + n) for n in range(3)]}
 
 
-@pytest.fixture
-def read(tmp_path: Path) -> Reader:
-    def read(data: bytes, name: str, channels: Channels | None = None) -> list[TracePoint]:
-        path = tmp_path / name
-        path.write_bytes(data)
-        return read_points(path, channels=channels)
-
-    return read
-
-
-def test_raw_channels_are_taken_as_they_are(read: Reader) -> None:
+def test_raw_channels_are_read_exactly(read: Reader) -> None:
     first, second = read(dynz(RAW), "a.dynz")
     assert (first.setup.point, second.setup.point) == ("a & b 1", "a & b 2")
     assert [drop.number for drop in first.drops] == [1, 2, 3]
-    for drop, one in zip(first.drops, RAW["1"], strict=True):
-        assert drop.load.tobytes() == one.load.tobytes()
+    for drop, recorded in zip(first.drops, RAW["1"], strict=True):
+        assert drop.load.tobytes() == recorded.load.tobytes()
         (channel,) = drop.channels
         assert (channel.offset, channel.quantity) == (0.0, "velocity")
-        assert channel.values.tobytes() == one.sensors[0].tobytes()
+        assert channel.values.tobytes() == recorded.sensors[0].tobytes()
         assert drop.time[0] == -0.005
         assert drop.time[75] == 0.0
         assert drop.sampling_rate == pytest.approx(15_000.0)
@@ -69,11 +58,11 @@ def test_raw_channels_are_taken_as_they_are(read: Reader) -> None:
     assert not any("not known to the format" in text_of(text) for text in first.warnings)
 
 
-def test_stored_channels_are_there_for_the_asking(read: Reader) -> None:
-    first, _ = read(dynz(RAW), "a.dynz", "stored")
+def test_stored_channels_are_read_on_request(read: Reader) -> None:
+    first, _ = read(dynz(RAW), "a.dynz", channels="stored")
     assert first.setup.point == "north 1"
-    for drop, one in zip(first.drops, RAW["1"], strict=True):
-        np.testing.assert_array_equal(drop.load, (2 * one.load).astype("f4"))
+    for drop, recorded in zip(first.drops, RAW["1"], strict=True):
+        np.testing.assert_array_equal(drop.load, (2 * recorded.load).astype("f4"))
         assert drop.channels[0].quantity == "displacement"
     assert any("processed and stored" in text_of(text) for text in first.warnings)
 
@@ -88,9 +77,9 @@ def test_a_project_with_stored_traces(read: Reader, folder: str, rate: float | N
     assert setup.device == "Maxidyn T-2"
     assert setup.extra["imported"]["chainage_m"] == 10.0
     assert "position_dop" not in setup.extra["imported"]
-    for drop, one in zip(point.drops, next(iter(HEX.values())), strict=True):
-        np.testing.assert_array_equal(drop.load, one.load.astype("f4"))
-        np.testing.assert_array_equal(drop.channels[0].values, one.sensors[0].astype("f4"))
+    for drop, recorded in zip(point.drops, next(iter(HEX.values())), strict=True):
+        np.testing.assert_array_equal(drop.load, recorded.load.astype("f4"))
+        np.testing.assert_array_equal(drop.channels[0].values, recorded.sensors[0].astype("f4"))
 
 
 def test_the_viewers_project(read: Reader) -> None:
@@ -109,14 +98,14 @@ def test_several_sensors_stand_where_the_database_says(read: Reader, by_sample: 
     drops = {"1F": [pulse(channels=4), pulse(channels=4, peak=9000.0)]}
     (point,) = read(prjz(drops, acquired(drops, offsets=offsets), by_sample=by_sample), "a.prjz")
     assert point.setup.plate_radius == 0.15
-    for drop, one in zip(point.drops, drops["1F"], strict=True):
+    for drop, recorded in zip(point.drops, drops["1F"], strict=True):
         assert [channel.offset for channel in drop.channels] == offsets
-        for channel, values in zip(drop.channels, one.sensors, strict=True):
+        for channel, values in zip(drop.channels, recorded.sensors, strict=True):
             np.testing.assert_array_equal(channel.values, values.astype("f4"))
     assert not any("left out" in text_of(text) for text in point.warnings)
 
 
-def test_of_two_sensors_that_a_database_puts_at_one_place_the_first_is_taken(read: Reader) -> None:
+def test_the_first_of_two_sensors_at_a_place_is_read(read: Reader) -> None:
     drops = {"1F": [pulse(channels=4)]}
     (point,) = read(prjz(drops, acquired(drops, offsets=[-0.3, 0.0, 0.3, -0.3])), "a.prjz")
     (drop,) = point.drops
@@ -130,7 +119,7 @@ def test_accelerations_are_no_traces_but_the_stored_ones_are(read: Reader) -> No
     assert point.drops[0].channels[0].quantity == "displacement"
     assert any("accelerations" in text_of(text) for text in point.warnings)
     with pytest.raises(TraceError, match="got accelerations; import the stored traces with"):
-        read(dynz(RAW, kind=1), "a.dynz", "raw")
+        read(dynz(RAW, kind=1), "a.dynz", channels="raw")
     with pytest.raises(TraceError, match="got accelerations"):
         read(zipped({"database.xml": dataset(RAW, kind=1)}), "a.dynz")
 
@@ -145,8 +134,8 @@ def test_traces_that_no_point_claims_are_not_lost(read: Reader) -> None:
     (point,) = read(prjz(HEX, database), "a.prjz")
     # Nobody can read out what a program calls its files.
     assert point.setup.point == "point 1"
-    said = "a.prjz, rawdata/f0000000000000ab: no point of the database has these traces"
-    assert any(text_of(text).startswith(said) for text in point.warnings)
+    remark = "a.prjz, rawdata/f0000000000000ab: no point of the database has these traces"
+    assert any(text_of(text).startswith(remark) for text in point.warnings)
 
 
 def test_no_fix_is_no_position(read: Reader) -> None:
@@ -157,7 +146,7 @@ def test_no_fix_is_no_position(read: Reader) -> None:
     assert (point.setup.latitude, point.setup.longitude) == (None, None)
 
 
-def test_a_time_without_a_zone_is_not_taken_for_utc(read: Reader) -> None:
+def test_a_time_without_a_zone_is_local(read: Reader) -> None:
     database = acquired(HEX)
     database["PVs"][0]["Points"][0]["Point"]["Date"] = "2024-05-06T08:00:00"
     (point,) = read(prjz(HEX, database), "a.prjz")
@@ -165,20 +154,16 @@ def test_a_time_without_a_zone_is_not_taken_for_utc(read: Reader) -> None:
     assert point.setup.extra["imported"]["time_local"] == "2024-05-06T08:00:00"
 
 
-def test_a_survey_keeps_what_the_file_said(tmp_path: Path) -> None:
+def test_a_survey_stores_the_facts_of_the_file(tmp_path: Path) -> None:
     path = tmp_path / "a.dynz"
     path.write_bytes(dynz(RAW))
-    found = list(import_files([str(path)], tmp_path / "s"))
-    assert [(one.point, one.number) for one in found] == [
-        ("a & b 1", 1),
-        ("a & b 1", 2),
-        ("a & b 1", 3),
-        ("a & b 2", 1),
-    ]
+    imported = list(import_files([str(path)], tmp_path / "s"))
+    numbers = [("a & b 1", 1), ("a & b 1", 2), ("a & b 1", 3), ("a & b 2", 1)]
+    assert [(recorded.point, recorded.number) for recorded in imported] == numbers
     points = read_points(tmp_path / "s")
     assert points[0].setup.extra["imported"]["position_dop"] == 0.7
     assert any("geophone_natural_frequency_hz" in text_of(text) for text in points[0].warnings)
-    assert all(one.before for one in import_files([str(path)], tmp_path / "s"))
+    assert all(recorded.before for recorded in import_files([str(path)], tmp_path / "s"))
     assert len(read_survey(tmp_path / "s").drops) == 4
 
 
@@ -272,8 +257,8 @@ WRONG: list[tuple[str, bytes, str]] = [
 ]
 
 
-@pytest.mark.parametrize(("name", "data", "message"), WRONG, ids=[one[0] for one in WRONG])
-def test_what_is_wrong_is_one_line_with_the_file(
+@pytest.mark.parametrize(("name", "data", "message"), WRONG, ids=[case[0] for case in WRONG])
+def test_a_wrong_project_is_an_error_line_with_the_file(
     tmp_path: Path, name: str, data: bytes, message: str
 ) -> None:
     path = tmp_path / name
@@ -301,45 +286,7 @@ def test_a_bomb_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         read_points(path)
 
 
-def original_of(points: Sequence[TracePoint], *, raw: bool) -> bytes:
-    """A file in the original's layout from the numbers of a trace file."""
-    drops = {
-        "1": [Traces(drop.load, np.array([drop.channels[0].values])) for drop in points[0].drops]
-    }
-    first = points[0].drops[0]
-    settings = {"rate": round(first.sampling_rate), "pre": -float(first.time[0])}
-    if raw:
-        return zipped({"database.xml": dataset(drops, **settings)})
-    return prjz(drops, acquired(drops, **settings))
-
-
-@pytest.mark.parametrize(
-    ("stem", "raw"), [("minidyn_a", True), ("minidyn_b", False), ("maxidyn_a", False)]
-)
-def test_measured_drops_come_back_from_their_original_layout(
-    shared: Path, tmp_path: Path, stem: str, raw: bool
-) -> None:
-    files = sorted((shared / "measured").glob(f"{stem}_*.csv"))
-    if not files:
-        pytest.skip("no measured drops")
-    for file in files:
-        (wanted,) = read_points(file)
-        path = tmp_path / (f"{file.stem}.dynz" if raw else f"{file.stem}.prjz")
-        path.write_bytes(original_of([wanted], raw=raw))
-        (found,) = read_points(path)
-        assert len(found.drops) == len(wanted.drops)
-        for drop, one in zip(found.drops, wanted.drops, strict=True):
-            # The times of the text have seven digits; stored traces are in single precision.
-            np.testing.assert_allclose(drop.time, one.time, rtol=0, atol=6e-8)
-            exact = 0.0 if raw else 1e-7
-            np.testing.assert_allclose(drop.load, one.load, rtol=exact)
-            assert drop.channels[0].quantity == one.channels[0].quantity
-            np.testing.assert_allclose(
-                drop.channels[0].values, one.channels[0].values, rtol=exact, atol=0
-            )
-
-
-def test_messages_do_not_carry_what_a_terminal_obeys(read: Reader) -> None:
+def test_messages_have_no_control_characters(read: Reader) -> None:
     with pytest.raises(TraceError) as caught:
         read(zipped({"database.json": b'{"\\u001b[31m": 1}'}), "a.prjz")
     assert not re.search(r"[\x00-\x1f]", str(caught.value))
@@ -347,7 +294,7 @@ def test_messages_do_not_carry_what_a_terminal_obeys(read: Reader) -> None:
 
 @pytest.mark.parametrize("letter", [b"\n", b"\0"])
 def test_a_damaged_name_does_not_break_the_line(read: Reader, letter: bytes) -> None:
-    """Of a member, in the list of members: another one than before the member, or none at all."""
+    """The list of members has a different name than the member, or none at all."""
     data = prjz(HEX, acquired(HEX))
     at = data.rfind(b"database.json")
     with pytest.raises(TraceError) as caught:

@@ -2,16 +2,17 @@
 
 import json
 from collections.abc import Callable
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from pfwd.errors import TraceError
-from pfwd.files.foreign.rincent import smoothed_as_stored
-from pfwd.files.reading import read_points
+from pfwd.files.foreign.rincent import compare_peaks, smoothed_as_stored
+from pfwd.files.foreign.rincent_facts import StoredPeaks
 from pfwd.files.traces import TracePoint
+from pfwd_device import Channel, Drop
 from pfwd_device.signals import trace_peaks
 from tests.pfwd.files.foreign.builders import (
     acquired,
@@ -25,19 +26,6 @@ from tests.pfwd.files.foreign.builders import (
 
 Reader = Callable[..., list[TracePoint]]
 DROPS = {"1F": [pulse(peak=80e3 + 100 * n) for n in range(3)]}
-
-
-@pytest.fixture
-def read(tmp_path: Path) -> Reader:
-    def read(data: bytes, name: str, header: str = "") -> list[TracePoint]:
-        path = tmp_path / name
-        path.write_bytes(data)
-        if not header:
-            return read_points(path)
-        (tmp_path / "header.toml").write_text(header)
-        return read_points(path, tmp_path / "header.toml")
-
-    return read
 
 
 def member(database: dict[str, Any], traces: bytes) -> bytes:
@@ -57,22 +45,22 @@ def remarks(point: TracePoint) -> list[str]:
         ("a &amp; b", "a <10", "<"),
     ],
 )
-def test_what_a_writer_did_not_escape_is_read_with_a_remark(
+def test_unescaped_characters_are_read_with_a_remark(
     read: Reader, old: str, new: str, text: str
 ) -> None:
     data = dataset({"1": DROPS["1F"]}).decode().replace(old, new)
     at = data[: data.index(new)].count("\n") + 1
     (point,) = read(zipped({"database.xml": data.encode()}), "rig.dynz")
     assert point.setup.site == new
-    (found,) = [one for one in remarks(point) if "not escaped" in one]
-    assert found.startswith(f"rig.dynz, database.xml, line {at}: {text}")
+    (remark,) = [item for item in remarks(point) if "not escaped" in item]
+    assert remark.startswith(f"rig.dynz, database.xml, line {at}: {text}")
 
 
-def test_entities_of_xml_stay_what_they_are(read: Reader) -> None:
+def test_entities_of_xml_are_decoded(read: Reader) -> None:
     data = dataset({"1": DROPS["1F"]}).decode().replace("a &amp; b", "&lt;&#65;&#x42;&gt;")
     (point,) = read(zipped({"database.xml": data.encode()}), "a.dynz")
     assert point.setup.site == "<AB>"
-    assert not any("escaped" in one for one in remarks(point))
+    assert not any("escaped" in item for item in remarks(point))
 
 
 def test_a_set_that_is_not_utf_8_is_read_with_a_remark(read: Reader) -> None:
@@ -80,15 +68,15 @@ def test_a_set_that_is_not_utf_8_is_read_with_a_remark(read: Reader) -> None:
     data = data.replace(b' encoding="utf-8"', b"")
     (point,) = read(zipped({"database.xml": data}), "a.dynz")
     assert point.setup.site == "Étang"
-    assert any("not UTF-8" in one for one in remarks(point))
+    assert any("not UTF-8" in item for item in remarks(point))
 
 
 def test_the_older_layout_is_read(read: Reader) -> None:
     (point,) = read(member(acquired(DROPS), stored(DROPS["1F"], older=True)), "a.dynz")
     assert point.drops[0].sampling_rate == pytest.approx(15_000.0)
-    for drop, one in zip(point.drops, DROPS["1F"], strict=True):
-        np.testing.assert_array_equal(drop.load, one.load.astype("f4"))
-        np.testing.assert_array_equal(drop.channels[0].values, one.sensors[0].astype("f4"))
+    for drop, item in zip(point.drops, DROPS["1F"], strict=True):
+        np.testing.assert_array_equal(drop.load, item.load.astype("f4"))
+        np.testing.assert_array_equal(drop.channels[0].values, item.sensors[0].astype("f4"))
 
 
 @pytest.mark.parametrize("older", [False, True])
@@ -107,17 +95,17 @@ def test_a_rate_that_no_place_says_is_declared(read: Reader, older: bool) -> Non
         read(data, "a.dynz", "sampling_rate_hz = 0.0")
 
 
-def test_the_traces_own_rate_is_believed(read: Reader) -> None:
+def test_the_rate_of_the_traces_is_used(read: Reader) -> None:
     database = acquired(DROPS, rate=30_000.0)
     (point,) = read(member(database, stored(DROPS["1F"], rate=15_000.0)), "a.mpvz")
     assert point.drops[0].sampling_rate == pytest.approx(15_000.0)
-    said = (
+    expected = (
         "a.mpvz: the traces state 15000 Hz and 300 samples, database.json states 30000 Hz and "
         "300 samples; those of the traces were used"
     )
-    assert said in remarks(point)
+    assert expected in remarks(point)
     (same,) = read(member(acquired(DROPS), stored(DROPS["1F"], rate=15_000.0)), "a.mpvz")
-    assert not any("those of the traces" in one for one in remarks(same))
+    assert not any("those of the traces" in item for item in remarks(same))
 
 
 def test_an_older_viewers_project(read: Reader) -> None:
@@ -154,57 +142,57 @@ def with_peaks(loads: list[float], deflections: list[float]) -> dict[str, Any]:
 
 
 def test_peaks_of_the_makers_software_are_compared(read: Reader) -> None:
-    loads = [float(one.load.max()) for one in DROPS["1F"]]
-    moved = [float(one.sensors.max()) for one in DROPS["1F"]]
+    loads = [float(item.load.max()) for item in DROPS["1F"]]
+    moved = [float(item.sensors.max()) for item in DROPS["1F"]]
     (point,) = read(prjz(DROPS, with_peaks(loads, moved)), "a.prjz")
-    assert not any("maker's software stored" in one for one in remarks(point))
-    (point,) = read(prjz(DROPS, with_peaks([1.004 * one for one in loads], moved)), "a.prjz")
-    assert not any("peak load" in one for one in remarks(point))
-    (point,) = read(prjz(DROPS, with_peaks([one / 1.01 for one in loads], moved)), "a.prjz")
-    (said,) = [one for one in remarks(point) if "maker's software stored" in one]
-    assert said == (
+    assert not any("maker's software stored" in item for item in remarks(point))
+    (point,) = read(prjz(DROPS, with_peaks([1.004 * item for item in loads], moved)), "a.prjz")
+    assert not any("peak load" in item for item in remarks(point))
+    (point,) = read(prjz(DROPS, with_peaks([item / 1.01 for item in loads], moved)), "a.prjz")
+    (expected,) = [item for item in remarks(point) if "maker's software stored" in item]
+    assert expected == (
         "a.prjz, database.json: peak load of the stored traces is +1.0 % off what the "
         "maker's software stored"
     )
     (point,) = read(prjz(DROPS, with_peaks(loads[:2], moved[:2])), "a.prjz")
-    assert any("peaks of 2 drops, 3 drops in the stored traces" in one for one in remarks(point))
+    assert any("peaks of 2 drops, 3 drops in the stored traces" in item for item in remarks(point))
 
 
-def test_a_deflection_that_drifts_on_is_said(read: Reader) -> None:
+def test_a_drifting_deflection_is_a_remark(read: Reader) -> None:
     drops = {"1F": [pulse(peak=8000.0), pulse(peak=9000.0)]}
     late = np.linspace(0, 9e-4, 300)
-    for one in drops["1F"]:
-        one.sensors[0, 200:] += late[200:] - late[200]
+    for item in drops["1F"]:
+        item.sensors[0, 200:] += late[200:] - late[200]
     database = acquired(drops)
     (entry,) = database["PVs"][0]["Points"]
     entry["Drops"] = [{"Fmax": 8000.0, "Umax": 1e-4}, {"Fmax": 9000.0, "Umax": 1.125e-4}]
     (point,) = read(prjz(drops, database), "a.prjz")
-    assert any("which are larger later: they drift" in one for one in remarks(point))
-    assert not any(" % off " in one for one in remarks(point))
+    assert any("which are larger later: they drift" in item for item in remarks(point))
+    assert not any(" % off " in item for item in remarks(point))
 
 
-def test_one_drop_in_place_of_each_is_said(read: Reader) -> None:
+def test_equal_drops_are_a_remark(read: Reader) -> None:
     drops = {"1F": [pulse(), pulse(), pulse()]}
     (point,) = read(prjz(drops, acquired(drops)), "a.prjz")
     assert len(point.drops) == 3
-    assert any("of all 3 drops are the same, number for number" in one for one in remarks(point))
+    assert any("of all 3 drops are the same, number for number" in item for item in remarks(point))
     (point,) = read(prjz(DROPS, acquired(DROPS)), "a.prjz")
-    assert not any("number for number" in one for one in remarks(point))
+    assert not any("number for number" in item for item in remarks(point))
 
 
-def test_stored_peaks_of_smoothed_channels_are_known(read: Reader) -> None:
+def test_stored_peaks_of_smoothed_channels_are_recognised(read: Reader) -> None:
     """The filter is that of the maker's software; unsmoothed channels are off by more."""
-    one = pulse(peak=8000.0)
-    one.sensors[0] = np.gradient(one.sensors[0], 1 / 15_000.0)
+    item = pulse(peak=8000.0)
+    item.sensors[0] = np.gradient(item.sensors[0], 1 / 15_000.0)
     # What rings at 1 kHz is smoothed away.
-    one.load[80:160] += 300 * np.sin(2 * np.pi * 1000 * np.arange(80) / 15_000)
-    database = dataset({"1": [one]})
+    item.load[80:160] += 300 * np.sin(2 * np.pi * 1000 * np.arange(80) / 15_000)
+    database = dataset({"1": [item]})
     (plain,) = read(zipped({"database.xml": database}), "a.dynz")
     (smooth,) = (smoothed_as_stored(drop) for drop in plain.drops)
     load, ((_, moved),) = trace_peaks(smooth).load, trace_peaks(smooth).displacements
 
     def stored_as(load: float, moved: float) -> list[str]:
-        acquisition = acquired({"1": [one]})
+        acquisition = acquired({"1": [item]})
         (entry,) = acquisition["PVs"]
         entry["PV"]["Name"] = "a & b"
         entry["Points"][0]["Drops"] = [{"Fmax": load, "Umax": moved}]
@@ -219,15 +207,15 @@ def test_stored_peaks_of_smoothed_channels_are_known(read: Reader) -> None:
     assert stored_as(recorded.load, recorded.displacements[0][1]) == []
 
 
-def test_a_count_that_disagrees_without_a_rate_is_said(read: Reader) -> None:
+def test_a_wrong_count_without_a_rate_is_a_remark(read: Reader) -> None:
     database = acquired(DROPS)
     database["ParamsAcqu"]["NbSamples"] = 600
     data = member(database, stored(DROPS["1F"], older=True))
     (point,) = read(data, "a.dynz")
-    said = (
+    expected = (
         "a.dynz, rawdata/1f: 300 samples without a sampling rate; 15000 Hz of the database was used"
     )
-    assert any(text.startswith(said) for text in remarks(point))
+    assert any(text.startswith(expected) for text in remarks(point))
     (point,) = read(data, "a.dynz", "sampling_rate_hz = 7500.0")
     assert not any("without a sampling rate" in text for text in remarks(point))
 
@@ -241,3 +229,41 @@ def test_no_end_of_signs_is_mended(read: Reader, count: int, read_it: bool) -> N
         return
     with pytest.raises(TraceError, match="complete XML"):
         read(archive, "a.dynz")
+
+
+def peak_deviations(drops: list[Drop], stored: list[StoredPeaks]) -> dict[str, float]:
+    return compare_peaks(drops, stored, "a.prjz", "stored_traces")[1]
+
+
+def peaks_of(drop: Drop, load: float = 1.0, deflection: float = 1.0) -> StoredPeaks:
+    peaks = trace_peaks(drop)
+    assert peaks.centre is not None
+    return StoredPeaks(load * peaks.load, (deflection * peaks.centre,))
+
+
+def moved(drop: Drop, factor: float) -> Drop:
+    centre = replace(drop.channels[0], values=factor * drop.channels[0].values)
+    return replace(drop, channels=(Channel(0.0, centre.quantity, centre.values),))
+
+
+def test_each_drop_is_compared_with_its_peaks(make_drop: Callable[..., Drop]) -> None:
+    first = moved(make_drop(), 1.0)
+    second = replace(moved(make_drop(), 2.0), number=2)
+    assert peak_deviations([first, second], [peaks_of(first), peaks_of(second)]) == {}
+    low = peaks_of(second, deflection=4.0)
+    assert peak_deviations([first, second], [peaks_of(first), low]) == {"2": pytest.approx(0.75)}
+    heavy = peaks_of(first, load=0.5)
+    assert peak_deviations([first, second], [heavy, peaks_of(second)]) == {"1": pytest.approx(1.0)}
+
+
+def test_copies_have_the_deviation_of_the_first(make_drop: Callable[..., Drop]) -> None:
+    first = moved(make_drop(), 1.0)
+    copy = replace(first, number=2)
+    stored = [peaks_of(first), peaks_of(first, deflection=4.0)]
+    assert peak_deviations([first, copy], stored) == {}
+    turned = peak_deviations([first, copy], stored[::-1])
+    assert turned == {"1": pytest.approx(0.75), "2": pytest.approx(0.75)}
+
+
+def test_missing_peaks_are_not_compared(make_drop: Callable[..., Drop]) -> None:
+    assert peak_deviations([make_drop()], []) == {}
