@@ -113,6 +113,12 @@ class Identity:
     real_time: bool = True
     """False if it is simulated faster or slower than real time."""
 
+    @property
+    def title(self) -> str:
+        """Model, serial number and firmware, as far as they are declared."""
+        firmware = f", firmware {self.firmware}" if self.firmware else ""
+        return f"{self.model} {self.serial_number}".strip() + firmware
+
     def __post_init__(self) -> None:
         where = f"identity of {self.serial_number!r}"
         for name in ("serial_number", "model", "firmware"):

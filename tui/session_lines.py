@@ -173,8 +173,8 @@ class SessionLines:
             self._say(f"the instrument was connected {n_unreported} more times meanwhile")
         prefix = "connected again: " if event.again else ""
         self._say(
-            f"{prefix}{identity.model} {identity.serial_number}, firmware {identity.firmware}, at "
-            f"{event.url}: {len(identity.channels)} channels at {identity.sampling_rate:g} Hz"
+            f"{prefix}{identity.title}, at {event.url}: {len(identity.channels)} channels at "
+            f"{identity.sampling_rate:g} Hz"
         )
         ratio = "0.35 (assumed)" if setup.poisson_ratio is None else f"{setup.poisson_ratio:g}"
         mass = "not declared" if setup.plate_mass is None else f"{setup.plate_mass:g} kg"

@@ -26,6 +26,11 @@ def identity(**changes: Any) -> Identity:
     return Identity(**{**about, **changes})
 
 
+def test_the_title_lacks_what_is_not_declared() -> None:
+    assert identity().title == "m A-17, firmware 1"
+    assert identity(model="", firmware="").title == "A-17"
+
+
 @pytest.mark.parametrize(
     ("changes", "match"),
     [

@@ -102,7 +102,7 @@ def row(port: "Port", probe: "Probe") -> tuple[str, str, str]:
         kind += "]"
     if probe.identity:
         identity = probe.identity
-        answer = f"PFWD {identity.model} {identity.serial_number}, firmware {identity.firmware}"
+        answer = f"PFWD {identity.title}"
         radius = identity.plate_radius
         answer += f", {len(identity.channels)} channels"
         answer += f", plate radius {1000 * radius:g} mm" if radius else ", no plate radius"
