@@ -36,15 +36,14 @@ def axes() -> Any:
 
 
 @pytest.fixture(scope="module")
-def objects() -> list[Any]:
+def objects(layer_results: pfwd.Results, diagnosis: pfwd.Diagnosis) -> list[Any]:
     points, survey = pfwd.example("layer"), pfwd.example("survey")
-    results = pfwd.invert(points, method="posterior")
-    diagnoses = pfwd.diagnose(pfwd.example("unexplained"))
     of_survey = [survey, survey.results, survey.results.measured[0]]
-    return [points, points[0], points.drops[0], *of_survey, results, results[0], *diagnoses]
+    results = [layer_results, layer_results[0]]
+    return [points, points[0], points.drops[0], *of_survey, *results, diagnosis]
 
 
-def test_completion_shows_the_public_names_alone() -> None:
+def test_completion_lists_the_public_names_only() -> None:
     assert dir(pfwd) == sorted(pfwd.__all__)
     for name in pfwd.__all__:
         assert getattr(pfwd, name).__doc__
@@ -65,37 +64,37 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
         ),
     ],
 )
-def test_the_import_brings_nothing_heavy_along(use: str, heavy: set[str]) -> None:
+def test_the_import_loads_no_large_packages(use: str, heavy: set[str]) -> None:
     code = f"import sys, pfwd\n{use}\nprint(*({heavy} & set(sys.modules)))"
     run = subprocess.run([sys.executable, "-c", code], cwd=TOP, capture_output=True, text=True)
     assert (run.returncode, run.stdout.split()) == (0, [])
 
 
-def test_everything_shows_itself_as_text_table_values_and_picture(objects: list[Any]) -> None:
-    for one in objects:
-        line, values, frame, ax = repr(one), one.to_dict(), one.to_dataframe(), axes()
+def test_every_object_has_text_table_values_and_picture(objects: list[Any]) -> None:
+    for item in objects:
+        line, values, frame, ax = repr(item), item.to_dict(), item.to_dataframe(), axes()
         assert "\n" not in line
-        assert getattr(pfwd, line.partition("(")[0]) is type(one)
-        assert one._repr_html_().startswith("<table><caption>")
+        assert getattr(pfwd, line.partition("(")[0]) is type(item)
+        assert item._repr_html_().startswith("<table><caption>")
         assert json.loads(json.dumps(values, allow_nan=False)) == values
         assert len(frame) >= 1
-        assert "np." not in line + str(one) + repr(frame.head(1).to_dict("records"))
-        assert one.plot(ax) is ax
+        assert "np." not in line + str(item) + repr(frame.head(1).to_dict("records"))
+        assert item.plot(ax) is ax
         assert ax.has_data()
         assert ax.get_ylabel()
         ax.figure.savefig(io.BytesIO())
     assert "radius 0.15 m" in ax.get_title(), "of the diagnosis"
 
 
-def test_a_table_of_results_has_with_the_modulus_what_belongs_to_it() -> None:
+def test_a_table_of_results_has_the_basis_of_each_modulus(layer_results: pfwd.Results) -> None:
     for frame in (
-        pfwd.invert(pfwd.example("layer"), method="posterior").to_dataframe(),
+        layer_results.to_dataframe(),
         pfwd.example("survey").to_dataframe(),
         pfwd.example("survey").results.to_dataframe(),
     ):
-        wanted = {"modulus_pa", "modulus_interval_low_pa", "modulus_interval_high_pa", "model"}
-        wanted |= {"modulus_sd_pa", "plate", "plate_radius_m", "poisson_ratio", "warnings"}
-        assert wanted <= set(frame.columns)
+        expected = {"modulus_pa", "modulus_interval_low_pa", "modulus_interval_high_pa", "model"}
+        expected |= {"modulus_sd_pa", "plate", "plate_radius_m", "poisson_ratio", "warnings"}
+        assert expected <= set(frame.columns)
 
 
 def test_without_axes_a_new_figure_is_made() -> None:
@@ -106,7 +105,7 @@ def test_without_axes_a_new_figure_is_made() -> None:
     pyplot.close("all")
 
 
-def test_a_plot_of_moduli_says_what_they_rest_on() -> None:
+def test_a_plot_of_moduli_has_their_basis_as_title() -> None:
     results = pfwd.example("survey").results
     title = results.plot(axes()).get_title()
     assert "half-space, rigid-rough plate of radius 0.15 m, Poisson's ratio 0.35" in title
@@ -116,7 +115,7 @@ def test_a_plot_of_moduli_says_what_they_rest_on() -> None:
     ("package", "method"),
     [("pandas", "to_dataframe"), ("xarray", "to_xarray")],
 )
-def test_a_missing_package_is_one_line(
+def test_a_missing_package_is_named(
     monkeypatch: pytest.MonkeyPatch, package: str, method: str
 ) -> None:
     drop = pfwd.example("layer").drops[0]
@@ -200,11 +199,11 @@ def test_a_survey_has_its_points_drops_and_results() -> None:
         with pytest.raises(KeyError, match=r"expected a name that occurs once of km 0\+000, "):
             named[name]
     assert len(survey.drops) == 8
-    assert all(one.in_force for one in survey.results)
-    assert [one.status for one in survey.results][:2] == ["seating", "measured"]
+    assert all(item.in_force for item in survey.results)
+    assert [item.status for item in survey.results][:2] == ["seating", "measured"]
     # pfwd/scripting/data/README.md: what was simulated.
     truths = [62e6, 48e6, 31e6, 55e6]
-    assert [one.modulus for one in survey.results.measured] == pytest.approx(truths, rel=0.01)
+    assert [item.modulus for item in survey.results.measured] == pytest.approx(truths, rel=0.01)
     assert list(survey.to_dataframe().columns) == [column.name for column in DROP_COLUMNS]
     points = survey.points_dataframe()
     assert list(points.columns) == [column.name for column in POINT_COLUMNS]
@@ -213,7 +212,7 @@ def test_a_survey_has_its_points_drops_and_results() -> None:
     assert points["modulus_pa"].tolist() == pytest.approx(in_force)
 
 
-def test_a_stored_drop_draws_the_fit_in_force(tmp_path: Path) -> None:
+def test_a_stored_drop_draws_the_fit_in_force(tmp_path: Path, diagnosis: pfwd.Diagnosis) -> None:
     folder = tmp_path / "site"
     (imported,) = import_files([str(DATA_FOLDER / "unexplained.csv")], folder)
     assert imported.error is None
@@ -223,7 +222,6 @@ def test_a_stored_drop_draws_the_fit_in_force(tmp_path: Path) -> None:
     assert (stored.history, stored.in_force) == (None, True)
     measured, fitted = stored.plot(axes()).lines
     assert fitted.get_ydata() == pytest.approx(measured.get_ydata(), abs=2.0)  # µm
-    (diagnosis,) = pfwd.diagnose(folder)
     assert store_diagnoses(str(folder), [(1, diagnosis)]) is None
     (stored,) = pfwd.open(folder).results
     ax = stored.plot(axes())
@@ -240,17 +238,17 @@ def test_a_stored_drop_draws_the_fit_in_force(tmp_path: Path) -> None:
         replace(stored, read_history=None).plot()
 
 
-def test_reading_takes_what_the_command_line_takes(tmp_path: Path) -> None:
+def test_reading_accepts_a_header_and_declarations(tmp_path: Path) -> None:
     header = tmp_path / "plate.toml"
     header.write_text("plate_radius_m = 0.1\n")
-    for said in (header, {"plate_radius_m": 0.1}):
-        points = pfwd.read(DATA_FOLDER / "layer.csv", header=said)
+    for header_values in (header, {"plate_radius_m": 0.1}):
+        points = pfwd.read(DATA_FOLDER / "layer.csv", header=header_values)
         assert points[0].declared["plate_radius_m"] == 0.1
     points = pfwd.read(DATA_FOLDER / "layer.csv", header=header, plate_radius=0.2)
     assert points.drops[0].declared["plate_radius_m"] == 0.2
 
 
-def test_a_drop_shows_what_was_measured() -> None:
+def test_a_drop_has_its_measured_traces() -> None:
     drop = pfwd.example("three-sensors").drops[0]
     assert drop.time.shape == drop.load.shape == drop.displacement[0].shape
     assert drop.values.shape == drop.displacement.shape == (3, drop.time.size)
@@ -271,7 +269,7 @@ def test_a_drop_shows_what_was_measured() -> None:
     np.testing.assert_array_equal(frame["load_N"], drop.load)
 
 
-def test_the_examples_are_small_and_say_nothing_of_their_truth() -> None:
+def test_the_examples_are_small_and_do_not_contain_their_truth() -> None:
     files = {path.stem for path in DATA_FOLDER.iterdir()} - {"README"}
     assert files == {*get_args(Traces), "survey"}
     assert sum(path.stat().st_size for path in DATA_FOLDER.iterdir()) < 300_000
@@ -284,18 +282,18 @@ def test_the_examples_are_small_and_say_nothing_of_their_truth() -> None:
         assert not {"modulus", "viscosity"} & set(header)
 
 
-def test_the_examples_are_what_their_command_makes(tmp_path: Path) -> None:
+def test_the_examples_are_made_by_their_command(tmp_path: Path) -> None:
     from benchmarks.example_files import TRACES
 
     for name in ("half-space", "unexplained"):
         TRACES[name](tmp_path / f"{name}.csv")
-        made = pfwd.read(tmp_path / f"{name}.csv").drops[0]
+        simulated = pfwd.read(tmp_path / f"{name}.csv").drops[0]
         shipped = pfwd.read(DATA_FOLDER / f"{name}.csv").drops[0]
-        assert made.declared == shipped.declared
+        assert simulated.declared == shipped.declared
         # A count of the converter more or less, on another platform.
-        np.testing.assert_allclose(made.load, shipped.load, atol=2e-4 * np.max(shipped.load))
+        np.testing.assert_allclose(simulated.load, shipped.load, atol=2e-4 * np.max(shipped.load))
         np.testing.assert_allclose(
-            made.values, shipped.values, atol=2e-4 * np.max(np.abs(shipped.values))
+            simulated.values, shipped.values, atol=2e-4 * np.max(np.abs(shipped.values))
         )
 
 

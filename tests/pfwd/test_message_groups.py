@@ -11,7 +11,7 @@ def suspects(*radii: float) -> list[tuple[str, Notice]]:
     ]
 
 
-def test_many_values_become_a_range_and_two_are_listed() -> None:
+def test_three_values_become_a_range_and_two_are_listed() -> None:
     (group,) = group_messages(suspects(15.0, 30.0, 20.0))
     assert (group.text, group.places) == (
         "units suspect: plate_radius_m = 15–30 (in metres?)",
@@ -21,12 +21,12 @@ def test_many_values_become_a_range_and_two_are_listed() -> None:
     assert group.text == "units suspect: plate_radius_m = 15 and 30 (in metres?)"
 
 
-def test_values_that_are_no_numbers_keep_messages_apart() -> None:
-    alike = [
+def test_messages_with_different_texts_stay_separate() -> None:
+    messages = [
         ("A", Notice("effect-ambiguous", {"effect": effect, "others": ("layer",)}))
         for effect in ("bedrock", "seating", "bedrock")
     ]
-    assert [group.places for group in group_messages(alike)] == [("A",), ("A",)]
+    assert [group.places for group in group_messages(messages)] == [("A",), ("A",)]
 
 
 def test_ranges_follow_the_order_and_not_the_alphabet() -> None:

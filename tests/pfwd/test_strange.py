@@ -1,4 +1,4 @@
-"""What is odd in files and results: told, withheld, made harmless."""
+"""Odd texts and numbers in files and results."""
 
 import json
 import math
@@ -23,17 +23,16 @@ HOSTILE = "\x1b[31m<b>$x_1$"
 @pytest.fixture
 def survey(tmp_path: Path) -> Path:
     folder = tmp_path / "site"
-    assert [one.error for one in import_files([str(DATA_FOLDER / "layer.csv")], folder)] == [
+    assert [item.error for item in import_files([str(DATA_FOLDER / "layer.csv")], folder)] == [
         None
     ] * 3
     return folder
 
 
-def test_numbers_of_numpy_become_plain_ones() -> None:
-    (result,) = pfwd.invert(pfwd.example("half-space"), method="posterior")
+def test_numbers_of_numpy_become_plain_numbers(layer_results: pfwd.Results) -> None:
     interval = (np.float64(5e7), np.float64(7e7))
     plain = replace(
-        result,
+        layer_results[0],
         modulus_pa=np.float64(6e7),
         modulus_sd_pa=math.nan,
         modulus_interval_pa=interval,
@@ -45,27 +44,28 @@ def test_numbers_of_numpy_become_plain_ones() -> None:
     json.dumps(plain.to_dict(), allow_nan=False)
 
 
-def test_a_stored_modulus_without_its_model_is_damaged(survey: Path) -> None:
-    (result, *_) = pfwd.invert(pfwd.example("layer"), method="posterior")
+def test_a_stored_modulus_without_its_model_is_damaged(
+    survey: Path, layer_results: pfwd.Results
+) -> None:
+    result = layer_results[0]
     with SurveyWriter.open(survey) as writer:
         writer.save_result(1, complete(DropResult, {**result.to_json(), "model": None}))
         writer.save_result(2, complete(DropResult, result.to_json()))
         writer.save_result(3, complete(DropResult, {**result.to_json(), "plate_radius_m": 0.1}))
     opened = pfwd.open(survey)
     assert repr(opened) == "Survey(site: 1 point, 3 drops, 2 with results, 1 damage)"
-    whole, of_other_plate = opened.results
-    assert [one.in_force for one in opened.results] == [True, False]
-    assert "plate_radius_m" in text_of(of_other_plate.warnings[0])
+    valid, stale = opened.results
+    assert [item.in_force for item in opened.results] == [True, False]
+    assert "plate_radius_m" in text_of(stale.warnings[0])
     (damage,) = opened.damage
     assert "model: expected a value beside the modulus; it does not count" in damage
-    assert whole.modulus == result.modulus
-    assert (whole.number, whole.point, whole.file) == (2, "layer", str(survey))
+    assert valid.modulus == result.modulus
+    assert (valid.number, valid.point, valid.file) == (2, "layer", str(survey))
 
 
-def test_discarded_drops_are_left_out_of_points_and_stay_in_the_table(survey: Path) -> None:
-    results = pfwd.invert(pfwd.example("layer"), method="posterior")
+def test_discarded_drops_are_in_the_table_only(survey: Path, layer_results: pfwd.Results) -> None:
     with SurveyWriter.open(survey) as writer:
-        for result in results:
+        for result in layer_results:
             writer.save_result(result.number, complete(DropResult, result.to_json()))
         writer.edit("discard", number=2)
     opened = pfwd.open(survey)
@@ -75,19 +75,19 @@ def test_discarded_drops_are_left_out_of_points_and_stay_in_the_table(survey: Pa
     assert len(opened.to_dict()["drops"]) == 3
 
 
-def test_text_of_a_file_is_harmless_where_it_is_shown(tmp_path: Path) -> None:
+def test_text_of_a_file_is_printed_harmlessly(tmp_path: Path) -> None:
     from matplotlib.figure import Figure
 
     point = read_traces(DATA_FOLDER / "layer.csv")
     named = pfwd.Point(replace(point, setup=replace(point.setup, point=HOSTILE)))
-    found = pfwd.invert(named, method="posterior")
-    for shown in (repr(named), repr(named[0]), str(found), repr(found), repr(found[0])):
-        assert "\x1b" not in shown
-    for table in (named._repr_html_(), found._repr_html_()):
+    results = pfwd.invert(named, method="posterior")
+    for text in (repr(named), repr(named[0]), str(results), repr(results), repr(results[0])):
+        assert "\x1b" not in text
+    for table in (named._repr_html_(), results._repr_html_()):
         assert "<b>" not in table
     ax = Figure().subplots()
-    found.plot(ax)
-    found[0].plot(ax)
+    results.plot(ax)
+    results[0].plot(ax)
     ax.figure.savefig(tmp_path / "picture.png")  # "$" is no formula
 
 
@@ -98,15 +98,15 @@ def test_a_folder_that_is_no_survey_is_refused(tmp_path: Path) -> None:
         assert "\n" not in str(caught.value)
 
 
-def test_a_layered_subgrade_that_is_not_known_is_shown_without_a_modulus(survey: Path) -> None:
+def test_an_unknown_subgrade_has_no_modulus(survey: Path) -> None:
     (result, *_) = pfwd.invert(pfwd.example("layer"), layers=2, method="posterior")
-    said = "modulus of the subgrade not known: 1 to 800 MPa fit as well"
+    warning = "modulus of the subgrade not known: 1 to 800 MPa fit as well"
     record = {
         **result.to_dict(),
         "modulus_pa": None,
         "modulus_sd_pa": None,
         "modulus_interval_pa": [1e6, 8e8],
-        "warnings": [said],
+        "warnings": [warning],
         "warning_codes": None,
     }
     with SurveyWriter.open(survey) as writer:
@@ -116,8 +116,8 @@ def test_a_layered_subgrade_that_is_not_known_is_shown_without_a_modulus(survey:
     assert stored.modulus is None
     assert stored.to_dict()["layers"] == json.loads(json.dumps(record["layers"]))
     assert stored.to_dict()["effective_modulus_pa"] == record["effective_modulus_pa"]
-    assert said in str(stored)
-    assert f"<td>{said}</td>" in stored._repr_html_()
+    assert warning in str(stored)
+    assert f"<td>{warning}</td>" in stored._repr_html_()
     frame = opened.to_dataframe()
     assert frame["modulus_pa"][0] is None or math.isnan(frame["modulus_pa"][0])
     assert frame["modulus_interval_high_pa"][0] == 8e8

@@ -4,15 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pfwd.analysis.options import AnalysisOptions
 from simulators.demo import demo_drops
-
-OPTIONS = AnalysisOptions(method="posterior", sensors="centre", bedrock_depth=1.2)
-
-
-@pytest.fixture
-def options() -> AnalysisOptions:
-    return OPTIONS
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""Stand-ins for the processes of an archive, and what its tables hold."""
+"""Stand-ins for the processes of an archive, and the content of its tables."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,25 +10,28 @@ from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult
 from pfwd.archive.work import ArchiveWorkers, Batch, Source, SourceOutcome, invert_batch
 
+OPTIONS = AnalysisOptions(method="posterior", sensors="centre", bedrock_depth=1.2)
+"""Quick settings of the inversion."""
 
-class HereWorkers(ArchiveWorkers):
-    """Works in this process, or as a test says."""
 
-    def __init__(self, options: AnalysisOptions) -> None:
+class LocalWorkers(ArchiveWorkers):
+    """Work in this process."""
+
+    def __init__(self, options: AnalysisOptions = OPTIONS) -> None:
         super().__init__(options)
-        self.taken: list[Batch] = []
+        self.batches: list[Batch] = []
 
     def run(self, batches: Iterator[Batch]) -> Iterator[list[SourceOutcome]]:
         for batch in batches:
-            self.taken.append(batch)
+            self.batches.append(batch)
             yield self.work(batch)
 
     def work(self, batch: Batch) -> list[SourceOutcome]:
         return invert_batch(batch, self.options)
 
 
-class QuickWorkers(HereWorkers):
-    """Invents a result a source: for what has nothing to do with inverting."""
+class QuickWorkers(LocalWorkers):
+    """Invent a result for each source, for tests of anything but the inversion."""
 
     def work(self, batch: Batch) -> list[SourceOutcome]:
         return [SourceOutcome(source, [(invented(source), {})]) for source in batch]
@@ -42,10 +45,10 @@ def rows(archive: Path, table: str = "results") -> list[dict[str, Any]]:
     where = archive / table
     if not where.is_dir():
         return []
-    found = tables.dataset(where, format="parquet", partitioning="hive").to_table().to_pylist()
-    return sorted(found, key=lambda row: (row["file"], row.get("drop") or 0))
+    records = tables.dataset(where, format="parquet", partitioning="hive").to_table().to_pylist()
+    return sorted(records, key=lambda row: (row["file"], row.get("drop") or 0))
 
 
 def facts(archive: Path) -> list[tuple[Any, ...]]:
-    """What must not depend on how often a run was cut off."""
+    """Return the values that must not depend on interruptions."""
     return [(row["file"], row["drop"], row["status"], row["modulus_pa"]) for row in rows(archive)]

@@ -1,4 +1,4 @@
-"""An archive is inverted once, whatever happens in between."""
+"""An archive is inverted once, also after interruptions."""
 
 import contextlib
 import json
@@ -24,16 +24,16 @@ from pfwd.files.importing import import_files
 from pfwd.files.reading import read_points
 
 pytest.importorskip("pyarrow")
-from tests.pfwd.archive.stand_ins import HereWorkers, QuickWorkers, rows
+from tests.pfwd.archive.stand_ins import OPTIONS, LocalWorkers, QuickWorkers, rows
 
 
-def test_results_are_those_of_plain_inverting(
-    drops: Path, tmp_path: Path, options: AnalysisOptions
-) -> None:
-    workers = HereWorkers(options)
+def test_an_archive_has_the_results_of_an_inversion(drops: Path, tmp_path: Path) -> None:
+    workers = LocalWorkers()
     summary = invert_archive([str(drops)], tmp_path / "out", workers)
     files = [str(path) for path in sorted(drops.rglob("*.csv"))]
-    plain = [record.to_json() for one in analyse_files(files, options) for record in one.results]
+    plain = [
+        record.to_json() for outcome in analyse_files(files, OPTIONS) for record in outcome.results
+    ]
     assert summary.drops == len(plain) == 12
     assert summary.failed_in_all == 0
     for row, record in zip(rows(tmp_path / "out"), plain, strict=True):
@@ -76,69 +76,51 @@ def test_every_number_of_a_result_has_a_column() -> None:
     assert row["layer_2_thickness_m"] is row["layer_3_modulus_pa"] is None
 
 
-def test_a_second_run_does_nothing(drops: Path, tmp_path: Path, options: AnalysisOptions) -> None:
+def test_moved_touched_and_copied_files_are_not_repeated(drops: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    invert_archive([str(drops)], out, QuickWorkers(options))
-    before = {path: path.stat().st_mtime_ns for path in out.rglob("*.parquet")}
-    again = QuickWorkers(options)
-    summary = invert_archive([str(drops)], out, again)
-    assert again.taken == []
-    assert (summary.done_before, summary.drops, summary.parts) == (6, 0, 0)
-    assert before == {path: path.stat().st_mtime_ns for path in out.rglob("*.parquet")}
-
-
-def test_moved_touched_and_copied_files_are_not_done_again(
-    drops: Path, tmp_path: Path, options: AnalysisOptions
-) -> None:
-    out = tmp_path / "out"
-    invert_archive([str(drops)], out, QuickWorkers(options))
+    invert_archive([str(drops)], out, QuickWorkers())
     first, second, third = sorted(drops.rglob("*.csv"))[:3]
     os.utime(first, ns=(1, 1))
     second.rename(second.with_name("moved.csv"))
     third.with_name("copy.csv").write_bytes(third.read_bytes())
-    again = QuickWorkers(options)
-    summary = invert_archive([str(drops)], out, again)
-    assert again.taken == []
+    repeated = QuickWorkers()
+    summary = invert_archive([str(drops)], out, repeated)
+    assert repeated.batches == []
     assert summary.duplicates == 2
     assert len(rows(out)) == 6
-    assert invert_archive([str(drops)], out, again).done_before == 7
+    assert invert_archive([str(drops)], out, repeated).done_before == 7
 
 
-def test_copies_within_one_run_are_done_once(
-    drops: Path, tmp_path: Path, options: AnalysisOptions
-) -> None:
+def test_copies_within_a_run_are_inverted_once(drops: Path, tmp_path: Path) -> None:
     text = (drops / "area-0" / "point-0.csv").read_bytes()
     (drops / "area-0" / "point-0-copy.csv").write_bytes(text)
-    summary = invert_archive([str(drops)], tmp_path / "out", QuickWorkers(options))
+    summary = invert_archive([str(drops)], tmp_path / "out", QuickWorkers())
     assert (summary.duplicates, summary.drops) == (1, 6)
     same = [row["same_as"] for row in rows(tmp_path / "out", "sources") if row["same_as"]]
     assert len(same) == 1
 
 
-def test_a_changed_file_is_done_again_and_its_old_rows_go(
-    drops: Path, tmp_path: Path, options: AnalysisOptions
-) -> None:
+def test_a_changed_file_replaces_its_rows(drops: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    invert_archive([str(drops)], out, QuickWorkers(options))
+    invert_archive([str(drops)], out, QuickWorkers())
     changed = drops / "area-0" / "point-0.csv"
     changed.write_text(changed.read_text().replace("demo-0", "renamed"))
-    again = QuickWorkers(options)
-    invert_archive([str(drops)], out, again)
-    assert [source.path for batch in again.taken for source in batch] == [str(changed)]
+    repeated = QuickWorkers()
+    invert_archive([str(drops)], out, repeated)
+    assert [source.path for batch in repeated.batches for source in batch] == [str(changed)]
     assert len(rows(out)) == 6
     assert len(rows(out, "sources")) == 6
 
 
-def test_other_options_are_another_run_beside_the_first(
-    drops: Path, tmp_path: Path, options: AnalysisOptions
-) -> None:
+def test_different_options_are_a_separate_run(drops: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    other = AnalysisOptions(method="posterior", seed=1)
-    one = invert_archive([str(drops)], out, QuickWorkers(options))
-    two = invert_archive([str(drops)], out, QuickWorkers(other))
-    assert one.run != two.run
-    assert {row["run"] for row in rows(out)} == {one.run, two.run}
-    assert json.loads((out / "runs" / f"{two.run}.json").read_text())["options"]["seed"] == 1
+    reseeded = AnalysisOptions(method="posterior", seed=1)
+    first, second = (
+        invert_archive([str(drops)], out, QuickWorkers(each)).run for each in (OPTIONS, reseeded)
+    )
+    assert {row["run"] for row in rows(out)} == {first, second}
+    assert first != second
+    assert json.loads((out / "runs" / f"{second}.json").read_text())["options"]["seed"] == 1
 
 
 def test_the_content_of_a_header_file_is_part_of_the_run(tmp_path: Path) -> None:
@@ -152,19 +134,17 @@ def test_the_content_of_a_header_file_is_part_of_the_run(tmp_path: Path) -> None
 
 
 def test_damaged_and_foreign_files_are_collected_with_their_reasons(
-    drops: Path, tmp_path: Path, options: AnalysisOptions
+    drops: Path, tmp_path: Path
 ) -> None:
     damaged = drops / "area-1" / "damaged.csv"
-    whole = (drops / "area-0" / "point-0.csv").read_text(encoding="utf-8")
-    damaged.write_text(whole[: len(whole) // 2] + "x", encoding="utf-8")
+    complete = (drops / "area-0" / "point-0.csv").read_text(encoding="utf-8")
+    damaged.write_text(complete[: len(complete) // 2] + "x", encoding="utf-8")
     (drops / "broken.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + b"\0" * 100)
     (drops / "broken.dynz").write_bytes(b"PK\x03\x04")
     (drops / "photo.jpg").write_bytes(b"no source")
     out = tmp_path / "out"
     met: list[SourceFailure] = []
-    summary = invert_archive(
-        [str(drops)], out, HereWorkers(options), lambda _, new: met.extend(new)
-    )
+    summary = invert_archive([str(drops)], out, LocalWorkers(), lambda _, new: met.extend(new))
     assert (summary.sources, summary.drops, summary.failed_in_all) == (9, 12, 3)
     failures = {Path(row["file"]).name: row for row in rows(out, "failures")}
     assert set(failures) == {"damaged.csv", "broken.h5", "broken.dynz"}
@@ -173,13 +153,13 @@ def test_damaged_and_foreign_files_are_collected_with_their_reasons(
     assert sorted(failure.reason for failure in met) == sorted(
         row["reason"] for row in failures.values()
     )
-    again = HereWorkers(options)
-    assert invert_archive([str(drops)], out, again).failed_in_all == 3
-    assert again.taken == []
+    repeated = LocalWorkers()
+    assert invert_archive([str(drops)], out, repeated).failed_in_all == 3
+    assert repeated.batches == []
 
 
-def test_an_error_nobody_foresaw_costs_its_source_alone(
-    drops: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+def test_an_unforeseen_error_fails_its_source_only(
+    drops: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def read(path: str, *args: object) -> Any:
         if path.endswith("point-0.csv"):
@@ -187,52 +167,50 @@ def test_an_error_nobody_foresaw_costs_its_source_alone(
         return read_points(path)
 
     monkeypatch.setattr(work, "read_points", read)
-    outcomes = list(invert_stream([str(drops)], HereWorkers(options)))
-    (failure,) = [failure for one in outcomes for failure in one.failures]
+    outcomes = list(invert_stream([str(drops)], LocalWorkers()))
+    (failure,) = [failure for outcome in outcomes for failure in outcome.failures]
     assert (failure.kind, "ZeroDivisionError: a bug" in failure.reason) == ("unforeseen", True)
-    assert sum(len(one.results) for one in outcomes) == 10
+    assert sum(len(outcome.results) for outcome in outcomes) == 10
 
 
-def test_a_file_that_is_written_to_meanwhile_is_tried_again(
-    drops: Path, tmp_path: Path, options: AnalysisOptions
-) -> None:
-    class Writing(HereWorkers):
+def test_a_file_that_changes_during_the_run_is_retried(drops: Path, tmp_path: Path) -> None:
+    class Writing(LocalWorkers):
         def work(self, batch: Batch) -> list[SourceOutcome]:
             with open(batch[0].path, "a") as stream:
                 stream.write("\n")
             return super().work(batch)
 
     out = tmp_path / "out"
-    summary = invert_archive([str(drops)], out, Writing(options))
+    summary = invert_archive([str(drops)], out, Writing())
     assert (summary.drops, summary.failed_in_all) == (10, 1)
     (line,) = (out / "unfinished" / f"{summary.run}.jsonl").read_text().splitlines()
     assert json.loads(line)["kind"] == "changed"
-    summary = invert_archive([str(drops)], out, HereWorkers(options))
+    summary = invert_archive([str(drops)], out, LocalWorkers())
     assert (summary.drops, summary.failed_in_all) == (2, 0)
     assert not (out / "unfinished" / f"{summary.run}.jsonl").exists()
 
 
-def test_a_run_that_is_stopped_keeps_what_is_done(
-    drops: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+def test_a_stopped_run_keeps_its_results(
+    drops: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(running, "BATCH_SOURCES", 1)
 
     class Stopped(QuickWorkers):
         def work(self, batch: Batch) -> list[SourceOutcome]:
-            if len(self.taken) > 4:
+            if len(self.batches) > 4:
                 raise KeyboardInterrupt
             return super().work(batch)
 
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
-        invert_archive([str(drops)], out, Stopped(options))
+        invert_archive([str(drops)], out, Stopped())
     assert len(rows(out)) == 4
-    summary = invert_archive([str(drops)], out, QuickWorkers(options))
+    summary = invert_archive([str(drops)], out, QuickWorkers())
     assert (summary.done_before, summary.drops) == (4, 2)
 
 
 def test_an_interrupt_right_after_a_part_leaves_no_row_twice(
-    drops: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+    drops: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
     write = dataset.ArchiveFolder.write
@@ -247,10 +225,10 @@ def test_an_interrupt_right_after_a_part_leaves_no_row_twice(
     monkeypatch.setattr(running, "PART_ROWS", 1)
     monkeypatch.setattr(dataset.ArchiveFolder, "write", late)
     with pytest.raises(KeyboardInterrupt):
-        invert_archive([str(drops)], out, QuickWorkers(options))
+        invert_archive([str(drops)], out, QuickWorkers())
     assert interrupted
     assert len(rows(out)) == 6
-    assert invert_archive([str(drops)], out, QuickWorkers(options)).drops == 0
+    assert invert_archive([str(drops)], out, QuickWorkers()).drops == 0
 
 
 @pytest.mark.parametrize("table", ["results", "failures", "sources"])
@@ -258,7 +236,6 @@ def test_a_crash_between_the_tables_of_a_part_leaves_no_row_twice(
     table: str,
     drops: Path,
     tmp_path: Path,
-    options: AnalysisOptions,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     from pfwd.archive.dataset import ArchiveFolder
@@ -282,15 +259,15 @@ def test_a_crash_between_the_tables_of_a_part_leaves_no_row_twice(
     with monkeypatch.context() as patch:
         patch.setattr(ArchiveFolder, "_write_table", crash)
         with pytest.raises(KeyboardInterrupt):
-            invert_archive([str(drops)], out, Quick(options))
+            invert_archive([str(drops)], out, Quick())
     assert rows(out, "sources") == []
-    invert_archive([str(drops)], out, Quick(options))
+    invert_archive([str(drops)], out, Quick())
     assert len(rows(out)) == 6
     assert len(rows(out, "failures")) == 1
 
 
 def test_a_table_that_was_cut_off_is_no_part_for_its_readers(
-    drops: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+    drops: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
     monkeypatch.setattr(running, "BATCH_SOURCES", 2)
@@ -310,73 +287,67 @@ def test_a_table_that_was_cut_off_is_no_part_for_its_readers(
     with monkeypatch.context() as patch:
         patch.setattr(dataset, "replaced_durably", cut_off)
         with pytest.raises(KeyboardInterrupt):
-            invert_archive([str(drops)], out, QuickWorkers(options))
+            invert_archive([str(drops)], out, QuickWorkers())
     # As pyarrow reads a folder: with all files in it that are not hidden.
     assert len(rows(out)) == len(rows(out, "sources")) == 2
     assert list(out.glob("**/*.tmp"))
-    invert_archive([str(drops)], out, QuickWorkers(options))
+    invert_archive([str(drops)], out, QuickWorkers())
     assert len(rows(out)) == 6
     assert list(out.glob("**/*.tmp")) == []
 
 
-def test_rows_of_a_content_stay_until_no_file_has_it(
-    drops: Path, tmp_path: Path, options: AnalysisOptions
-) -> None:
+def test_rows_of_a_content_stay_until_no_file_has_it(drops: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     first, second, *_ = sorted(drops.rglob("*.csv"))
     text = first.read_text()
-    invert_archive([str(drops)], out, QuickWorkers(options))
+    invert_archive([str(drops)], out, QuickWorkers())
     second.write_text(text)
-    assert invert_archive([str(drops)], out, QuickWorkers(options)).duplicates == 1
+    assert invert_archive([str(drops)], out, QuickWorkers()).duplicates == 1
     assert len(rows(out)) == 5
     first.write_text(text.replace("demo-0", "other"))
-    assert invert_archive([str(drops)], out, QuickWorkers(options)).drops == 1
+    assert invert_archive([str(drops)], out, QuickWorkers()).drops == 1
     assert len(rows(out)) == 6
     second.write_text(text.replace("demo-0", "another"))
-    assert invert_archive([str(drops)], out, QuickWorkers(options)).drops == 1
+    assert invert_archive([str(drops)], out, QuickWorkers()).drops == 1
     assert len(rows(out)) == len(rows(out, "sources")) == 6
 
 
 @pytest.fixture
-def part(drops: Path, tmp_path: Path, options: AnalysisOptions) -> Path:
+def part(drops: Path, tmp_path: Path) -> Path:
     """Table of the sources of an archive with one part."""
-    run = invert_archive([str(drops)], tmp_path / "out", QuickWorkers(options)).run
+    run = invert_archive([str(drops)], tmp_path / "out", QuickWorkers()).run
     return tmp_path / "out" / "sources" / f"run={run}" / "part-000001.parquet"
 
 
-def test_a_part_that_is_deleted_is_done_again(
-    drops: Path, tmp_path: Path, options: AnalysisOptions, part: Path
-) -> None:
+def test_a_deleted_part_is_repeated(drops: Path, tmp_path: Path, part: Path) -> None:
     out = tmp_path / "out"
     part.unlink()
-    assert invert_archive([str(drops)], out, QuickWorkers(options)).drops == 6
+    assert invert_archive([str(drops)], out, QuickWorkers()).drops == 6
     assert len(rows(out)) == 6
 
 
-def test_the_results_within_the_drops_are_no_drops(drops: Path, options: AnalysisOptions) -> None:
+def test_the_results_within_the_drops_are_no_drops(drops: Path) -> None:
     out = drops / "out"
-    invert_archive([str(drops)], out, QuickWorkers(options))
+    invert_archive([str(drops)], out, QuickWorkers())
     (out / "table.csv").write_text("a table made of the results")
-    assert invert_archive([str(drops)], out, QuickWorkers(options)).sources == 6
+    assert invert_archive([str(drops)], out, QuickWorkers()).sources == 6
 
 
-def test_two_programs_cannot_work_on_one_archive(
-    drops: Path, tmp_path: Path, options: AnalysisOptions
-) -> None:
+def test_two_programs_cannot_share_an_archive(drops: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
 
     class Meddling(QuickWorkers):
         def work(self, batch: Batch) -> list[SourceOutcome]:
             with pytest.raises(SurveyError, match="no other program uses"):
-                invert_archive([str(drops)], out, QuickWorkers(self.options))
+                invert_archive([str(drops)], out, QuickWorkers())
             return super().work(batch)
 
-    assert invert_archive([str(drops)], out, Meddling(options)).drops == 6
+    assert invert_archive([str(drops)], out, Meddling()).drops == 6
 
 
-def test_a_folder_with_something_else_is_left_alone(drops: Path, options: AnalysisOptions) -> None:
+def test_a_folder_with_foreign_files_is_rejected(drops: Path) -> None:
     with pytest.raises(OptionError, match=r"--archive .*expected a folder that is new"):
-        invert_archive([str(drops)], drops, QuickWorkers(options))
+        invert_archive([str(drops)], drops, QuickWorkers())
     assert not (drops / "archive.json").exists()
 
 
@@ -394,43 +365,43 @@ def survey(drops: Path, tmp_path: Path) -> Path:
     return folder
 
 
-def test_a_survey_in_a_folder_is_one_source(survey: Path) -> None:
-    (found,) = find_sources([str(survey.parent)])
-    assert (found.path, found.survey) == (str(survey), True)
+def test_a_survey_in_a_folder_is_a_source(survey: Path) -> None:
+    (source,) = find_sources([str(survey.parent)])
+    assert (source.path, source.survey) == (str(survey), True)
 
 
-def test_a_large_survey_is_done_in_pieces_that_can_be_continued(
-    survey: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+def test_a_large_survey_is_inverted_in_pieces(
+    survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (whole,) = find_sources([str(survey)])
+    (source,) = find_sources([str(survey)])
     monkeypatch.setattr("pfwd.archive.run.PIECE_DROPS", 4)
-    pieces = pieces_of(whole)
-    assert [(one.first_point, one.end_point) for one in pieces] == [(0, 2), (2, 4), (4, 6)]
+    pieces = [(piece.first_point, piece.end_point) for piece in pieces_of(source)]
+    assert pieces == [(0, 2), (2, 4), (4, 6)]
     monkeypatch.setattr(running, "BATCH_SOURCES", 1)
 
-    class Stopped(HereWorkers):
+    class Stopped(LocalWorkers):
         def work(self, batch: Batch) -> list[SourceOutcome]:
-            if len(self.taken) > 1:
+            if len(self.batches) > 1:
                 raise KeyboardInterrupt
             return super().work(batch)
 
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
-        invert_archive([str(survey)], out, Stopped(options))
+        invert_archive([str(survey)], out, Stopped())
     assert len(rows(out)) == 4
-    summary = invert_archive([str(survey)], out, HereWorkers(options))
+    summary = invert_archive([str(survey)], out, LocalWorkers())
     assert (summary.inverted, summary.drops) == (2, 8)
-    (outcome,) = analyse_files([str(survey)], options)
+    (outcome,) = analyse_files([str(survey)], OPTIONS)
     assert sorted(row["modulus_pa"] for row in rows(out)) == sorted(
         result.modulus_pa for result in outcome.results
     )
-    again = HereWorkers(options)
-    assert invert_archive([str(survey)], out, again).done_before == 1
-    assert again.taken == []
+    repeated = LocalWorkers()
+    assert invert_archive([str(survey)], out, repeated).done_before == 1
+    assert repeated.batches == []
 
 
-def _a_text_that_stands_for_many(path: Path, count: int, length: int) -> None:
-    """A packed table of some kB, in which one text is said `count` times."""
+def write_repeated_text(path: Path, count: int, length: int) -> None:
+    """Write a packed table of some kB in which a text is repeated `count` times."""
     import pyarrow
     from pyarrow import parquet
 
@@ -449,36 +420,34 @@ def _a_text_that_stands_for_many(path: Path, count: int, length: int) -> None:
     )
 
 
-def refused(part: Path, drops: Path, options: AnalysisOptions, message: str) -> None:
+def refused(part: Path, drops: Path, message: str) -> None:
     with pytest.raises(SurveyError, match=rf"part-000001.*{message}.*remove it"):
-        invert_archive([str(drops)], part.parents[2], QuickWorkers(options))
+        invert_archive([str(drops)], part.parents[2], QuickWorkers())
 
 
-def test_a_damaged_part_is_said_with_what_to_do(
-    drops: Path, options: AnalysisOptions, part: Path
-) -> None:
+def test_a_damaged_part_is_rejected_with_a_remedy(drops: Path, part: Path) -> None:
     part.write_bytes(b"PAR1")
-    refused(part, drops, options, "expected")
+    refused(part, drops, "expected")
 
 
 @pytest.mark.parametrize(("count", "length"), [(3_000_000, 1), (20_000, 100_000)])
 def test_a_part_that_unpacks_to_gigabytes_is_refused(
-    drops: Path, options: AnalysisOptions, part: Path, count: int, length: int
+    drops: Path, part: Path, count: int, length: int
 ) -> None:
     assert (dataset.MAX_PARQUET_ROWS, dataset.MAX_TABLE_BYTES) == (
         10 * running.PART_ROWS,
         64 * 2**20,
     )
-    _a_text_that_stands_for_many(part, count, length)
+    write_repeated_text(part, count, length)
     assert part.stat().st_size < 200_000
-    refused(part, drops, options, "expected a Parquet table")
+    refused(part, drops, "expected a Parquet table")
 
 
 @pytest.mark.parametrize(
     "change", [{"piece": 1}, {"piece": -1}, {"pieces": 10**9}, {"failures": None}, {"file": None}]
 )
 def test_a_part_with_impossible_numbers_is_refused(
-    drops: Path, options: AnalysisOptions, part: Path, change: dict[str, Any]
+    drops: Path, part: Path, change: dict[str, Any]
 ) -> None:
     import pyarrow
     from pyarrow import parquet
@@ -486,14 +455,12 @@ def test_a_part_with_impossible_numbers_is_refused(
     table = parquet.read_table(part, partitioning=None)
     changed = [{**row, **change} for row in table.to_pylist()]
     parquet.write_table(pyarrow.Table.from_pylist(changed, table.schema), part)
-    refused(part, drops, options, "got impossible values")
+    refused(part, drops, "got impossible values")
 
 
-def test_a_part_with_other_columns_is_refused(
-    drops: Path, options: AnalysisOptions, part: Path
-) -> None:
+def test_a_part_with_wrong_columns_is_rejected(drops: Path, part: Path) -> None:
     import pyarrow
     from pyarrow import parquet
 
     parquet.write_table(pyarrow.table({"file": ["a"]}), part)
-    refused(part, drops, options, "got other columns")
+    refused(part, drops, "got other columns")

@@ -20,17 +20,17 @@ from pfwd.archive.run import invert_archive
 
 pytest.importorskip("pyarrow")
 
-from tests.pfwd.archive.stand_ins import HereWorkers, rows
+from tests.pfwd.archive.stand_ins import LocalWorkers, QuickWorkers, rows
+from tests.records import known
 
 OPTIONS = AnalysisOptions(diagnose=True)
 
 
-def told(point: DiagnosisPoint) -> DiagnosisResult:
-    assert point.records is not None
+def diagnosis(point: DiagnosisPoint) -> DiagnosisResult:
     return DiagnosisResult(
         file=point.file,
         point=point.point,
-        drops=point.records.numbers,
+        drops=known(point.records).numbers,
         verdict="explained",
         corrected=True,
         plate_radius_m=0.15,
@@ -51,28 +51,28 @@ def told(point: DiagnosisPoint) -> DiagnosisResult:
 @pytest.fixture
 def diagnosed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Points that were diagnosed; one of them is refused."""
-    seen: list[str] = []
+    points: list[str] = []
 
     def diagnose(entries: Sequence[DiagnosisPoint], *_more: LeaveOut | None) -> Iterator[Diagnosed]:
         for entry in entries:
-            seen.append(str(entry.point))
+            points.append(str(entry.point))
             if entry.point == "demo-3":
                 yield Diagnosed(entry.file, error=f"{entry.file}: no ground")
             else:
-                yield Diagnosed(entry.file, told(entry))
+                yield Diagnosed(entry.file, diagnosis(entry))
 
     name = "pfwd.archive.work.diagnose_entries"
     monkeypatch.setattr(name, diagnose)
-    return seen
+    return points
 
 
 def test_a_row_a_point(drops: Path, tmp_path: Path, diagnosed: list[str]) -> None:
-    summary = invert_archive([str(drops)], tmp_path / "out", HereWorkers(OPTIONS))
+    summary = invert_archive([str(drops)], tmp_path / "out", LocalWorkers(OPTIONS))
     assert sorted(diagnosed) == [f"demo-{number}" for number in range(6)]
     assert (summary.points, summary.drops, summary.failed) == (5, 0, 1)
-    kept = rows(tmp_path / "out", "diagnoses")
-    assert sorted(row["point"] for row in kept) == [f"demo-{n}" for n in range(6) if n != 3]
-    row = kept[0]
+    stored = rows(tmp_path / "out", "diagnoses")
+    assert sorted(row["point"] for row in stored) == [f"demo-{n}" for n in range(6) if n != 3]
+    row = stored[0]
     assert (row["drops"], row["verdict"], row["corrected"]) == (2, "explained", True)
     assert (row["modulus_pa"], row["before_modulus_pa"]) == (4e7, 5e7)
     assert (row["modulus_interval_low_pa"], row["modulus_interval_high_pa"]) == (3.9e7, 4.1e7)
@@ -86,21 +86,12 @@ def test_a_row_a_point(drops: Path, tmp_path: Path, diagnosed: list[str]) -> Non
     assert not rows(tmp_path / "out", "results")
 
 
-def test_what_is_there_is_not_diagnosed_again(
+def test_diagnoses_are_stored_and_separate_from_inversions(
     drops: Path, tmp_path: Path, diagnosed: list[str]
 ) -> None:
-    invert_archive([str(drops)], tmp_path / "out", HereWorkers(OPTIONS))
-    diagnosed.clear()
-    again = invert_archive([str(drops)], tmp_path / "out", HereWorkers(OPTIONS))
-    assert not diagnosed
-    assert (again.done_before, again.points) == (6, 0)
-
-
-def test_a_run_of_diagnoses_is_none_of_inversions(
-    drops: Path, tmp_path: Path, diagnosed: list[str], options: AnalysisOptions
-) -> None:
-    invert_archive([str(drops)], tmp_path / "out", HereWorkers(OPTIONS))
-    inverted = invert_archive([str(drops)], tmp_path / "out", HereWorkers(options))
-    assert inverted.drops == 12
-    assert inverted.done_before == 0
+    invert_archive([str(drops)], tmp_path / "out", LocalWorkers(OPTIONS))
+    summary = invert_archive([str(drops)], tmp_path / "out", LocalWorkers(OPTIONS))
+    assert (summary.done_before, summary.points) == (6, 0)
+    inverted = invert_archive([str(drops)], tmp_path / "out", QuickWorkers())
+    assert (inverted.drops, inverted.done_before) == (6, 0)
     assert len(diagnosed) == 6

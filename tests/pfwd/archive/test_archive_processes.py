@@ -26,16 +26,16 @@ from pfwd.archive.work import (
 from pfwd.errors import SurveyError
 
 pytest.importorskip("pyarrow")
-from tests.pfwd.archive.stand_ins import HereWorkers, QuickWorkers, facts, invented, rows
+from tests.pfwd.archive.stand_ins import OPTIONS, LocalWorkers, QuickWorkers, facts, invented, rows
 
 
-def test_a_killed_worker_costs_nothing_but_time(
-    drops: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+def test_the_work_of_a_killed_worker_is_repeated(
+    drops: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(running, "BATCH_SOURCES", 2)
     killed = []
 
-    with contextlib.closing(ArchiveWorkers(options, 2)) as workers:
+    with contextlib.closing(ArchiveWorkers(OPTIONS, 2)) as workers:
 
         def tell(summary: Summary, failures: Sequence[SourceFailure]) -> None:
             if not killed:
@@ -50,11 +50,11 @@ def test_a_killed_worker_costs_nothing_but_time(
     assert len(facts(tmp_path / "out")) == 12
 
 
-def test_a_source_that_kills_its_workers_is_given_up_alone(
-    drops: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+def test_a_source_that_kills_its_workers_is_skipped(
+    drops: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pfwd.archive.work.invert_batch", deadly)
-    with contextlib.closing(ArchiveWorkers(options, 2)) as workers:
+    with contextlib.closing(ArchiveWorkers(OPTIONS, 2)) as workers:
         summary = invert_archive([str(drops)], tmp_path / "out", workers)
     assert (summary.drops, summary.failed_in_all) == (5, 1)
     (line,) = (tmp_path / "out" / "unfinished" / f"{summary.run}.jsonl").read_text().splitlines()
@@ -71,12 +71,12 @@ def deadly(sources: Batch, options: AnalysisOptions) -> list[SourceOutcome]:
 
 
 def test_processes_that_always_die_end_the_run(
-    drops: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+    drops: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pfwd.archive.work.invert_batch", stillborn)
     monkeypatch.setattr("pfwd.archive.work.MAX_CONSECUTIVE_FAILURES", 1)
     with (
-        contextlib.closing(ArchiveWorkers(options, 1)) as workers,
+        contextlib.closing(ArchiveWorkers(OPTIONS, 1)) as workers,
         pytest.raises(SurveyError, match="expected processes that stay alive, got 3"),
     ):
         list(invert_stream([str(drops)], workers))
@@ -104,9 +104,7 @@ with contextlib.closing(ArchiveWorkers(options, 2)) as workers:
 """
 
 
-def test_a_killed_main_process_goes_on_where_it_was(
-    drops: Path, tmp_path: Path, options: AnalysisOptions
-) -> None:
+def test_a_killed_main_process_goes_on_where_it_was(drops: Path, tmp_path: Path) -> None:
     out, script = tmp_path / "out", tmp_path / "main.py"
     script.write_text(MAIN)
     top = str(Path(__file__).resolve().parents[3])
@@ -114,29 +112,29 @@ def test_a_killed_main_process_goes_on_where_it_was(
     command = [sys.executable, str(script), str(drops), str(out)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as main:
         assert main.stdout is not None
-        told = next(text for text in main.stdout if int(text) >= 2)
+        n_parts = next(int(text) for text in main.stdout if int(text) >= 2)
         children = psutil.Process(main.pid).children(recursive=True)
         main.kill()
-    assert int(told) >= 2
+    assert n_parts >= 2
     # They end by themselves once nobody listens.
-    _gone, alive = psutil.wait_procs(children, timeout=30)
+    _ended, alive = psutil.wait_procs(children, timeout=30)
     assert alive == []
     # Results without their sources may have been left: they do not count.
-    kept = sum(row["drops"] for row in rows(out, "sources"))
-    assert kept >= 2
-    summary = invert_archive([str(drops)], out, HereWorkers(options))
-    assert summary.drops == 12 - kept
-    whole = tmp_path / "whole"
-    invert_archive([str(drops)], whole, HereWorkers(options))
-    assert facts(out) == facts(whole)
+    stored = sum(row["drops"] for row in rows(out, "sources"))
+    assert stored >= 2
+    summary = invert_archive([str(drops)], out, LocalWorkers())
+    assert summary.drops == 12 - stored
+    complete = tmp_path / "whole"
+    invert_archive([str(drops)], complete, LocalWorkers())
+    assert facts(out) == facts(complete)
 
 
 def test_memory_does_not_grow_with_the_archive(
-    tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     count = 40_000
-    found = (Source(f"/drops/{number}.csv", 20_000, number) for number in range(count))
-    monkeypatch.setattr(running, "find_sources", lambda *_: found)
+    sources = (Source(f"/drops/{number}.csv", 20_000, number) for number in range(count))
+    monkeypatch.setattr(running, "find_sources", lambda *_: sources)
     monkeypatch.setattr(running, "content_digest", lambda source: f"{source.mtime_ns:064d}")
     monkeypatch.setattr(running, "pieces_of", lambda source: [source])
     monkeypatch.setattr(running, "PART_SOURCES", 2_000)
@@ -148,29 +146,27 @@ def test_memory_does_not_grow_with_the_archive(
         if summary.drops % 4_000 == 0:
             resident.append(process.memory_info().rss)
 
-    invert_archive([str(tmp_path)], tmp_path / "out", QuickWorkers(options), tell)
+    invert_archive([str(tmp_path)], tmp_path / "out", QuickWorkers(), tell)
     assert len(resident) >= 10
     # A row takes 3 kB as Python objects: all of them would be 100 MB.
     assert max(resident[3:]) - resident[2] < 30e6
 
 
-def test_no_more_is_taken_than_is_worked_on(
-    drops: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_batches_are_read_only_when_needed(drops: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pfwd.archive.work.invert_batch", quick)
-    taken = itertools.count()
-    seen = 0
+    count = itertools.count()
+    n_batches = 0
 
     def endless() -> Iterator[Batch]:
         while True:
-            yield (Source(f"/{next(taken)}", 1, 1),)
+            yield (Source(f"/{next(count)}", 1, 1),)
 
-    with contextlib.closing(ArchiveWorkers(options, 2)) as workers:
+    with contextlib.closing(ArchiveWorkers(OPTIONS, 2)) as workers:
         for _ in workers.run(endless()):
-            seen += 1
-            if seen == 20:
+            n_batches += 1
+            if n_batches == 20:
                 break
-    assert next(taken) <= 20 + 2 + 2 + 1
+    assert next(count) <= 20 + 2 + 2 + 1
 
 
 def quick(sources: Batch, options: AnalysisOptions) -> list[SourceOutcome]:

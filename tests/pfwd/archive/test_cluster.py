@@ -10,7 +10,6 @@ from typing import Any
 import psutil
 import pytest
 
-from pfwd.analysis.options import AnalysisOptions
 from pfwd.archive import cluster
 from pfwd.archive import run as running
 from pfwd.archive.cluster import ClusterWorkers, check_address
@@ -19,9 +18,7 @@ from pfwd.archive.work import ArchiveWorkers, SourceFailure
 from pfwd.errors import OptionError, SurveyError
 
 pytest.importorskip("pyarrow")
-from tests.pfwd.archive.stand_ins import facts
-
-OPTIONS = AnalysisOptions(method="posterior", sensors="centre", bedrock_depth=1.2)
+from tests.pfwd.archive.stand_ins import OPTIONS, facts
 
 
 @pytest.fixture(scope="module")
@@ -30,11 +27,11 @@ def dask_cluster() -> Iterator[Any]:
     distributed = pytest.importorskip("distributed", reason="the extra cluster is not installed")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, dashboard_address=":0", processes=True
-    ) as found:
-        yield found
+    ) as local:
+        yield local
 
 
-def test_a_cluster_finds_what_processes_find(
+def test_a_cluster_has_the_results_of_processes(
     dask_cluster: Any, drops: Path, tmp_path: Path
 ) -> None:
     with contextlib.closing(ClusterWorkers(OPTIONS, dask_cluster.scheduler_address)) as workers:
@@ -45,7 +42,7 @@ def test_a_cluster_finds_what_processes_find(
     assert facts(tmp_path / "there") == facts(tmp_path / "here")
 
 
-def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(
+def test_the_work_of_a_killed_cluster_worker_is_repeated(
     dask_cluster: Any, drops: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(running, "BATCH_SOURCES", 1)
@@ -73,7 +70,7 @@ def test_workers_with_another_version_are_refused(
         ClusterWorkers(OPTIONS, dask_cluster.scheduler_address)
 
 
-def test_a_cluster_that_ends_is_said_with_what_to_do(
+def test_a_cluster_that_ends_is_an_error_with_a_remedy(
     drops: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # So long the client looks whether it comes back.
@@ -81,8 +78,8 @@ def test_a_cluster_that_ends_is_said_with_what_to_do(
     distributed = pytest.importorskip("distributed", reason="the extra cluster is not installed")
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, dashboard_address=":0", processes=True
-    ) as found:
-        workers = ClusterWorkers(OPTIONS, found.scheduler_address)
+    ) as local:
+        workers = ClusterWorkers(OPTIONS, local.scheduler_address)
         outcomes = invert_stream([str(drops)], workers)
     with (
         contextlib.closing(workers),
@@ -91,7 +88,7 @@ def test_a_cluster_that_ends_is_said_with_what_to_do(
         list(outcomes)
 
 
-def test_where_no_scheduler_answers_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_scheduler_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed", reason="the extra cluster is not installed")
     monkeypatch.setattr(cluster, "_CONNECT_TIMEOUT_S", 1.0)
     with socket.socket() as free:
