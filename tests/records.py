@@ -5,6 +5,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
+from inversion.notices import Notice, Value, gaps_of, templates, terms
 from inversion.records import JsonRecord, stored_fields, without_none
 
 _T = TypeVar("_T")
@@ -52,3 +53,14 @@ def _empty(field: dataclasses.Field[Any], hint: Any) -> Any:
     if get_origin(hint) is tuple:
         return [] if ... in get_args(hint) else [math.nan] * len(get_args(hint))
     return get_args(hint)[0] if get_origin(hint) is Literal else _EMPTY[hint]
+
+
+def sample_notice(code: str) -> Notice:
+    """Return a message with plausible values."""
+    samples: dict[str, Value] = {
+        "": "a.F25", "words": "density", "names": "seating",
+        "list": ("one", "two"), "d": 3, "more": 2,
+        "terms": tuple(terms()), "drops": (1, 2), "digits": "4.5", "message": Notice("no-drop"),
+    }  # fmt: skip
+    forms = gaps_of(templates()[code])
+    return Notice(code, {name: samples.get(form, 0.25) for name, form in forms.items()})

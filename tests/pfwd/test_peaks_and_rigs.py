@@ -39,14 +39,6 @@ def rows_of(survey: Path, tmp_path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
-def test_peaks_are_rejected_by_the_inversion(peaks: Path) -> None:
-    for point in read_points(peaks):
-        for screening in screen_point(point):
-            assert screening.status == "rejected"
-            assert screening.reason is not None
-            assert text_of(screening.reason).startswith("peaks only: the file had no time history")
-
-
 def test_peaks_are_judged_by_a_procedure_of_peaks(peaks: Path) -> None:
     (first, _) = read_points(peaks)
     screenings = screen_point(first)

@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from pfwd.errors import OptionError, SurveyError
 from pfwd.files.editing import (
     Edit,
     edit_survey,
-    overview_of,
     parse_declaration_option,
     parse_position,
     survey_overview,
@@ -27,7 +25,7 @@ from pfwd.files.reading import read_points
 from pfwd.files.traces import TracePoint, write_traces
 from pfwd.files.upkeep import check_survey, recover_survey
 from pfwd_device import Drop
-from pfwd_device.recording import SurveyWriter, index, read_survey
+from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.files.trace_lines import assert_same_drops
 
 SETUP = PointSetup(plate_radius=0.15, plate_mass=12.0, poisson_ratio=0.3, site="km 1")
@@ -166,15 +164,6 @@ def test_later_edits_apply(survey: Path) -> None:
     edit_survey(survey, [Edit("note", "third")], point="renamed")
     edit_survey(survey, [Edit("note", "fourth")], point="first")
     assert read_survey(survey).drops[0].read().declared["plate_mass_kg"] == 12.0
-
-
-def test_an_edited_survey_is_not_read_twice(survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    scan = Mock(wraps=index.scan_journal)
-    monkeypatch.setattr(index, "scan_journal", scan)
-    overview = overview_of(edit_survey(survey, [Edit("note", "wet")], drop=2))
-    assert scan.call_count == 1, "to find the drop of the edit"
-    assert overview == survey_overview(survey)
-    assert overview[0]["drops"][1]["notes"] == ["wet"]
 
 
 def test_results_are_counted(survey: Path) -> None:

@@ -1,4 +1,4 @@
-"""Trace files: what is read, what is written, and that it is the same."""
+"""Trace files: reading, writing, and sensors on both sides of the plate."""
 
 import dataclasses
 import datetime
@@ -12,11 +12,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from inversion.notices import text_of
+from pfwd.analysis.drop_facts import point_drop, unbroken_peaks
+from pfwd.analysis.screening.drops import screen
 from pfwd.errors import TraceError
 from pfwd.files.header import HEADER_KEYS, PointSetup, declarations_of
+from pfwd.files.reading import read_points
 from pfwd.files.traces import TracePoint, read_traces, write_traces
 from pfwd_device import Channel, Drop
+from pfwd_device.signals import channels_outward
 from tests.pfwd.files.trace_lines import HEADER, NAMES, Write, assert_same_drops, rows
+from tests.records import known
 
 
 def test_a_file_is_read_as_it_was_declared(write: Write) -> None:
@@ -270,3 +275,42 @@ def test_every_measured_and_computed_file_is_read(shared: Path) -> None:
     for file in files:
         point = read_traces(file)
         assert all(drop.channels[0].offset == 0 for drop in point.drops)
+
+
+@pytest.fixture
+def trace_file(write: Write, make_drop: Callable[..., Drop]) -> Path:
+    """A trace file whose first column is on the other side, and no two columns alike."""
+    drop = make_drop(offsets=(0.3, 0.0, 0.6), quantity="velocity")
+    behind = 1.1 * drop.channels[0].values
+    columns = [behind, *(channel.values for channel in drop.channels)]
+    names = ",".join(f"velocity_m_s@{place}" for place in ("-0.3000", "0.3", "-0.0", "0.6"))
+    rows = [
+        ",".join(repr(float(number)) for number in row)
+        for row in np.column_stack([drop.time, drop.load, *columns])
+    ]
+    return write([*HEADER, f"time_s,load_N,{names}", *rows])
+
+
+def test_a_negative_distance_is_a_separate_sensor(trace_file: Path) -> None:
+    (point,) = read_points(trace_file)
+    (drop,) = point.drops
+    assert [channel.offset for channel in drop.channels] == [-0.3, 0.3, 0.0, 0.6]
+    # -0 is the centre: no sign is left on it.
+    assert not np.signbit(drop.channels[2].offset)
+    np.testing.assert_allclose(drop.channels[0].values, 1.1 * drop.channels[1].values)
+    assert [channel.offset for channel in channels_outward(drop)] == [0.0, 0.3, -0.3, 0.6]
+
+
+def test_a_sensor_behind_the_plate_is_not_the_centre(trace_file: Path) -> None:
+    (point,) = read_points(trace_file)
+    (drop,) = point.drops
+    screening = screen(drop, point.setup)
+    assert screening.status == "measured"
+    peaks = known(unbroken_peaks(drop))
+    assert peaks.centre == pytest.approx(5e-4, rel=0.01)
+    facts = point_drop(drop, point.setup, screening)
+    assert facts.peak_deflection == pytest.approx(5e-4, rel=0.01)
+    without = Drop(1, drop.time, drop.load, drop.channels[:2])
+    assert text_of(screen(without, point.setup).reason) == (
+        "no centre channel: none of the sensors stands at offset 0"
+    )

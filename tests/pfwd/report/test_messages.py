@@ -24,6 +24,7 @@ from pfwd.report.composing import compose
 from pfwd.report.fonts import Letters
 from pfwd.report.gathering import ReportOptions, gather
 from pfwd.report.texts import load_texts
+from tests.records import sample_notice
 
 pytestmark = pytest.mark.usefixtures("without_curves")
 
@@ -93,13 +94,7 @@ def test_several_processes_find_the_same(survey: Path) -> None:
 
 @pytest.mark.parametrize("code", sorted(templates().keys() - {OTHER}))
 def test_warnings_are_complete_in_every_language(code: str) -> None:
-    samples: dict[str, Value] = {
-        "": "a.F25", "words": "density", "names": "seating",
-        "list": ("one", "two"), "d": 3, "more": 2,
-        "terms": tuple(terms()), "drops": (1, 2), "digits": "4.5", "message": Notice("no-drop"),
-    }  # fmt: skip
-    forms = gaps_of(templates()[code])
-    notice = Notice(code, {name: samples.get(form, 0.25) for name, form in forms.items()})
+    notice = sample_notice(code)
     english = re.compile(r"\b(the|is|are|of|or|line|left|from|moves|missing|bound|samples)\b")
     for texts in (DE, ZH):
         assert not english.search(texts.message(notice)), texts.message(notice)

@@ -344,13 +344,6 @@ def test_a_target_in_millimetres_is_compared_with_deflections(survey: Path) -> N
     assert "--target 0.6" in report.command
 
 
-def test_an_undecodable_result_is_replaced_by_the_previous(survey: Path) -> None:
-    with SurveyWriter.open(survey, publish=False) as writer:
-        writer.save_result(1, complete(DropResult, {**result_of(1), "modulus_pa": "a lot"}))
-    used = known(gather(survey).points[0].drops[0].result)
-    assert used.modulus_pa == 45.1e6
-
-
 def test_a_report_without_storing_does_not_change_the_survey(short_survey: Path) -> None:
     before = {path: path.read_bytes() for path in short_survey.rglob("*") if path.is_file()}
     options = ReportOptions(refit=True, store=False, diagnose=True, point="A")
