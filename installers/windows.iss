@@ -1,7 +1,7 @@
 ; Installer for Windows, by Inno Setup 6, of the folder that `py dev.py app` makes.
 ;   py dev.py app
 ;   iscc /DVersion=0.1.0 installers\windows.iss
-; It has never been run. It needs no administrator: the program goes to the user's own folder.
+; It was run under wine, never on a real Windows. It needs no administrator: the program goes to the user's own folder.
 #ifndef Version
   #error Name the version: iscc /DVersion=0.1.0 installers\windows.iss
 #endif
