@@ -67,8 +67,8 @@ def recorded(
     largest = float(np.abs(histories[0]).max())
 
     def channel(values: Array, size: float) -> Array:
-        whole = np.concatenate([quiet, values]) * scale
-        return np.asarray(whole + noise * size * rng.standard_normal(whole.size))
+        complete = np.concatenate([quiet, values]) * scale
+        return np.asarray(complete + noise * size * rng.standard_normal(complete.size))
 
     load = channel(drop.load, float(drop.load.max()))
     motion = tuple(

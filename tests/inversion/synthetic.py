@@ -1,11 +1,12 @@
-"""Drops that the forward model computed, for what has to hold whatever the data are.
+"""Drops computed by the forward model, with a known ground and any noise.
 
-They prove nothing about the model; what they have is a known ground and any noise that is wanted.
+They prove nothing about the model itself.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ TRUTH = {MODULUS: 45e6, VISCOSITY: 5e4, DENSITY: 1900.0, DEPTH: 1.1}
 
 @dataclass(frozen=True)
 class Scene:
-    """How a drop is recorded; standard deviations of white noise in the channel's unit."""
+    """Recording of a drop; standard deviations of white noise in the channel's unit."""
 
     quantity: MotionName = "displacement"
     sensor_noise: float = 0.0
@@ -61,20 +62,23 @@ def half_sine(time: Array, scene: Scene) -> Array:
     return np.where(inside, scene.peak * np.sin(np.pi * time / scene.pulse), 0.0)
 
 
+@cache
 def record(library: Library, scene: Scene, depth: float = TRUTH[DEPTH]) -> Record:
     """One drop on the ground of TRUTH."""
     time = STEP * np.arange(-round(scene.pre_trigger / STEP), round(scene.length / STEP))
-    own = time[time >= -STEP / 2]
+    since_trigger = time[time >= -STEP / 2]
     model = ForwardModel(
         surrogate(library, scene.offsets),
         scene.instrument,
-        own,
-        half_sine(own, scene),
-        own[1:],
+        since_trigger,
+        half_sine(since_trigger, scene),
+        since_trigger[1:],
         FULL_BAND_HZ,
     )
     moved = np.zeros((len(scene.offsets), time.size))
-    moved[:, -own.size + 1 :] = model.displacement(grounds(depth))[0, -len(scene.offsets) :]
+    moved[:, -since_trigger.size + 1 :] = model.displacement(grounds(depth))[
+        0, -len(scene.offsets) :
+    ]
     if scene.quantity == "velocity":
         moved = np.gradient(moved, STEP, axis=1)
     rng = np.random.default_rng(scene.seed)

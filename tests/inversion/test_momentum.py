@@ -1,6 +1,7 @@
 """Gain of a load cell from momentum: a hammer on a spring and a dashpot, integrated here."""
 
 import dataclasses
+from functools import cache
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ from inversion.momentum import GRAVITY, contact_of, gain_by_momentum
 MASS, HEIGHT = 10.0, 0.7
 
 
-def fall(friction: float, gain: float, seed: int, rate: float = 10_000.0) -> tuple[np.ndarray, ...]:
-    """Return times and load readings from before the first contact to after the second one."""
+@cache
+def forces(friction: float, rate: float) -> np.ndarray:
+    """Return the force on the plate, N, from the release to after the second contact."""
     step = 2e-6
     place, speed, readings = -HEIGHT, 0.0, []
     for number in range(round(1.3 / step)):
@@ -22,16 +24,21 @@ def fall(friction: float, gain: float, seed: int, rate: float = 10_000.0) -> tup
         place += speed * step
         if number % round(1 / rate / step) == 0:
             readings.append(force)
-    load = gain * np.array(readings)
+    return np.array(readings)
+
+
+def fall(friction: float, gain: float, seed: int, rate: float = 10_000.0) -> tuple[np.ndarray, ...]:
+    """Return times and load readings from before the first contact to after the second one."""
+    load = gain * forces(friction, rate)
     time = np.arange(load.size) / rate
     first = int(np.flatnonzero(load > 200)[0])
     load += 20 * np.random.default_rng(seed).standard_normal(load.size)
-    kept = slice(first - 500, None)
-    return time[kept] - time[first], load[kept]
+    window = slice(first - 500, None)
+    return time[window] - time[first], load[window]
 
 
 @pytest.mark.parametrize(("friction", "gain"), [(0.0, 1.04), (0.01, 0.97), (0.03, 1.0)])
-def test_the_gain_is_found(friction: float, gain: float) -> None:
+def test_the_gain_is_recovered(friction: float, gain: float) -> None:
     contacts = [contact_of(*fall(friction, gain, seed)) for seed in range(3)]
     without = gain_by_momentum(contacts, MASS, HEIGHT)
     if not friction:

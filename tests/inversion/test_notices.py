@@ -26,20 +26,24 @@ def test_a_warning_is_its_sentence_with_code_and_values() -> None:
     )
 
 
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))])
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda item: pickle.loads(pickle.dumps(item))])
 def test_a_copy_is_the_same_warning(copied: object) -> None:
-    other = copied(DEPTH)  # type: ignore[operator]
-    assert (other, other.code, other.values) == (DEPTH, DEPTH.code, DEPTH.values)
+    copy_of_notice = copied(DEPTH)  # type: ignore[operator]
+    assert (copy_of_notice, copy_of_notice.code, copy_of_notice.values) == (
+        DEPTH,
+        DEPTH.code,
+        DEPTH.values,
+    )
 
 
-def test_unknown_codes_and_other_values_are_refused() -> None:
+def test_unknown_codes_and_values_are_refused() -> None:
     with pytest.raises(ValueError, match="expected the code of a message, got 'rain'"):
         Notice("rain")
     with pytest.raises(ValueError, match=r"expected \['parameter'\], got \['depth'\]"):
         Notice("parameter-on-bound", {"depth": 1.0})
 
 
-def test_a_code_is_in_one_package() -> None:
+def test_a_code_is_in_a_single_package() -> None:
     tables = [
         tomllib.loads(resources.files(package).joinpath("messages.toml").read_text("utf-8"))
         for package in ("inversion", "pfwd")
@@ -58,7 +62,7 @@ def test_numbers_are_in_the_unit_of_the_sentence() -> None:
     assert text_of(warning) == "modulus of layer 1 not known: 4 to 160 MPa fit as well"
 
 
-def test_a_number_rounded_to_nothing_has_no_sign_of_its_own() -> None:
+def test_a_number_rounded_to_zero_has_a_plus_sign() -> None:
     values = {"file": "a", "traces": "raw_channels", "deviation": (-0.0004, 0.691)}
     notice = Notice("stored-deflection-differs", values)
     assert "is +0.0 to +69.1 % off" in text_of(notice)
@@ -74,9 +78,9 @@ def test_json_has_the_codes_in_the_order_of_the_sentences() -> None:
         {"code": "not-converged", "values": {}},
         {"code": "depth-not-unique", "values": {"depth_low_m": 0.484, "depth_high_m": 1.3}},
     ]
-    again = InversionResult.from_json(written)
-    assert again == result
-    assert [w.values for w in again.warnings or ()] == [w.values for w in result.warnings or ()]
+    reread = InversionResult.from_json(written)
+    assert reread == result
+    assert [w.values for w in reread.warnings or ()] == [w.values for w in result.warnings or ()]
 
 
 @pytest.mark.parametrize(
@@ -112,11 +116,11 @@ def test_every_warning_is_read_by_its_code() -> None:
     for code, template in notices.templates().items():
         values = {name: sample(form) for name, form in notices.gaps_of(template).items()}
         warning = Notice(code, values)
-        (again,) = from_json([text_of(warning)], json.loads(json.dumps(notices.codes([warning]))))
-        assert (again.code, dict(again.values)) == (code, dict(warning.values))
+        (reread,) = from_json([text_of(warning)], json.loads(json.dumps(notices.codes([warning]))))
+        assert (reread.code, dict(reread.values)) == (code, dict(warning.values))
 
 
-def test_further_cases_are_mentioned_where_there_are_any() -> None:
+def test_further_cases_are_mentioned() -> None:
     values: dict[str, Value] = {"file": "a.F25", "line": 7, "more": 0}
     once, often = Notice("drop-cut-off", values), Notice("drop-cut-off", {**values, "more": 2})
     assert text_of(often) == f"{text_of(once)}; 2 more of that kind"
@@ -125,5 +129,5 @@ def test_further_cases_are_mentioned_where_there_are_any() -> None:
 def test_numbers_that_json_does_not_know_come_back() -> None:
     warning = Notice("depth-not-unique", {"depth_low_m": 2.0, "depth_high_m": math.inf})
     written = json.dumps(notices.codes([warning]), allow_nan=False)
-    (again,) = from_json([text_of(warning)], json.loads(written))
-    assert again.values["depth_high_m"] == math.inf
+    (reread,) = from_json([text_of(warning)], json.loads(written))
+    assert reread.values["depth_high_m"] == math.inf

@@ -31,7 +31,7 @@ MASS, FREQUENCY, DAMPING = 10.0, 4.5, 0.6
 
 @dataclass(frozen=True)
 class Factors:
-    """By what ground, instrument and record are multiplied."""
+    """Factors on ground, instrument and record."""
 
     modulus: float = 1.0
     viscosity: float = 1.0
@@ -84,5 +84,5 @@ def displacement(library: SurrogateLibrary, factors: Factors) -> Array:
 )
 def test_another_ground_gives_the_same_record(factors: Factors, library: SurrogateLibrary) -> None:
     expected = factors.displacement * displacement(library, Factors())
-    found = displacement(library, factors)
-    assert found == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
+    result = displacement(library, factors)
+    assert result == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())

@@ -1,4 +1,4 @@
-"""What the diagnosis makes of a channel before and after the pulse, and of its noise."""
+"""Observed displacement of a channel in a diagnosis, its baseline and its noise."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def test_a_displacement_is_zero_where_the_pulse_begins() -> None:
     np.testing.assert_allclose(motion.observed, pulse(TIME[SAMPLES]), atol=1e-12)
 
 
-def test_what_is_predicted_is_read_as_what_is_recorded() -> None:
+def test_a_prediction_is_read_like_the_record() -> None:
     # Drift of a velocity: its mean before the pulse goes, in the record and in the prediction.
     drift = 0.02 * TIME + 0.004
     motion = channel(drift, "velocity")

@@ -25,28 +25,28 @@ DROPS = [n if n in (2, 4, 7) else pytest.param(n, marks=pytest.mark.slow) for n 
 
 
 @pytest.mark.parametrize("number", DROPS)
-def test_rock_under_other_finite_elements(
+def test_rock_in_external_finite_elements_is_detected(
     number: int, shared: Path, library: SurrogateLibrary
 ) -> None:
     modulus, depth, point = computed_elsewhere(shared, number)
     records = tuple(record_of(drop, point.setup) for drop in point.drops)
-    found = diagnose_point(PointRecords("fe", records, (1,)), library)
-    (effect,) = found.effects
+    result = diagnose_point(PointRecords("fe", records, (1,)), library)
+    (effect,) = result.effects
     assert effect.name == "bedrock"
     assert effect.parameters[0].value == pytest.approx(depth, rel=0.03)
-    assert found.after.modulus_pa == pytest.approx(modulus, rel=0.012)
+    assert result.after.modulus_pa == pytest.approx(modulus, rel=0.012)
 
 
 @pytest.mark.parametrize("number", DROPS)
-def test_other_finite_elements_with_their_rock_declared_have_no_effect(
+def test_external_finite_elements_with_declared_rock_are_clean(
     number: int, shared: Path, library: SurrogateLibrary
 ) -> None:
     modulus, depth, point = computed_elsewhere(shared, number)
     records = tuple(
         replace(record_of(drop, point.setup), bedrock_depth=depth) for drop in point.drops
     )
-    found = diagnose_point(PointRecords("fe", records, (1,)), library)
-    assert found.effects == ()
-    assert found.after.modulus_pa == pytest.approx(modulus, rel=0.007)
+    result = diagnose_point(PointRecords("fe", records, (1,)), library)
+    assert result.effects == ()
+    assert result.after.modulus_pa == pytest.approx(modulus, rel=0.007)
     # Undamped ground rings on until the side of the mesh answers: that is no noise, nor an effect.
-    assert found.verdict == ("unexplained" if number == 6 else "clean")
+    assert result.verdict == ("unexplained" if number == 6 else "clean")

@@ -8,7 +8,7 @@ from pfwd.analysis.diagnosis.diagnose import diagnose_files
 from tests.campaigns.blind import SITES, make_campaign
 
 
-def test_ground_that_gives_way_when_it_is_pulled_is_no_other_effect(
+def test_ground_that_yields_in_tension_is_hysteretic_unloading(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The plate swings back above what is not recovered: there the ground holds a quarter.
@@ -29,9 +29,9 @@ def test_ground_that_gives_way_when_it_is_pulled_is_no_other_effect(
     assert [case.sensors for case in cases] == [1, 2]
     truth = {case.file: case.modulus_pa for case in cases}
     files = [str(tmp_path / "traces" / name) for name in truth]
-    for found in diagnose_files(files):
-        assert found.result is not None
-        point = found.result.to_json()
+    for result in diagnose_files(files):
+        assert result.result is not None
+        point = result.result.to_json()
         (effect,) = point["effects"]
         assert (point["verdict"], effect["name"]) == ("explained", "hysteretic_unloading")
         (pulled,) = [p for p in effect["parameters"] if p["name"] == "tension_share"]
@@ -39,5 +39,5 @@ def test_ground_that_gives_way_when_it_is_pulled_is_no_other_effect(
         # Of the steeper way back a quarter is a little more than of the way there.
         assert pulled["value"] == pytest.approx(0.28, abs=0.02)
         assert point["before"]["residual_rms_over_peak"] > 0.015
-        right = truth[Path(found.file).name]
+        right = truth[Path(result.file).name]
         assert point["after"]["modulus_pa"] == pytest.approx(right, rel=0.005)

@@ -1,4 +1,4 @@
-"""Where a record was cut off, and where a rounded top only looks like it."""
+"""Detection of clipped records; rounded tops are no clipping."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ PULSE = np.where(TIME < 0.02, np.sin(np.pi * TIME / 0.02) ** 2, 0.0)
 
 @pytest.mark.parametrize("level", [0.6, 0.85, 0.95])
 @pytest.mark.parametrize("noise", [0.0, 0.002])
-def test_a_cut_off_top_is_seen_and_a_rounded_one_is_not(level: float, noise: float) -> None:
+def test_a_clipped_top_is_detected_and_a_rounded_top_is_not(level: float, noise: float) -> None:
     rng = np.random.default_rng(2)
     pulse = np.sin(np.pi * np.arange(300) / 100) * np.exp(-np.arange(300) / 150)
     pulse = pulse / pulse.max()
@@ -32,7 +32,7 @@ def test_a_cut_off_top_is_seen_and_a_rounded_one_is_not(level: float, noise: flo
     assert flat_level(cut, noise) == pytest.approx(level, abs=3 * noise + 1e-9)
 
 
-def test_a_noisy_displacement_is_not_taken_for_a_clipped_velocity() -> None:
+def test_a_noisy_displacement_is_not_a_clipped_velocity() -> None:
     rng = np.random.default_rng(3)
     still = Sensor(0.0, "displacement", 1e-6 * rng.standard_normal(400))
     assert flat_velocity(still, 1e-6, 1e-4, largest=True) is None
@@ -92,7 +92,7 @@ def test_a_level_that_the_device_exceeds_elsewhere_is_refuted() -> None:
     assert of_point(clipped_pulse(6400.0), device=6400.0) == [(6400.0, 0.08)]
 
 
-def test_a_velocity_that_goes_farther_the_other_way_is_not_cut_off() -> None:
+def test_a_velocity_with_a_larger_opposite_peak_is_not_clipped() -> None:
     record = clipped_pulse(9000.0)
     (sensor,) = record.sensors
     farther = replace(sensor, values=np.where(sensor.values < 0, 2 * sensor.values, sensor.values))

@@ -1,4 +1,4 @@
-"""Hum before the pulse is told from noise, and found as the effect that it is."""
+"""Hum before the pulse is distinguished from noise and detected as an effect."""
 
 import numpy as np
 import pytest
@@ -6,12 +6,11 @@ from scipy.signal import lfilter
 
 from inversion import Record, Sensor
 from inversion.diagnosis.mains_line import Hum, find_line, hum_before
-from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.rest import estimate_pre_trigger_noise
 from inversion.forward.model import Instrument
 from inversion.inference.diagnose import diagnose_point
-from simulators.drop import Hammer, SimulatedDrop, simulate_drop
-from simulators.mesh import Plate, SoilProfile
+from simulators.drop import SimulatedDrop
+from tests.inversion.simulated_drops import BEFORE, point_of, simulated, uniform_ground, with_rest
 
 STEP = 2e-4
 
@@ -33,7 +32,7 @@ def displaced(time, amplitude: float, frequency: float):
 
 @pytest.mark.parametrize("frequency", [50.0, 60.0])
 @pytest.mark.parametrize("integrations", [0, 1, 2])
-def test_a_line_is_found_with_its_harmonics(frequency: float, integrations: int) -> None:
+def test_a_line_is_detected_with_its_harmonics(frequency: float, integrations: int) -> None:
     time = STEP * np.arange(90)
     noise = np.random.default_rng(2).standard_normal(time.size)
     line, small = hum(time, 3e-3, frequency), 1e-5
@@ -43,17 +42,17 @@ def test_a_line_is_found_with_its_harmonics(frequency: float, integrations: int)
         step = 1e-7
         line = (hum(time + step, 3e-3, frequency) - hum(time - step, 3e-3, frequency)) / (2 * step)
         small = 3e-3
-    found = find_line(3e-3 + 0.1 * time + line + small * noise, STEP, integrations)
-    assert found is not None
-    assert np.sqrt(np.mean(found.residual**2)) == pytest.approx(small, rel=0.3)
-    amplitude, hertz, turns = found.as_tuple
+    result = find_line(3e-3 + 0.1 * time + line + small * noise, STEP, integrations)
+    assert result is not None
+    assert np.sqrt(np.mean(result.residual**2)) == pytest.approx(small, rel=0.3)
+    amplitude, hertz, turns = result.as_tuple
     assert (amplitude, hertz) == pytest.approx((3e-3, frequency), rel=0.02)
     # `hum` has its phase at the first sample, half a time before the pulse earlier.
     expected = 0.7 / (2 * np.pi) + frequency * 0.5 * STEP * (time.size - 1)
     assert abs((turns - expected + 0.5) % 1.0 - 0.5) < 0.02
-    (third, share, phase), (fifth, least, last) = found.harmonics
+    (third, share, phase), (fifth, fifth_share, last) = result.harmonics
     assert (third, fifth) == (3, 5)
-    assert (share, least) == pytest.approx((0.25, 0.1), rel=0.05)
+    assert (share, fifth_share) == pytest.approx((0.25, 0.1), rel=0.05)
     turned = np.exp(1j * np.array([phase - 1.0, last - 2.0]))
     np.testing.assert_allclose(turned, 1.0, atol=0.1)
 
@@ -83,57 +82,54 @@ def test_how_large_hum_is_by_the_time_before_the_pulse(
     line = 3e-3 * np.sin(2 * np.pi * frequency * time + 0.4)
     if not velocity:
         line = -3e-3 / (2 * np.pi * frequency) * np.cos(2 * np.pi * frequency * time + 0.4)
-    found = hum_before(0.2 + line, STEP, int(velocity))
-    assert found.max_amplitude == pytest.approx(3e-3, rel=rel)
-    (right,) = [line for line in found.lines if line[1] == frequency]
+    result = hum_before(0.2 + line, STEP, int(velocity))
+    assert result.max_amplitude == pytest.approx(3e-3, rel=rel)
+    (right,) = [line for line in result.lines if line[1] == frequency]
     assert right[0] == pytest.approx(3e-3, rel=1e-6)
     turns = 0.4 / (2 * np.pi) + frequency * time.mean()
     assert abs((right[2] - turns + 0.5) % 1.0 - 0.5) < 1e-6
 
 
-@pytest.mark.parametrize(("rate", "shown"), [(10.0, 0), (100.0, 0), (112.0, 1), (140.0, 2)])
-def test_hum_is_asked_only_of_samples_that_show_it(rate: float, shown: int) -> None:
+@pytest.mark.parametrize(("rate", "n_lines"), [(10.0, 0), (100.0, 0), (112.0, 1), (140.0, 2)])
+def test_hum_is_sought_only_in_samples_that_resolve_it(rate: float, n_lines: int) -> None:
     noise = np.random.default_rng(5).standard_normal(40)
-    assert len(hum_before(1e-6 * noise, 1.0 / rate, 1).lines) == shown
+    assert len(hum_before(1e-6 * noise, 1.0 / rate, 1).lines) == n_lines
 
 
 def test_a_quiet_time_before_the_pulse_leaves_no_room_for_hum() -> None:
     # Ten samples of a record at 3.7 kHz that move by 10 nm.
     step, noise = 2.667e-4, np.random.default_rng(5).standard_normal((50, 10))
-    most = [hum_before(1e-8 * row, step, 0).max_amplitude for row in noise]
-    assert max(most) < 2e-4
+    amplitudes = [hum_before(1e-8 * row, step, 0).max_amplitude for row in noise]
+    assert max(amplitudes) < 2e-4
     # More noise leaves more, a longer time less.
-    assert hum_before(1e-6 * noise[0], step, 0).max_amplitude == pytest.approx(100 * most[0])
+    assert hum_before(1e-6 * noise[0], step, 0).max_amplitude == pytest.approx(100 * amplitudes[0])
     longer = np.random.default_rng(5).standard_normal(60)
-    assert hum_before(1e-8 * longer, step, 0).max_amplitude < 0.1 * np.median(most)
+    assert hum_before(1e-8 * longer, step, 0).max_amplitude < 0.1 * np.median(amplitudes)
 
 
 @pytest.mark.parametrize("samples", [0, 3])
-def test_too_few_samples_tell_nothing_of_hum(samples: int) -> None:
+def test_a_short_record_does_not_limit_hum(samples: int) -> None:
     assert hum_before(np.zeros(samples), STEP, 1) == Hum(np.inf, ())
 
 
-@pytest.fixture(scope="module")
 def drop() -> SimulatedDrop:
-    ground = SoilProfile.uniform(45e6, 5e4, 1900.0, 0.35, 1.2)
-    hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
-    return simulate_drop(ground, Plate(0.15, 12.0), hammer, duration=0.05, time_step=1e-4)
+    return simulated(uniform_ground(45e6, 1.2))
 
 
 @pytest.mark.parametrize("velocity", [True, False])
 def test_hum_before_the_pulse_tells_where_its_fit_begins(
-    drop: SimulatedDrop, velocity: bool
+    velocity: bool,
 ) -> None:
-    before = 220
-    time = 1e-4 * np.arange(-before, drop.time.size)
-    moved = np.concatenate([np.zeros(before), drop.plate_displacement])
+    time = 1e-4 * np.arange(-BEFORE, drop().time.size)
+    moved = with_rest(drop().plate_displacement)
     if velocity:
         values = np.gradient(moved, 1e-4) + hum(time, 0.02, 60.0, 0.3)
     else:
         values = moved + displaced(time, 0.02, 60.0)
-    load = np.concatenate([np.zeros(before), drop.load])
     sensor = Sensor(0.0, "velocity" if velocity else "displacement", values)
-    (at_rest,) = estimate_pre_trigger_noise([Record(time, load, (sensor,), Instrument(0.15))])
+    (at_rest,) = estimate_pre_trigger_noise(
+        [Record(time, with_rest(drop().load), (sensor,), Instrument(0.15))]
+    )
     turns = (0.3 if velocity else 0.7) / (2 * np.pi) + 60.0 * at_rest.drop.start
     # The line that was found, and the one of the right mains whether one was found or not.
     assert len(at_rest.hum) == 3
@@ -142,24 +138,23 @@ def test_hum_before_the_pulse_tells_where_its_fit_begins(
         assert abs((phase - turns + 0.5) % 1.0 - 0.5) < 0.05
 
 
-def test_hum_that_was_there_before_the_pulse_is_found(drop: SimulatedDrop) -> None:
-    before = 160
-    time = 1e-4 * np.arange(-before, drop.time.size)
-    velocity = np.gradient(np.concatenate([np.zeros(before), drop.plate_displacement]), 1e-4)
+def test_hum_before_the_pulse_is_detected_as_an_effect() -> None:
+    time = 1e-4 * np.arange(-BEFORE, drop().time.size)
+    velocity = np.gradient(with_rest(drop().plate_displacement), 1e-4)
     amplitude = 0.05 * float(velocity.max())
     noise = 1e-4 * velocity.max() * np.random.default_rng(4).standard_normal(time.size)
     record = Record(
         time,
-        np.concatenate([np.zeros(before), drop.load]),
+        with_rest(drop().load),
         (Sensor(0.0, "velocity", velocity + hum(time, amplitude) + noise),),
         Instrument(plate_radius=0.15, plate_mass=12.0),
         poisson_ratio=0.35,
         bedrock_depth=1.2,
     )
-    found = diagnose_point(PointRecords("test", (record,), (1,)))
-    assert [effect.name for effect in found.effects] == ["mains_hum"]
-    told = {p.name: p.value for p in found.effects[0].parameters}
-    assert told["amplitude"] == pytest.approx(amplitude, rel=0.02)
-    assert told["frequency"] == pytest.approx(50.0, abs=0.3)
-    assert found.verdict == "explained"
-    assert abs(found.after.modulus_pa / 45e6 - 1.0) < 0.005
+    result = diagnose_point(point_of(record))
+    assert [effect.name for effect in result.effects] == ["mains_hum"]
+    parameters = {p.name: p.value for p in result.effects[0].parameters}
+    assert parameters["amplitude"] == pytest.approx(amplitude, rel=0.02)
+    assert parameters["frequency"] == pytest.approx(50.0, abs=0.3)
+    assert result.verdict == "explained"
+    assert abs(result.after.modulus_pa / 45e6 - 1.0) < 0.005

@@ -17,7 +17,6 @@ from inversion.diagnosis.problem import Point, response_of
 from inversion.effects import BY_NAME, Ground
 from inversion.effects.base import forced_motion
 from inversion.forward.contact import PlateProblem
-from inversion.forward.layered import Medium
 from tests.inversion.synthetic import POISSON_RATIO, TRUTH, Scene, record
 
 GROUND = Ground(
@@ -38,11 +37,11 @@ def model(library: SurrogateLibrary) -> DropModel:
 
 
 def test_without_effects_it_is_the_forward_model(model: DropModel) -> None:
-    found = model.predict(GROUND, [])[:, model.before :]
+    result = model.predict(GROUND, [])[:, model.before :]
     # The record was computed with a wider band.
-    assert found == pytest.approx(model.observed, abs=2e-3 * model.observed.max())
-    assert model.residual_over_peak(found, contact_only=False) < 1e-3
-    assert model.residual_over_peak(2 * found, contact_only=True) == pytest.approx(
+    assert result == pytest.approx(model.observed, abs=2e-3 * model.observed.max())
+    assert model.residual_over_peak(result, contact_only=False) < 1e-3
+    assert model.residual_over_peak(2 * result, contact_only=True) == pytest.approx(
         np.sqrt(np.mean((model.observed[0, _contact(model)] / model.peak[0]) ** 2)), rel=0.01
     )
 
@@ -52,7 +51,7 @@ def _contact(model: DropModel) -> np.ndarray:
     return (time >= model.drop.trigger) & (time <= model.drop.contact_end * (1 + 1e-9))
 
 
-def test_the_pulse_stands_between_what_is_before_and_at_most_so_many_samples(
+def test_a_prediction_covers_the_rest_before_the_pulse_and_a_limited_number_of_samples(
     library: SurrogateLibrary, model: DropModel
 ) -> None:
     assert model.observed.shape == (1, model.rows.size)
@@ -63,21 +62,21 @@ def test_the_pulse_stands_between_what_is_before_and_at_most_so_many_samples(
 
 
 @pytest.mark.parametrize(
-    ("pulse", "least", "most"), [(0.035, 300, 300), (0.02, 400, 500), (0.006, 900, 900)]
+    ("pulse", "lowest", "highest"), [(0.035, 300, 300), (0.02, 400, 500), (0.006, 900, 900)]
 )
-def test_sensors_beside_a_plate_are_solved_for_as_far_as_the_load_reaches(
-    pulse: float, least: float, most: float, library: SurrogateLibrary
+def test_the_band_of_a_coarse_point_is_that_of_its_load(
+    pulse: float, lowest: float, highest: float, library: SurrogateLibrary
 ) -> None:
     drop = record(library, Scene(offsets=(0.0, 0.3, 0.6), pulse=pulse))
     point = Point(PointRecords("a", (drop,), (1,)), library)
     model, coarse = point.drops[0], point.coarse().drops[0]
     before = model.predict(GROUND, [])
-    assert least <= model.min_band_hz <= most
+    assert lowest <= model.min_band_hz <= highest
     assert _band(coarse) == pytest.approx(model.min_band_hz, abs=20)
     # The record was computed with a wider band.
-    found = coarse.predict(GROUND, [])[:, coarse.before :]
-    for one, expected in zip(found, model.observed, strict=True):
-        assert one == pytest.approx(expected, abs=3e-3 * np.abs(expected).max())
+    result = coarse.predict(GROUND, [])[:, coarse.before :]
+    for item, expected in zip(result, model.observed, strict=True):
+        assert item == pytest.approx(expected, abs=3e-3 * np.abs(expected).max())
     # The point itself stays as it is.
     assert _band(model) == pytest.approx(900, abs=20)
     assert model.predict(GROUND, []) == pytest.approx(before)
@@ -98,24 +97,12 @@ def _band(model: DropModel) -> float:
     return float(model.s[-2].imag / (2 * np.pi))
 
 
-def test_layered_ground_at_rest_is_solved_for_with_the_rest(library: SurrogateLibrary) -> None:
-    drop = record(library, Scene(offsets=(0.0, 0.3, 0.6)))
-    model = Point(PointRecords("a", (drop,), (1,)), library).drops[0]
-    crust = Medium(2 * GROUND.modulus, 2 * GROUND.viscosity, 1900.0, POISSON_RATIO, 0.2)
-    ground = replace(GROUND, above=(crust,))
-    stages = model._stages(ground, [])
-    found = model._compliance(stages)[:, -1]
-    alone = model.response.compliance(ground, np.zeros(1, dtype=np.complex128))[:, 0]
-    assert found == pytest.approx(alone, rel=1e-3)
-    assert found[0] > 0
-
-
 def test_a_motion_under_a_force_is_that_of_impulses(model: DropModel) -> None:
     # The load itself, applied sample by sample, moves the plate as the model says.
     impulse_motion = model._impulse_response(model._stages(GROUND, []))
-    found = forced_motion(impulse_motion, model.context.load, model.context.step)
+    result = forced_motion(impulse_motion, model.context.load, model.context.step)
     expected = model.predict(GROUND, [])[:, model.before :]
-    assert found == pytest.approx(expected, abs=0.01 * expected.max())
+    assert result == pytest.approx(expected, abs=0.01 * expected.max())
 
 
 def test_effects_act_in_their_stage(model: DropModel) -> None:
@@ -148,12 +135,14 @@ def test_the_secant_of_nonlinear_ground_at_the_largest_load_holds(
     assert soft.max() > 1.1 * low.predict(GROUND, []).max()
 
 
-def test_what_effects_may_know_of_a_drop(library: SurrogateLibrary, model: DropModel) -> None:
+def test_effects_receive_the_declared_plate_and_rock(
+    library: SurrogateLibrary, model: DropModel
+) -> None:
     drop = model.context
     assert (drop.index, drop.count, drop.plate_radius, drop.plate_mass) == (0, 1, 0.15, 10.0)
     assert drop.peak_load == pytest.approx(8000.0, rel=1e-3)
     assert not drop.has_bedrock
-    for depth, known in ((np.inf, False), (2.0, True)):
+    for depth, has_rock in ((np.inf, False), (2.0, True)):
         declared = replace(record(library, Scene()), bedrock_depth=depth)
-        other = Point(PointRecords("a", (declared,), (1,)), library).drops[0]
-        assert other.context.has_bedrock == known
+        variant = Point(PointRecords("a", (declared,), (1,)), library).drops[0]
+        assert variant.context.has_bedrock == has_rock

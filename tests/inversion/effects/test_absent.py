@@ -15,7 +15,7 @@ from pfwd_plugins.quantities import MotionName
 from tests.inversion.synthetic import TRUTH, Array, Scene, record
 
 GROUND = Ground(TRUTH["modulus"], TRUTH["viscosity"], TRUTH["density"], 0.0, 10.0)
-# Of the peak.
+# Standard deviation over the peak.
 LITTLE = 1e-3
 # Effects whose bounds end where they still change something: the deepest rock that the tables
 # cover, the slowest geophone, and the fastest filters, which are lags of up to a fifth of a
@@ -66,20 +66,20 @@ def test_absent_is_without_it_and_a_start_shows(
     }
     changed = _change(model.predict(ground, [(effect, values)]), without)
     assert changed < NEARLY.get(effect.name, LITTLE)
-    shown = max(
+    largest_change = max(
         _change(model.predict(ground, [(effect, present)]), without)
         for present in _starts(effect, model.context)
     )
     if effect.name == "rebound":  # on such ground no plate jumps
         return
-    assert shown > max(5e-4, 3.0 * changed)
+    assert largest_change > max(5e-4, 3.0 * changed)
 
 
 def _starts(effect: Effect, drop: DropContext) -> list[dict[str, float]]:
-    """Where its fits begin, in turn."""
+    """Return the starting values of its fits, in turn."""
     parameters = effect.parameters_for(drop)
-    many = max(len(p.starts) for p in parameters)
-    return [{p.name: p.starts[i % len(p.starts)] for p in parameters} for i in range(many)]
+    n_starts = max(len(p.starts) for p in parameters)
+    return [{p.name: p.starts[i % len(p.starts)] for p in parameters} for i in range(n_starts)]
 
 
 def _change(predicted: Array, without: Array) -> float:

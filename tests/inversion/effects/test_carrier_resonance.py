@@ -1,4 +1,4 @@
-"""The carrier of a sensor: a damped oscillation that the plate's motion drives."""
+"""Carrier of a sensor: a damped oscillation that the plate's motion drives."""
 
 from __future__ import annotations
 
@@ -7,33 +7,20 @@ import math
 import numpy as np
 import pytest
 
-from inversion.effects.base import DropContext
 from inversion.effects.carrier_resonance import CarrierResonance
+from tests.inversion.effects.drop_contexts import context
 
 STEP = 2e-5
 TIME = STEP * np.arange(10_000)
 VALUES = {"strength": 0.05, "frequency": 50.0, "damping": 0.04}
 
 
-def context() -> DropContext:
-    return DropContext(
-        time=TIME,
-        offsets=np.array([0.0]),
-        load=np.zeros_like(TIME),
-        peak_load=1.0,
-        largest_load=1.0,
-        plate_radius=0.3,
-        poisson_ratio=0.35,
-        quantities=("displacement",),
-        contact_end=0.02,
-        index=0,
-        count=1,
-    )
+DROP = context(time=TIME, offsets=np.zeros(1), load=np.zeros_like(TIME))
 
 
 def test_a_step_of_the_plate_lets_the_carrier_swing_in_closed_form() -> None:
     step = np.ones((1, TIME.size))
-    swing = CarrierResonance().record(step, VALUES, context()) - step
+    swing = CarrierResonance().record(step, VALUES, DROP) - step
     omega, damping = 2 * math.pi * VALUES["frequency"], VALUES["damping"]
     damped = omega * math.sqrt(1 - damping**2)
     # Inverse transform of s / (s^2 + 2 h omega s + omega^2).
@@ -44,19 +31,11 @@ def test_a_step_of_the_plate_lets_the_carrier_swing_in_closed_form() -> None:
     assert swing[0, 10:] == pytest.approx(VALUES["strength"] * expected[10:], abs=1e-4)
 
 
-def test_without_strength_there_is_no_effect() -> None:
-    effect = CarrierResonance()
-    wave = np.sin(2 * math.pi * 30.0 * TIME)[None]
-    assert np.array_equal(effect.record(wave, VALUES | {"strength": 0.0}, context()), wave)
-    strength, *_ = effect.coordinates(context())
-    assert strength.mean == 0.0
-
-
 def test_coordinates_and_values_belong_together() -> None:
     effect = CarrierResonance()
-    starts = {c.name: c.start(0) for c in effect.coordinates(context())}
+    starts = {c.name: c.start(0) for c in effect.coordinates(DROP)}
     values = effect.values_at(starts)
     assert values["frequency"] == pytest.approx(45.0)
     assert values["damping"] == pytest.approx(0.05)
-    for coordinate in effect.coordinates(context()):
+    for coordinate in effect.coordinates(DROP):
         assert coordinate.lower < coordinate.start(0) < coordinate.upper

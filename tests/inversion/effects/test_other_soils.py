@@ -15,29 +15,18 @@ from inversion.effects.layer import Layer
 from inversion.effects.modulus_gradient import LinearGradient, RootGradient
 from inversion.forward.growth import MAX_GROWTH
 from inversion.forward.model import REFERENCE_RAD_S, loss_exponent
+from tests.inversion.effects.drop_contexts import TIME
+from tests.inversion.effects.drop_contexts import context as any_context
 
 PULSE_S, RADIUS = 0.02, 0.15
-TIME = 1e-4 * np.arange(600)
 GROUND = Ground(5e7, 5e4, 1900.0, 0.0, 12.0)
 GROWTHS = (RootGradient(), LinearGradient())
 
 
 def context(**changes: object) -> DropContext:
     load = np.where(TIME < PULSE_S, 7e3 * np.sin(math.pi * TIME / PULSE_S), 0.0)
-    drop = DropContext(
-        time=TIME,
-        offsets=np.array([0.0]),
-        load=load,
-        peak_load=float(load.max()),
-        largest_load=float(load.max()),
-        plate_radius=RADIUS,
-        poisson_ratio=0.35,
-        quantities=("displacement",),
-        contact_end=PULSE_S,
-        index=0,
-        count=1,
-    )
-    return replace(drop, **changes)  # type: ignore[arg-type]
+    drop = {"load": load, "peak_load": 7e3, "largest_load": 7e3, "contact_end": PULSE_S}
+    return any_context(**({"offsets": np.zeros(1), "count": 1} | drop | changes))
 
 
 def test_the_modulus_of_constant_q_ground_is_that_at_the_frequency_of_the_pulse() -> None:
@@ -59,7 +48,7 @@ def test_without_an_exponent_there_is_no_constant_q() -> None:
 
 
 @pytest.mark.parametrize("growth", GROWTHS)
-def test_growth_is_a_ground_of_its_own(growth: Effect) -> None:
+def test_growth_replaces_rock_and_layers(growth: Effect) -> None:
     (coordinate,) = growth.coordinates(context())
     assert (coordinate.mean, coordinate.lower) == (0.0, 0.0)
     assert coordinate.upper * RADIUS == MAX_GROWTH
@@ -68,8 +57,8 @@ def test_growth_is_a_ground_of_its_own(growth: Effect) -> None:
     assert grown.inverse_growth_depth == 2.5
     # The modulus is the effective one.
     assert grown == replace(GROUND, growth_exponent=grown.growth_exponent, inverse_growth_depth=2.5)
-    others = (Bedrock(), Layer(), *(other for other in GROWTHS if other is not growth))
-    assert all(growth.conflicts_with(other) for other in others)
+    variants = (Bedrock(), Layer(), *(variant for variant in GROWTHS if variant is not growth))
+    assert all(growth.conflicts_with(variant) for variant in variants)
     assert not growth.conflicts_with(DampingLaw())
     assert growth.offered((context(),))
     assert not growth.offered((context(has_bedrock=True),))

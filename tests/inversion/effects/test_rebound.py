@@ -9,6 +9,7 @@ import pytest
 
 from inversion.effects.base import DropContext
 from inversion.effects.rebound import GRAVITY, Rebound, lift_off_times
+from tests.inversion.effects.drop_contexts import context as any_context
 
 STEP, CONTACT, PEAK = 5e-4, 20e-3, 80e3
 TIME = STEP * np.arange(140)
@@ -19,19 +20,8 @@ RISE = 0.2
 
 
 def context(load: np.ndarray = LOAD, offsets: tuple[float, ...] = (0.0, 0.6)) -> DropContext:
-    return DropContext(
-        time=TIME,
-        offsets=np.array(offsets),
-        load=load,
-        peak_load=PEAK,
-        largest_load=PEAK,
-        plate_radius=0.3,
-        poisson_ratio=0.35,
-        quantities=("displacement",) * len(offsets),
-        contact_end=CONTACT,
-        index=0,
-        count=1,
-    )
+    peaks = {"peak_load": PEAK, "largest_load": PEAK, "contact_end": CONTACT, "count": 1}
+    return any_context(time=TIME, offsets=np.array(offsets), load=load, plate_radius=0.3, **peaks)
 
 
 def rising() -> np.ndarray:
@@ -77,7 +67,7 @@ def test_the_speed_of_take_off_is_that_of_the_ground_and_the_kick() -> None:
     assert flight.take_off_speed(rising(), values | {"kick": kick}, drop) == pytest.approx(0.3)
 
 
-def test_a_plate_that_stays_changes_nothing() -> None:
+def test_a_plate_in_contact_leaves_the_motion_unchanged() -> None:
     drop = context(np.maximum(LOAD, 0.3 * PEAK))
     flown = Rebound().motion(rising(), VALUES, drop, lambda: heavy(drop))
     assert np.array_equal(flown, rising())
@@ -106,5 +96,5 @@ def test_the_mass_is_the_weight_that_the_load_cell_lost() -> None:
     level, mass, kick = Rebound().coordinates(context(lost))
     assert np.exp(mass.mean) == pytest.approx(1200.0 / GRAVITY)
     assert (level.mean, kick.mean) == (0.008, 0.0)
-    _, least, _ = Rebound().coordinates(replace(context(), plate_radius=0.15))
-    assert np.exp(least.mean) == pytest.approx(8.0)
+    _, minimum, _ = Rebound().coordinates(replace(context(), plate_radius=0.15))
+    assert np.exp(minimum.mean) == pytest.approx(8.0)

@@ -1,13 +1,12 @@
-"""What effects say of each other, written out once more."""
+"""Relations between effects: exclusion, bounds and priors."""
 
-import math
-from itertools import combinations
+from itertools import permutations
 
 import numpy as np
 import pytest
 
 from inversion.effects import BY_NAME, CATALOGUE, DropContext, Effect
-from tests.inversion.effects.test_effects import context
+from tests.inversion.effects.drop_contexts import context
 
 RADIUS = 0.15
 # Pairs that explain anything together, or each other.
@@ -45,21 +44,12 @@ EXCLUSIVE = {
 
 
 def test_pairs_that_exclude_each_other() -> None:
-    found = {
-        frozenset({a.name, b.name}) for a, b in combinations(CATALOGUE, 2) if a.conflicts_with(b)
-    }
-    assert found == EXCLUSIVE
-
-
-def test_a_conflict_holds_both_ways() -> None:
-    for a, b in combinations(CATALOGUE, 2):
-        assert a.conflicts_with(b) == b.conflicts_with(a)
-
-
-@pytest.mark.parametrize("effect", CATALOGUE, ids=lambda effect: effect.name)
-def test_what_an_effect_names_is_there(effect: Effect) -> None:
-    assert effect.excludes <= set(BY_NAME)
-    assert effect.name not in effect.excludes
+    pairs = [(a.name, b.name) for a, b in permutations(CATALOGUE, 2) if a.conflicts_with(b)]
+    assert {frozenset(pair) for pair in pairs} == EXCLUSIVE
+    assert len(pairs) == 2 * len(EXCLUSIVE)  # both ways
+    assert len(BY_NAME) == len(CATALOGUE)
+    for effect in CATALOGUE:
+        assert effect.excludes <= set(BY_NAME) - {effect.name}
 
 
 def drops_of_all_kinds() -> list[DropContext]:
@@ -77,27 +67,24 @@ def drops_of_all_kinds() -> list[DropContext]:
 
 
 @pytest.mark.parametrize("effect", CATALOGUE, ids=lambda effect: effect.name)
-def test_absent_values_lie_between_the_bounds(effect: Effect) -> None:
+def test_starts_absent_values_and_priors_lie_between_the_bounds(effect: Effect) -> None:
     for drop in drops_of_all_kinds():
         for p in effect.parameters_for(drop):
+            assert p.lower < p.upper
+            assert p.unit
+            assert not p.logarithmic or p.lower > 0
+            assert all(p.lower <= start <= p.upper for start in p.starts)
             assert p.absent is None or p.lower <= p.absent <= p.upper
+            if p.prior is not None:
+                centre, deviation = p.prior
+                low, high = np.log([p.lower, p.upper]) if p.logarithmic else (p.lower, p.upper)
+                assert low <= centre <= high
+                assert 0.0 < deviation < high - low
+    assert effect.advice
+    assert effect.scope in ("drop", "point", "device")
 
 
-@pytest.mark.parametrize("effect", CATALOGUE, ids=lambda effect: effect.name)
-def test_priors_are_centred_between_the_bounds_and_leave_room(effect: Effect) -> None:
-    for drop in drops_of_all_kinds():
-        for p in effect.parameters_for(drop):
-            if p.prior is None:
-                continue
-            centre, deviation = p.prior
-            low, high = (p.lower, p.upper)
-            if p.logarithmic:
-                low, high = math.log(low), math.log(high)
-            assert low <= centre <= high
-            assert 0.0 < deviation < high - low
-
-
-def test_rock_begins_at_so_many_plate_radii() -> None:
+def test_the_search_for_rock_starts_at_six_plate_radii() -> None:
     for radius in (0.1, 0.15):
         (inverse_depth,) = BY_NAME["bedrock"].coordinates(context(plate_radius=radius))
         assert inverse_depth.start(0) == pytest.approx(1 / (6 * radius))
@@ -108,7 +95,7 @@ def test_rock_is_absent_where_it_sends_no_echo() -> None:
     assert depth.absent == depth.upper == pytest.approx(6.0)
 
 
-def test_declared_rock_is_not_looked_for() -> None:
+def test_declared_rock_is_not_searched() -> None:
     rock = BY_NAME["bedrock"]
     assert rock.offered((context(), context()))
     assert not rock.offered((context(), context(has_bedrock=True)))

@@ -15,6 +15,12 @@ from inversion.forward.layered import (
 )
 
 
+def half_sine_transform(s: ComplexArray, duration: float, start: float = 0.0) -> ComplexArray:
+    """Transform of a half-sine of unit peak."""
+    pulse = math.pi * duration * (1 + np.exp(-s * duration)) / (s**2 * duration**2 + math.pi**2)
+    return np.asarray(pulse * np.exp(-s * start))
+
+
 def converged_compliance(
     problem: PlateProblem, z: ComplexArray, depth: float = math.inf
 ) -> ComplexArray:

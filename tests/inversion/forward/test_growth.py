@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +22,7 @@ from inversion.forward.laplace import DampedTransform
 from inversion.forward.library import SurrogateLibrary
 from inversion.forward.model import Grounds, Instrument, transfer_function, transfer_slopes
 from inversion.forward.rational import barycentric_shares
-from tests.inversion.forward.converged import converged_compliance
+from tests.inversion.forward.converged import converged_compliance, half_sine_transform
 
 RADIUS, NU = 0.15, 0.35
 CENTRE = PlateProblem("rigid-rough", NU)
@@ -45,8 +44,8 @@ def test_incompressible_gibson_soil_is_a_bed_of_springs() -> None:
     nu, growth = 0.4995, 1000.0  # of the surface's shear modulus a thousandth is left at a radius
     plate = PlateProblem("rigid-smooth", nu)
     # Over the surface's shear modulus and the radius: F/w, and 2 m pi a^2.
-    found = 4.0 / (1.0 - nu) * stiffening(plate, 1.0, growth, 100, 5e-4)
-    assert found == pytest.approx(2.0 * math.pi * growth, rel=0.015)
+    result = 4.0 / (1.0 - nu) * stiffening(plate, 1.0, growth, 100, 5e-4)
+    assert result == pytest.approx(2.0 * math.pi * growth, rel=0.015)
 
 
 def test_a_root_of_depth_has_the_published_stiffness() -> None:
@@ -56,11 +55,11 @@ def test_a_root_of_depth_has_the_published_stiffness() -> None:
     Numer. Anal. Meth. Geomech. 9, 353-381.
     """
     n, growth = 0.5, 3000.0
-    found = (
+    result = (
         2.0 / (1.0 - 0.4**2) * stiffening(PlateProblem("rigid-smooth", 0.4), n, growth, 100, 5e-4)
     )
     right = 4.0 * growth**n * math.cos(0.5 * math.pi * n) * (n + 2.0) / (n + 3.0)
-    assert found == pytest.approx(right, rel=0.015)
+    assert result == pytest.approx(right, rel=0.015)
 
 
 def test_without_growth_the_effective_modulus_is_the_surface_s() -> None:
@@ -93,73 +92,72 @@ def ground(inverse_depth: float, viscosity: float, modulus: float = 60e6) -> Gro
     return Grounds(*(np.array([v]) for v in (modulus, viscosity, 1900.0, inverse_depth)))
 
 
-def half_sine(start: float = 0.0, duration: float = 0.0133) -> np.ndarray:
-    """Transform of a half-sine of unit peak."""
-    s = TRANSFORM.s
-    pulse = math.pi * duration * (1 + np.exp(-s * duration)) / (s**2 * duration**2 + math.pi**2)
-    return np.asarray(pulse * np.exp(-s * start))
+PULSE = half_sine_transform(TRANSFORM.s, 0.0133)
 
 
-def shear_modulus(own: Grounds) -> np.ndarray:
+def shear_modulus(some_ground: Grounds) -> np.ndarray:
     """Complex shear modulus of the effective ground."""
-    modulus = own.modulus + own.viscosity * TRANSFORM.s
+    modulus = some_ground.modulus + some_ground.viscosity * TRANSFORM.s
     return np.asarray(modulus / (2.0 * (1.0 + NU)))
 
 
 @pytest.mark.parametrize("viscosity", [0.0, 40e3])
 @pytest.mark.parametrize("growth", [0.05, 0.4, 1.7])
-def test_histories_are_those_of_60_sublayers(
+def test_histories_agree_with_60_sublayers(
     growth: float, viscosity: float, surrogate: GrowthSurrogate
 ) -> None:
-    own = ground(growth / RADIUS, viscosity)
-    shear = shear_modulus(own)
+    some_ground = ground(growth / RADIUS, viscosity)
+    shear = shear_modulus(some_ground)
     p = TRANSFORM.s * RADIUS * np.sqrt(1900.0 / shear)
     # Beyond 600 Hz there is 0.1 % of the pulse.
     part = slice(0, 48)
     right = growth_compliance(CENTRE, surrogate.exponent, growth, p[part], 60)[0]
     right = right / (shear[part] * RADIUS)
-    found = transfer_function(surrogate, Instrument(RADIUS), TRANSFORM.s, own)[0, 0, part]
+    result = transfer_function(surrogate, Instrument(RADIUS), TRANSFORM.s, some_ground)[0, 0, part]
     histories = [
-        ((values * half_sine()[part]) @ TRANSFORM.synthesis(TIME)[part]).real
-        for values in (found, right)
+        ((values * PULSE[part]) @ TRANSFORM.synthesis(TIME)[part]).real
+        for values in (result, right)
     ]
     assert np.max(np.abs(histories[0] - histories[1])) < 2e-3 * np.max(np.abs(histories[1]))
 
 
 @pytest.mark.parametrize("viscosity", [0.0, 40e3])
 def test_without_growth_it_is_the_half_space(viscosity: float, surrogate: GrowthSurrogate) -> None:
-    own = ground(0.0, viscosity)
-    shear = shear_modulus(own)
+    some_ground = ground(0.0, viscosity)
+    shear = shear_modulus(some_ground)
     z = 1900.0 * (RADIUS * TRANSFORM.s) ** 2 / shear
     right = converged_compliance(CENTRE, z)[0] / (shear * RADIUS)
-    found = transfer_function(surrogate, Instrument(RADIUS), TRANSFORM.s, own)[0, 0]
-    histories = [
-        ((values * half_sine()) @ TRANSFORM.synthesis(TIME)).real for values in (found, right)
-    ]
+    result = transfer_function(surrogate, Instrument(RADIUS), TRANSFORM.s, some_ground)[0, 0]
+    histories = [((values * PULSE) @ TRANSFORM.synthesis(TIME)).real for values in (result, right)]
     assert np.max(np.abs(histories[0] - histories[1])) < 1e-3 * np.max(np.abs(histories[1]))
 
 
-def test_nothing_moves_before_the_load(surrogate: GrowthSurrogate) -> None:
+def test_motion_begins_with_the_load(surrogate: GrowthSurrogate) -> None:
     start = 0.02
     assert np.all(surrogate.poles.real < 0)
-    found = transfer_function(surrogate, Instrument(RADIUS, 12.0), TRANSFORM.s, ground(3.0, 20e3))
-    moved = ((found[0, 0] * half_sine(start)) @ TRANSFORM.synthesis(TIME)).real
+    result = transfer_function(surrogate, Instrument(RADIUS, 12.0), TRANSFORM.s, ground(3.0, 20e3))
+    moved = (
+        (result[0, 0] * half_sine_transform(TRANSFORM.s, 0.0133, start)) @ TRANSFORM.synthesis(TIME)
+    ).real
     assert np.max(np.abs(moved[start - 1.5e-3 > TIME])) < 1e-4 * np.max(moved)
 
 
 @pytest.mark.parametrize("field", ["modulus", "viscosity", "density", "inverse_depth"])
 def test_slopes_are_the_differences(surrogate: GrowthSurrogate, field: str) -> None:
     s, instrument = TRANSFORM.s[::8], Instrument(RADIUS, 12.0)
-    own = ground(2.2, 30e3)
-    _, slopes = transfer_slopes(surrogate, instrument, s, own, (field,))
-    step = 1e-5 * getattr(own, field)
-    there, back = (
+    some_ground = ground(2.2, 30e3)
+    _, slopes = transfer_slopes(surrogate, instrument, s, some_ground, (field,))
+    step = 1e-5 * getattr(some_ground, field)
+    ahead, back = (
         transfer_function(
-            surrogate, instrument, s, replace(own, **{field: getattr(own, field) + change})
+            surrogate,
+            instrument,
+            s,
+            replace(some_ground, **{field: getattr(some_ground, field) + change}),
         )
         for change in (step, -step)
     )
-    right = (there - back) / (2.0 * step)
+    right = (ahead - back) / (2.0 * step)
     assert np.max(np.abs(slopes[:, 0] - right)) < 1e-6 * np.max(np.abs(right))
 
 
@@ -167,10 +165,3 @@ def test_growth_beyond_the_table_is_refused(surrogate: GrowthSurrogate) -> None:
     p = np.array([[0.1 + 0.5j]])
     with pytest.raises(ModelError, match=r"growth of the modulus: expected 0 to 6 .*got 6\.1"):
         surrogate.compliance(p, np.array([MAX_GROWTH + 0.1]))
-
-
-def test_the_library_keeps_what_it_read(tmp_path: Path) -> None:
-    library = SurrogateLibrary(tmp_path)
-    found = library.growth(CENTRE, 0.5)
-    assert library.growth(CENTRE, 0.5) is found
-    assert list(tmp_path.iterdir()) == []  # it comes with the program

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from inversion.errors import ModelError
 from inversion.forward.laplace import FULL_BAND_HZ, DampedTransform, band_of_load
+from tests.inversion.forward.converged import half_sine_transform
 
 Array = NDArray[Any]
 
@@ -21,12 +22,6 @@ def half_sine(time: Array, duration: float = PULSE) -> Array:
     """Half-sine of unit peak from time 0."""
     inside = (time > 0) & (time < duration)
     return np.where(inside, np.sin(np.pi * time / duration), 0.0)
-
-
-def half_sine_transform(s: Array, duration: float = PULSE) -> Array:
-    """pi T0 (1 + exp(-s T0)) / (s^2 T0^2 + pi^2)."""
-    result: Array = np.pi * duration * (1 + np.exp(-s * duration)) / (s**2 * duration**2 + np.pi**2)
-    return result
 
 
 def oscillator_response(
@@ -68,19 +63,6 @@ def test_straight_lines_are_exact() -> None:
     assert np.max(np.abs(transform.of_samples(time, values) - right)) < 1e-12 * size
 
 
-def test_half_sine_converges_with_the_square_of_the_step() -> None:
-    transform = DampedTransform(0.08)
-    right = half_sine_transform(transform.s)
-    errors = []
-    for count in (32, 64, 128):
-        time = PULSE / count * np.arange(2 * count)
-        found = transform.of_samples(time, half_sine(time))
-        errors.append(np.max(np.abs(found - right)) / np.abs(right[0]))
-    assert errors[0] < 1e-3
-    assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
-    assert errors[1] / errors[2] == pytest.approx(4, rel=0.05)
-
-
 def test_time_shift_of_the_samples_is_a_phase() -> None:
     transform = DampedTransform(0.08)
     time = 1e-4 * np.arange(300)
@@ -102,20 +84,20 @@ def test_round_trip_of_an_oscillator(frequency: float, damping: float, duration:
     load_time = 1e-4 * np.arange(round(duration / 1e-4) + 1)
     spectrum = transform.of_samples(load_time, half_sine(load_time))
     transfer = 1 / (3.0 * (s**2 + 2 * damping * omega0 * s + omega0**2))
-    found = ((spectrum * transfer) @ transform.synthesis(time)).real
+    result = ((spectrum * transfer) @ transform.synthesis(time)).real
     right = oscillator_response(time, 3.0, frequency, damping)
     # What lies one period later comes back smaller by exp(-7) = 1e-3.
-    assert np.max(np.abs(found - right)) < 1e-3 * np.max(np.abs(right))
+    assert np.max(np.abs(result - right)) < 1e-3 * np.max(np.abs(right))
 
 
-def test_what_lies_a_period_later_comes_back_small() -> None:
+def test_the_next_period_returns_damped() -> None:
     transform = DampedTransform(0.05)
     late = transform.period + 0.01
     time = np.linspace(1e-4, 0.05, 500)
-    spectrum = half_sine_transform(transform.s) * np.exp(-late * transform.s)
-    found = (spectrum @ transform.synthesis(time)).real
+    spectrum = half_sine_transform(transform.s, PULSE) * np.exp(-late * transform.s)
+    result = (spectrum @ transform.synthesis(time)).real
     ghost = math.exp(-transform.damping * transform.period) * half_sine(time - 0.01)
-    assert np.max(np.abs(found - ghost)) < 0.02 * np.max(ghost)
+    assert np.max(np.abs(result - ghost)) < 0.02 * np.max(ghost)
     assert np.max(ghost) < 1.5e-3
 
 
@@ -129,7 +111,7 @@ def test_period_damping_and_band() -> None:
     assert DampedTransform(0.04).band == FULL_BAND_HZ
 
 
-def test_taper_falls_from_one() -> None:
+def test_the_taper_falls_from_1() -> None:
     taper = DampedTransform(0.04, 500.0).taper
     assert np.all(taper[: taper.size // 2] == 1)
     assert np.all(np.diff(taper) <= 0)
@@ -148,10 +130,10 @@ def test_errors(duration: float, band: float) -> None:
 @pytest.mark.parametrize(("duration", "part"), [(0.027, 0.005), (0.027, 0.02), (0.008, 0.005)])
 def test_the_band_of_a_half_sine_ends_where_its_lobes_do(duration: float, part: float) -> None:
     time = 1e-4 * np.arange(800)
-    found = band_of_load(time, 5e3 * half_sine(time, duration), part)
+    result = band_of_load(time, 5e3 * half_sine(time, duration), part)
     # Its spectrum is 2 T0/pi times cos(pi f T0)/(1 - 4 f^2 T0^2).
     frequency = np.linspace(1.0 / duration, 2000.0, 200_001)
     over = frequency * duration
-    left = np.abs(np.cos(np.pi * over) / (1 - 4 * over**2))
-    expected = frequency[left > part][-1]
-    assert found == pytest.approx(expected, abs=1.0 / (4 * 0.08) + 1.0)
+    envelope = np.abs(np.cos(np.pi * over) / (1 - 4 * over**2))
+    expected = frequency[envelope > part][-1]
+    assert result == pytest.approx(expected, abs=1.0 / (4 * 0.08) + 1.0)

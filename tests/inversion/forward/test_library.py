@@ -1,4 +1,4 @@
-"""Where surrogates are kept, and that nothing wrong with that place stops an inversion."""
+"""Storage of surrogates; faults of the folder do not stop an inversion."""
 
 from __future__ import annotations
 
@@ -68,9 +68,11 @@ def builder(monkeypatch: pytest.MonkeyPatch, shipped: Path) -> Builder:
     return made
 
 
-def same(surrogate: Surrogate, other: Surrogate) -> bool:
-    """Whether two surrogates hold the same numbers."""
-    return surrogate.problem == other.problem and dump_table(surrogate) == dump_table(other)
+def same(surrogate: Surrogate, incomplete_file: Surrogate) -> bool:
+    """Return whether two surrogates hold the same numbers."""
+    return surrogate.problem == incomplete_file.problem and dump_table(surrogate) == dump_table(
+        incomplete_file
+    )
 
 
 # --- files ---------------------------------------------------------------------------------------
@@ -92,41 +94,30 @@ def test_a_bounded_library_drops_the_first_surrogate(tmp_path: Path, builder: Bu
     first, second, third = (library.get(THREE, depth) for depth in (5.0, 6.0, 7.0))
     assert library.get(THREE, 7.0) is third
     assert library.get(THREE, 6.0) is second
-    again = library.get(THREE, 5.0)
-    assert again is not first
-    assert same(again, first)
+    repeated = library.get(THREE, 5.0)
+    assert repeated is not first
+    assert same(repeated, first)
     assert len(builder.requests) == 3
 
 
-def test_two_sensors_at_one_distance_are_served_by_one_fit(
-    tmp_path: Path, builder: Builder
-) -> None:
+def test_two_sensors_at_equal_distance_share_a_fit(tmp_path: Path, builder: Builder) -> None:
     library = SurrogateLibrary(tmp_path)
     both = replace(CENTRE, offsets=(0.0, 2.0, 2.0, 4.0))
-    found = library.get(both, None)
+    result = library.get(both, None)
     assert [problem.offsets for problem, _ in builder.requests] == [(0.0, 2.0, 4.0)]
-    assert found.problem == both
-    assert found.half_space_coefficients.shape[0] == found.echo_coefficients.shape[1] == 4
-    assert library.get(both, None) is found
-    assert library.get(replace(both, offsets=(0.0, 2.0, 4.0)), None) is not found
+    assert result.problem == both
+    assert result.half_space_coefficients.shape[0] == result.echo_coefficients.shape[1] == 4
+    assert library.get(both, None) is result
+    assert library.get(replace(both, offsets=(0.0, 2.0, 4.0)), None) is not result
     assert len(builder.requests) == 1
 
 
-def test_each_sensor_of_both_sides_has_its_own_distance() -> None:
+def test_sensors_on_both_sides_have_their_distances() -> None:
     built = build_surrogate(PlateProblem("averaged", 0.3, (0.0, 2.0, 4.0)), 20.0)
     p = np.array([[0.1 + 0.5j, 0.3 + 2j]])
     three = built.compliance(p, np.array([0.05]))
     four = built.at((0.0, 2.0, 2.0, 4.0)).compliance(p, np.array([0.05]))
     np.testing.assert_array_equal(four, three[:, [0, 1, 1, 2]])
-
-
-def test_numbers_survive_the_file() -> None:
-    built = build_surrogate(PlateProblem("averaged", 0.3), 20.0)
-    read = Surrogate(built.problem, **load_arrays(dump_table(built)))
-    assert same(read, built)
-    p = np.array([[0.1 + 0.5j, 0.3 + 2j]])
-    ratio = np.array([0.05])
-    assert np.array_equal(read.compliance(p, ratio), built.compliance(p, ratio))
 
 
 def incomplete() -> bytes:
@@ -148,7 +139,7 @@ def incomplete() -> bytes:
     ],
     ids=["empty", "no archive", "no array", "zeros", "incomplete", "other sensors"],
 )
-def test_a_damaged_file_is_built_again(
+def test_a_damaged_file_is_rebuilt(
     content: bytes, tmp_path: Path, builder: Builder, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = tmp_path / f"{surrogate_key(CENTRE, None)}.npz"
@@ -163,15 +154,15 @@ def test_a_damaged_file_is_built_again(
     assert len(builder.requests) == 1
 
 
-def test_a_file_cut_or_flipped_anywhere_is_built_again(tmp_path: Path, builder: Builder) -> None:
+def test_a_truncated_or_flipped_file_is_rebuilt(tmp_path: Path, builder: Builder) -> None:
     SurrogateLibrary(tmp_path).get(CENTRE, None)
     path = tmp_path / f"{surrogate_key(CENTRE, None)}.npz"
-    whole = path.read_bytes()
-    for length in range(0, len(whole), len(whole) // 12):
-        path.write_bytes(whole[:length])
+    content = path.read_bytes()
+    for length in range(0, len(content), len(content) // 12):
+        path.write_bytes(content[:length])
         assert SurrogateLibrary(tmp_path).get(CENTRE, None).half_space_poles == [-1 + 2j]
-    for place in range(0, len(whole), len(whole) // 40):
-        flipped = bytearray(whole)
+    for place in range(0, len(content), len(content) // 40):
+        flipped = bytearray(content)
         flipped[place] ^= 0xFF
         path.write_bytes(bytes(flipped))
         assert SurrogateLibrary(tmp_path).get(CENTRE, None).half_space_poles == [-1 + 2j]
@@ -229,9 +220,7 @@ def test_keys_differ_wherever_the_surrogate_does() -> None:
     assert all(key.isascii() and "/" not in key and len(key) < 60 for key in keys)
 
 
-def test_centre_at_a_known_depth_uses_the_tables_of_all_depths(
-    tmp_path: Path, builder: Builder
-) -> None:
+def test_a_centre_sensor_uses_the_tables_of_all_depths(tmp_path: Path, builder: Builder) -> None:
     library = SurrogateLibrary(tmp_path)
     every = library.get(CENTRE, None)
     assert library.get(CENTRE, 5.0) is every
@@ -241,15 +230,13 @@ def test_centre_at_a_known_depth_uses_the_tables_of_all_depths(
     assert [depth for _, depth in builder.requests] == [None, 0.9 * MIN_DEPTH_RADII]
 
 
-def test_sensors_beside_the_plate_get_a_fit_of_their_depth(
-    tmp_path: Path, builder: Builder
-) -> None:
+def test_several_sensors_have_a_fit_of_their_depth(tmp_path: Path, builder: Builder) -> None:
     library = SurrogateLibrary(tmp_path)
     library.get(THREE, 5.0)
     library.get(THREE, None)
-    found = library.get(THREE, 5.0)
+    result = library.get(THREE, 5.0)
     assert [depth for _, depth in builder.requests] == [5.0, None]
-    assert found.inverse_depths.size == 1
+    assert result.inverse_depths.size == 1
 
 
 def test_tables_of_the_program_come_first(tmp_path: Path, builder: Builder, shipped: Path) -> None:
@@ -260,14 +247,14 @@ def test_tables_of_the_program_come_first(tmp_path: Path, builder: Builder, ship
     assert list(tmp_path.iterdir()) == []
 
 
-def test_every_build_is_told(tmp_path: Path, builder: Builder) -> None:
-    told: list[tuple[str, float]] = []
-    library = SurrogateLibrary(tmp_path, lambda what, fraction: told.append((what, fraction)))
+def test_a_build_reports_its_progress(tmp_path: Path, builder: Builder) -> None:
+    reports: list[tuple[str, float]] = []
+    library = SurrogateLibrary(tmp_path, lambda what, fraction: reports.append((what, fraction)))
     library.get(THREE, None)
-    assert [fraction for _, fraction in told] == [0.5, 1.0]
-    assert told[0][0] == "rigid-rough plate, Poisson's ratio 0.35, 3 sensors, all depths"
+    assert [fraction for _, fraction in reports] == [0.5, 1.0]
+    assert reports[0][0] == "rigid-rough plate, Poisson's ratio 0.35, 3 sensors, all depths"
     library.get(THREE, None)
-    assert len(told) == 2
+    assert len(reports) == 2
 
 
 # --- the tables of the program -------------------------------------------------------------------
@@ -281,8 +268,8 @@ def problem_of(path: Path) -> PlateProblem:
     (plate,) = (name for name in PLATE_MODELS if path.name.startswith(f"{name}-"))
     ratio = float(path.stem.removeprefix(f"{plate}-").split("-")[0])
     problems = (PlateProblem(plate, ratio, offsets) for offsets in LAYOUTS)
-    (found,) = (problem for problem in problems if surrogate_key(problem, None) == path.stem)
-    return found
+    (result,) = (problem for problem in problems if surrogate_key(problem, None) == path.stem)
+    return result
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
@@ -293,7 +280,9 @@ def test_shipped_tables_can_be_read(path: Path) -> None:
     assert np.all(surrogate.echo_poles.real < 0)
 
 
-def test_usual_plate_needs_no_building(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tables_of_a_standard_plate_ship_with_the_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refuse(*_: object) -> None:
         raise AssertionError("nothing should be built")
 

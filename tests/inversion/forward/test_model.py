@@ -25,7 +25,7 @@ PULSE = 0.0133
 PEAK = 8000.0
 STEP = 1e-4
 TIME = STEP * np.arange(601)
-WANTED = TIME[1:]
+TIMES = TIME[1:]
 
 # Phi = STATIC |q|^2 / (p^2 - 2 Re q p + |q|^2) under the plate and SHARE of it beside; the echo
 # of a base takes a part of it away.
@@ -36,14 +36,14 @@ STATIC, SHARE, ECHO = 0.16, 0.25, -0.02
 @pytest.fixture(scope="module")
 def oscillator() -> Surrogate:
     """A surrogate with a single resonance, for the plate and one sensor beside it."""
-    own = np.array([[STATIC, 0.0], [SHARE * STATIC, 0.0]])
+    coefficients = np.array([[STATIC, 0.0], [SHARE * STATIC, 0.0]])
     return Surrogate(
         PlateProblem("rigid-smooth", POISSON_RATIO, (0.0, 2.0)),
         np.array([POLE]),
-        own,
+        coefficients,
         np.array([-0.8 + 2j]),
         np.array([0.6, 0.3, 0.01]),
-        np.repeat(ECHO * own[None] / STATIC, 3, axis=0),
+        np.repeat(ECHO * coefficients[None] / STATIC, 3, axis=0),
     )
 
 
@@ -68,7 +68,7 @@ def displacement(
     surrogate: Surrogate,
     ground: Grounds = ELASTIC,
     load: Array | None = None,
-    wanted: Array = WANTED,
+    wanted: Array = TIMES,
     **instrument: float,
 ) -> Array:
     """Displacement (m, 2, n) under a half-sine or another load."""
@@ -102,12 +102,12 @@ def test_plate_mass_adds_to_the_ground_s(plate_mass: float, oscillator: Surrogat
     fine = np.linspace(0, 0.06, 12_001)
     system = signal.TransferFunction([1.0], [mass + plate_mass, damping, stiffness])
     right = signal.lsim(system, half_sine(fine), fine)[1][20::20]
-    found = displacement(oscillator, plate_mass=plate_mass)[0]
-    assert np.max(np.abs(found[0] - right)) < 1e-3 * np.max(right)
-    assert found[1] == pytest.approx(SHARE * found[0], rel=1e-9, abs=1e-12)
+    result = displacement(oscillator, plate_mass=plate_mass)[0]
+    assert np.max(np.abs(result[0] - right)) < 1e-3 * np.max(right)
+    assert result[1] == pytest.approx(SHARE * result[0], rel=1e-9, abs=1e-12)
 
 
-def test_base_takes_its_echo_at_its_own_time(oscillator: Surrogate) -> None:
+def test_the_echo_of_the_base_scales_with_its_depth(oscillator: Surrogate) -> None:
     # Phi = Phi_halfspace(p) + a/h0 echo(p h0/a).
     s = np.array([80.0 + 500j])
     shear = 40e6 / (2 * (1 + POISSON_RATIO))
@@ -132,20 +132,20 @@ def test_geophone(natural: float, damping: float, oscillator: Surrogate) -> None
     omega = 2 * np.pi * natural
     system = signal.TransferFunction([1.0, 0, 0], [1.0, 2 * damping * omega, omega**2])
     right = signal.lsim(system, np.concatenate([[0.0], plain]), TIME)[1][1:]
-    found = displacement(oscillator, geophone_natural_frequency=natural, geophone_damping=damping)[
+    result = displacement(oscillator, geophone_natural_frequency=natural, geophone_damping=damping)[
         0, 0
     ]
-    assert np.max(np.abs(found - right)) < 1.5e-3 * np.max(plain)
-    assert np.max(np.abs(found - plain)) > 0.05 * np.max(plain)
+    assert np.max(np.abs(result - right)) < 1.5e-3 * np.max(plain)
+    assert np.max(np.abs(result - plain)) > 0.05 * np.max(plain)
 
 
 def test_load_cell_that_lags(oscillator: Surrogate) -> None:
     delay = 12 * STEP
     late = half_sine(TIME - delay)
-    found = displacement(oscillator, load=late, load_delay=delay)
-    assert np.max(np.abs(found - displacement(oscillator))) < 1e-4 * np.max(found)
+    result = displacement(oscillator, load=late, load_delay=delay)
+    assert np.max(np.abs(result - displacement(oscillator))) < 1e-4 * np.max(result)
     uncorrected = displacement(oscillator, load=late)
-    assert np.max(np.abs(uncorrected - found)) > 0.1 * np.max(found)
+    assert np.max(np.abs(uncorrected - result)) > 0.1 * np.max(result)
 
 
 def test_load_cell_behind_a_low_pass(oscillator: Surrogate) -> None:
@@ -155,8 +155,8 @@ def test_load_cell_behind_a_low_pass(oscillator: Surrogate) -> None:
         1
     ]
     plain = displacement(oscillator)
-    found = displacement(oscillator, load=filtered, load_filter=corner)
-    assert np.max(np.abs(found - plain)) < 2e-3 * np.max(plain)
+    result = displacement(oscillator, load=filtered, load_filter=corner)
+    assert np.max(np.abs(result - plain)) < 2e-3 * np.max(plain)
     uncorrected = displacement(oscillator, load=filtered)
     assert np.max(np.abs(uncorrected - plain)) > 0.02 * np.max(plain)
 
@@ -177,7 +177,7 @@ def test_declared_values_out_of_range_are_named() -> None:
 # --- batches -------------------------------------------------------------------------------------
 
 
-def test_grounds_together_are_grounds_one_by_one(oscillator: Surrogate) -> None:
+def test_a_batch_equals_its_grounds(oscillator: Surrogate) -> None:
     together = displacement(oscillator, SEVERAL, plate_mass=10.0)
     for row in range(3):
         alone = Grounds(
@@ -193,18 +193,18 @@ def test_grounds_together_are_grounds_one_by_one(oscillator: Surrogate) -> None:
 def test_single_precision_is_enough_for_a_search(oscillator: Surrogate) -> None:
     double, single = (
         ForwardModel(
-            oscillator, Instrument(RADIUS, 10.0), TIME, half_sine(TIME), WANTED, BAND, single
+            oscillator, Instrument(RADIUS, 10.0), TIME, half_sine(TIME), TIMES, BAND, single
         ).displacement(SEVERAL)
         for single in (False, True)
     )
     assert np.max(np.abs(single - double)) < 1e-4 * np.max(double)
 
 
-def test_wanted_times_do_not_change_the_answer(oscillator: Surrogate) -> None:
+def test_selected_times_do_not_change_the_values(oscillator: Surrogate) -> None:
     # Another end of the record means other frequencies and another damping.
-    whole = displacement(oscillator)[0, 0]
-    part = displacement(oscillator, wanted=WANTED[9:300:10])[0, 0]
-    assert np.max(np.abs(part - whole[9:300:10])) < 1e-3 * np.max(whole)
+    full = displacement(oscillator)[0, 0]
+    part = displacement(oscillator, wanted=TIMES[9:300:10])[0, 0]
+    assert np.max(np.abs(part - full[9:300:10])) < 1e-3 * np.max(full)
 
 
 def test_a_half_sine_on_a_half_space_agrees_with_two_published_computations() -> None:

@@ -34,7 +34,7 @@ def rod(step: float, count: int, stiffness: float, damper: float) -> np.ndarray:
     return hat_response(ramp[None], step)
 
 
-def test_a_straight_resistance_changes_nothing() -> None:
+def test_a_linear_resistance_leaves_the_load_unchanged() -> None:
     hats = rod(1e-4, 600, 2e7, 1e5)
     load = 8000.0 * PULSE
     force, _ = effective_force(hats[0], load, NonlinearStiffness(), 2e7, 4e-4)
@@ -52,13 +52,13 @@ def test_nonlinear_ground_follows_its_equation_of_motion(n: float) -> None:
         size = max(abs(w[0]) / reference, 1e-6)
         return [(force - np.sign(w[0]) * stiffness * reference * size ** (1 / (1 - n))) / damper]
 
-    found = solve_ivp(motion, (0, TIME[-1]), [0.0], t_eval=TIME, max_step=5e-5, rtol=1e-9)
+    result = solve_ivp(motion, (0, TIME[-1]), [0.0], t_eval=TIME, max_step=5e-5, rtol=1e-9)
     hats = rod(1e-4, 600, stiffness, damper)
     force, _ = effective_force(
         hats[0], load, NonlinearStiffness(stress_exponent=n), stiffness, reference
     )
     got = np.convolve(hats[0], force)[:600]
-    np.testing.assert_allclose(got, found.y[0], atol=6e-3 * found.y[0].max())
+    np.testing.assert_allclose(got, result.y[0], atol=6e-3 * result.y[0].max())
 
 
 def test_stress_makes_a_static_displacement_a_power_of_the_load() -> None:
@@ -70,7 +70,7 @@ def test_stress_makes_a_static_displacement_a_power_of_the_load() -> None:
     np.testing.assert_allclose(got[50:], 4e-4 * (load[50:] / 8000.0) ** 0.6, rtol=0.01)
 
 
-def test_what_is_not_recovered_stays_when_the_load_has_gone() -> None:
+def test_unrecovered_displacement_stays_after_the_load() -> None:
     hats = rod(1e-4, 600, 2e7, 1e4)
     load = 8000.0 * PULSE
     law = NonlinearStiffness(unrecovered=0.2)
@@ -88,7 +88,7 @@ def test_what_is_not_recovered_stays_when_the_load_has_gone() -> None:
         NonlinearStiffness(),
     ],
 )
-def test_all_samples_at_once_and_one_after_the_other_agree(law: NonlinearStiffness) -> None:
+def test_the_simultaneous_solution_agrees_with_marching(law: NonlinearStiffness) -> None:
     hats = rod(1e-4, 300, 2e7, 4e4)
     load = 8000.0 * PULSE[:300]
     _, together = effective_force(hats[0], load, law, 2e7, 4e-4)
@@ -115,16 +115,16 @@ def integrated(law: NonlinearStiffness, load: np.ndarray) -> list[float]:
     p, x0, fine = 1 / (1 - law.stress_exponent), law.rest, 50
 
     def curve(x: float, power: float, rest: float) -> float:
-        place, least = x + rest, 0.75 * rest
-        bent = max(place, least) if rest else place
+        place, edge = x + rest, 0.75 * rest
+        bent = max(place, edge) if rest else place
         odd = np.sign(bent) * abs(bent) ** power
-        if rest and place < least:
-            odd += power * least ** (power - 1) * (place - least)
+        if rest and place < edge:
+            odd += power * edge ** (power - 1) * (place - edge)
         return float((odd - rest**power) / ((1 + rest) ** power - rest**power))
 
-    w, peak, found = 0.0, 0.0, []
+    w, peak, result = 0.0, 0.0, []
     for n in range(TIME.size):
-        found.append(w)
+        result.append(w)
         for part in range(fine):
             force = np.interp(TIME[n] + part * 1e-4 / fine, TIME, load)
             peak = max(peak, w)
@@ -135,31 +135,31 @@ def integrated(law: NonlinearStiffness, load: np.ndarray) -> list[float]:
                 answer = curve(peak / REFERENCE, p, x0) * (law.tension_share if x < 0 else 1.0)
                 answer *= curve(x, p * law.unloading_exponent, x0 * REFERENCE / peak)
             w += 1e-4 / fine * (force - STIFFNESS * REFERENCE * answer) / DAMPER
-    return found
+    return result
 
 
-def solved_both_ways(law: NonlinearStiffness, load: np.ndarray, found: list[float]) -> None:
+def solved_both_ways(law: NonlinearStiffness, load: np.ndarray, result: list[float]) -> None:
     """All samples at once and one after the other are what was integrated."""
     hats = rod(1e-4, 600, STIFFNESS, DAMPER)
     force, solved = effective_force(hats[0], load, law, STIFFNESS, REFERENCE)
     got = np.convolve(hats[0], force)[:600]
-    np.testing.assert_allclose(got, found, atol=1e-2 * max(found))
+    np.testing.assert_allclose(got, result, atol=1e-2 * max(result))
     marched = _march(hats[0], load, law, STIFFNESS, REFERENCE)
-    np.testing.assert_allclose(solved, marched, atol=1e-6 * max(found))
+    np.testing.assert_allclose(solved, marched, atol=1e-6 * max(result))
 
 
 @pytest.mark.parametrize("law", PULLED)
 def test_ground_that_is_pulled_gives_way(law: NonlinearStiffness) -> None:
     """Under a blow that ends in a pull."""
     load = 8000.0 * (PULSE - 0.2 * np.roll(PULSE, 200) * (TIME > 0.02))
-    found = integrated(law, load)
+    result = integrated(law, load)
     # It is pulled as far as half of the pull over what is left of the stiffness.
-    assert min(found) < -0.1 / law.tension_share * REFERENCE
-    solved_both_ways(law, load, found)
+    assert min(result) < -0.1 / law.tension_share * REFERENCE
+    solved_both_ways(law, load, result)
 
 
 @pytest.mark.parametrize("tension_share", [0.2, 1.0])
-def test_about_an_edge_steps_that_are_shorter_come_to_an_end(
+def test_shorter_steps_converge_about_an_edge(
     tension_share: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A way back that is infinitely steep at its end; one sample after the other takes longer."""
@@ -198,26 +198,26 @@ def test_ground_under_stress_at_rest_follows_its_equation_of_motion(
 @pytest.mark.parametrize("power", [0.7, 1.4, 2.2])
 @pytest.mark.parametrize("rest", [0.02, 0.3])
 def test_ground_relieved_of_a_quarter_goes_on_along_the_tangent(power: float, rest: float) -> None:
-    whole = (1 + rest) ** power - rest**power
-    near, far = np.array([-0.249 * rest, 0.4, 1.0]), np.array([-0.251 * rest, -rest, -1.0])
-    value, slope, _ = _power(near, power, rest)
-    assert value == pytest.approx(((near + rest) ** power - rest**power) / whole)
-    assert slope == pytest.approx(power * (near + rest) ** (power - 1) / whole)
+    scale = (1 + rest) ** power - rest**power
+    above, below = np.array([-0.249 * rest, 0.4, 1.0]), np.array([-0.251 * rest, -rest, -1.0])
+    value, slope, _ = _power(above, power, rest)
+    assert value == pytest.approx(((above + rest) ** power - rest**power) / scale)
+    assert slope == pytest.approx(power * (above + rest) ** (power - 1) / scale)
     # Three quarters of the displacement at rest are left where x is -x0/4.
     edge, steep = (0.75 * rest) ** power, power * (0.75 * rest) ** (power - 1)
-    value, slope, in_rest = _power(far, power, rest)
-    assert value == pytest.approx((edge + steep * (far + rest / 4) - rest**power) / whole)
-    assert slope == pytest.approx(np.full(3, steep / whole))
+    value, slope, in_rest = _power(below, power, rest)
+    assert value == pytest.approx((edge + steep * (below + rest / 4) - rest**power) / scale)
+    assert slope == pytest.approx(np.full(3, steep / scale))
     # In tension it is no stiffer than there, and it never pulls the plate down.
     assert np.all(np.diff(_power(np.linspace(-2.0, 1.0, 50), power, rest)[0]) > 0.0)
     step = 1e-6
-    ahead, behind = _power(far, power, rest + step)[0], _power(far, power, rest - step)[0]
+    ahead, behind = _power(below, power, rest + step)[0], _power(below, power, rest - step)[0]
     assert in_rest == pytest.approx((ahead - behind) / (2 * step), rel=1e-5)
-    for x in (*near, *far):
-        found, of_slope, _ = _power(np.array([x]), power, rest)
-        assert _power_of(float(x), power, rest) == pytest.approx((found[0], of_slope[0]))
-        of_many = _force(np.array([[x]]), np.array([[power]]), np.array([[rest]]))
-        assert of_many[0, 0] == pytest.approx(found[0])
+    for x in (*above, *below):
+        result, of_slope, _ = _power(np.array([x]), power, rest)
+        assert _power_of(float(x), power, rest) == pytest.approx((result[0], of_slope[0]))
+        stacked = _force(np.array([[x]]), np.array([[power]]), np.array([[rest]]))
+        assert stacked[0, 0] == pytest.approx(result[0])
 
 
 @pytest.mark.parametrize("rest", [0.0, 0.05, 0.3])
@@ -266,13 +266,13 @@ LAWS = [
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_forces_of_grounds_nearby_are_those_solved_for(law: NonlinearStiffness) -> None:
+def test_forces_of_neighbouring_grounds_agree_with_solutions(law: NonlinearStiffness) -> None:
     # A blow that ends in a pull.
     load, stiffness, step = 8000.0 * (PULSE[:300] - 0.2 * np.roll(PULSE, 180)[:300]), 2e7, 1e-4
     hats = rod(1e-4, 300, stiffness, 4e4)[0]
     _, w = effective_force(hats, load, law, stiffness, 4e-4)
     _, w = effective_force(hats, load, law, stiffness, 4e-4, w)
-    here = solved(hats, load, law, stiffness)
+    force_at_start = solved(hats, load, law, stiffness)
     nearby = [
         (rod(1e-4, 300, stiffness * (1 + step), 4e4)[0], law, stiffness * (1 + step)),
         (rod(1e-4, 300, stiffness, 4e4 * (1 + step))[0], law, stiffness),
@@ -284,24 +284,24 @@ def test_forces_of_grounds_nearby_are_those_solved_for(law: NonlinearStiffness) 
         nearby.append((hats, replace(law, unrecovered=law.unrecovered + step), stiffness))
     if law.tension_share != 1.0:
         nearby.append((hats, replace(law, tension_share=law.tension_share + step), stiffness))
-    found = forces_nearby(
+    result = forces_nearby(
         hats,
         load,
         (law, stiffness, 4e-4),
         w,
-        [(other, changed, k, 4e-4) for other, changed, k in nearby],
+        [(hats_nearby, changed, k, 4e-4) for hats_nearby, changed, k in nearby],
     )
-    assert found.shape == (len(nearby), 300)
+    assert result.shape == (len(nearby), 300)
     # Forces near rest, where softening ground is steep, are told by what they move.
-    still = np.convolve(hats, here)[:300]
-    for one_found, (other, changed, k) in zip(found, nearby, strict=True):
-        expected = np.convolve(other, solved(other, load, changed, k))[:300] - still
+    still = np.convolve(hats, force_at_start)[:300]
+    for computed, (hats_nearby, changed, k) in zip(result, nearby, strict=True):
+        expected = np.convolve(hats_nearby, solved(hats_nearby, load, changed, k))[:300] - still
         assert np.abs(expected).max() > 1e-6 * still.max()
-        error = np.abs(np.convolve(other, one_found)[:300] - still - expected).max()
+        error = np.abs(np.convolve(hats_nearby, computed)[:300] - still - expected).max()
         assert error < 0.01 * np.abs(expected).max() + 1e-8 * still.max()
 
 
-def test_the_error_of_one_step_falls_with_its_square() -> None:
+def test_the_error_of_a_step_falls_with_its_square() -> None:
     """It is Newton's: half the step leaves a quarter."""
     law, load, stiffness = NonlinearStiffness(0.4, 1.5, 0.1), 8000.0 * PULSE[:300], 2e7
     hats = rod(1e-4, 300, stiffness, 4e4)[0]
@@ -310,33 +310,33 @@ def test_the_error_of_one_step_falls_with_its_square() -> None:
     errors = []
     for step in (0.02, 0.01):
         changed = replace(law, stress_exponent=law.stress_exponent + step)
-        found = forces_nearby(
+        result = forces_nearby(
             hats, load, (law, stiffness, 4e-4), w, [(hats, changed, stiffness, 4e-4)]
         )[0]
-        errors.append(float(np.abs(found - solved(hats, load, changed, stiffness)).max()))
+        errors.append(float(np.abs(result - solved(hats, load, changed, stiffness)).max()))
     assert 3.0 < errors[0] / errors[1] < 5.5
 
 
-def test_what_the_solution_leaves_is_no_step() -> None:
+def test_the_error_of_the_solution_is_not_a_step() -> None:
     """A solution that is a little off does not move what is nearby towards the exact one."""
     law, load, stiffness = NonlinearStiffness(0.3), 8000.0 * PULSE[:300], 2e7
     hats = rod(1e-4, 300, stiffness, 4e4)[0]
     _, w = effective_force(hats, load, law, stiffness, 4e-4)
     off = w * (1.0 + 1e-4)
-    found = forces_nearby(hats, load, (law, stiffness, 4e-4), off, [(hats, law, stiffness, 4e-4)])
+    result = forces_nearby(hats, load, (law, stiffness, 4e-4), off, [(hats, law, stiffness, 4e-4)])
     exact = forces_nearby(hats, load, (law, stiffness, 4e-4), w, [(hats, law, stiffness, 4e-4)])
     # The force of that displacement, not of the one that solves.
-    assert np.abs(found - exact).max() > 0.1
+    assert np.abs(result - exact).max() > 0.1
 
 
 def test_rows_are_convolved_each_with_its_kernel() -> None:
     rng = np.random.default_rng(3)
     kernels, rows = rng.standard_normal((2, 4, 57)), rng.standard_normal((2, 4, 57))
-    found = convolve_rows(kernels, rows)
+    result = convolve_rows(kernels, rows)
     for i in range(2):
         for j in range(4):
             expected = np.convolve(kernels[i, j], rows[i, j])[:57]
-            assert found[i, j] == pytest.approx(expected)
+            assert result[i, j] == pytest.approx(expected)
     # One row for all kernels.
     assert convolve_rows(kernels[0], rows[0, 0])[3] == pytest.approx(
         np.convolve(kernels[0, 3], rows[0, 0])[:57]

@@ -17,19 +17,19 @@ from tests.inversion.forward.converged import converged_compliance
 
 @pytest.mark.parametrize("poisson_ratio", [0.0, 0.137, 0.412, 0.478])
 @pytest.mark.parametrize("plate", ["rigid-rough", "rigid-smooth", "published"])
-def test_values_are_those_of_the_reference(plate: PlateModel, poisson_ratio: float) -> None:
+def test_values_on_rays_agree_with_the_reference(plate: PlateModel, poisson_ratio: float) -> None:
     rng = np.random.default_rng(int(1000 * poisson_ratio))
     problem = PlateProblem(plate, poisson_ratio, (0.0, 1.7, float(rng.uniform(2.0, 7.0))))
     depths = np.sort(np.exp(rng.uniform(np.log(1.6), np.log(30.0), 3)))
     for kappa in (4.0, 12.0, 45.0, 90.0):
         p = ray(kappa, 0.9, 0.01, 12.0)
-        wanted = np.abs(p)[:, None] * depths < 100.0
-        half_space, layers = compliance_on_ray(problem, kappa, p, depths, wanted)
+        selected = np.abs(p)[:, None] * depths < 100.0
+        half_space, layers = compliance_on_ray(problem, kappa, p, depths, selected)
         plate_size = np.abs(half_space[:, :1])
         exact = converged_compliance(problem, p * p).T
         assert np.max(np.abs(half_space - exact) / plate_size) < 4e-4
         for column, depth in enumerate(depths):
-            rows = wanted[:, column]
+            rows = selected[:, column]
             exact = converged_compliance(problem, p[rows] ** 2, depth).T
             difference = np.abs(layers[rows, column] - exact) / plate_size[rows]
             assert np.max(difference) < 1e-3
@@ -37,7 +37,7 @@ def test_values_are_those_of_the_reference(plate: PlateModel, poisson_ratio: flo
             assert np.all(layers[~rows, column] == 0.0)
 
 
-def test_rays_have_one_direction_and_even_steps() -> None:
+def test_rays_have_a_direction_and_even_steps() -> None:
     p = ray(12.0, 0.1, 0.5, 40.0)
     assert np.abs(p) / p.real == pytest.approx(np.hypot(12.0, 1.0), rel=1e-12)
     assert np.diff(np.log(np.abs(p))) == pytest.approx(0.1)
@@ -45,7 +45,7 @@ def test_rays_have_one_direction_and_even_steps() -> None:
     assert 40.0 * np.exp(-0.1) <= abs(p[-1]) < 40.0
 
 
-def test_a_new_poissons_ratio_needs_few_evaluations_in_parts_that_fit_the_cache(
+def test_evaluations_of_a_new_poissons_ratio_fit_the_cache(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     sizes: list[int] = []

@@ -19,7 +19,7 @@ from inversion.forward.model import Grounds, Instrument, transfer_function, tran
 from inversion.forward.rational import basis, evaluate, evaluate_with_slope, numerators
 from inversion.forward.surrogate import MIN_DEPTH_RADII, Surrogate
 from inversion.forward.surrogate_building import build_surrogate
-from tests.inversion.forward.converged import converged_compliance
+from tests.inversion.forward.converged import converged_compliance, half_sine_transform
 
 Array = NDArray[Any]
 
@@ -37,12 +37,12 @@ def every_depth(library: SurrogateLibrary) -> Surrogate:
 
 @pytest.fixture(scope="module")
 def progress() -> list[float]:
-    """What the build of ``one_depth`` tells."""
+    """Progress reports of the build of `fixed_depth`."""
     return []
 
 
 @pytest.fixture(scope="module")
-def one_depth(progress: list[float]) -> Surrogate:
+def fixed_depth(progress: list[float]) -> Surrogate:
     """Rough plate, nu = 0.25, rock at 5 radii, built afresh."""
     return build_surrogate(PlateProblem("rigid-rough", 0.25), 5.0, progress.append)
 
@@ -80,14 +80,6 @@ def draw_cases(count: int, viscosities: tuple[float, float], seed: int) -> list[
     ]
 
 
-def half_sine(duration: float, start: float = 0.0) -> Array:
-    """Transform of a half-sine of unit peak, on the frequencies of TRANSFORM."""
-    s = TRANSFORM.s
-    pulse = math.pi * duration * (1 + np.exp(-s * duration)) / (s**2 * duration**2 + math.pi**2)
-    result: Array = pulse * np.exp(-s * start)
-    return result
-
-
 def shear_and_p(case: Case, poisson_ratio: float) -> tuple[Array, Array]:
     shear = (case.modulus + case.viscosity * TRANSFORM.s) / (2 * (1 + poisson_ratio))
     return shear, TRANSFORM.s * RADIUS * np.sqrt(case.density / shear)
@@ -99,9 +91,9 @@ def error_of(surrogate: Surrogate, case: Case) -> Array:
     shear, p = shear_and_p(case, problem.poisson_ratio)
     exact = converged_compliance(problem, p**2, case.depth)
     fast = surrogate.compliance(p[None], np.array([1 / case.depth]))[0]
-    spectrum = half_sine(case.pulse) / shear
-    right, found = (((phi * spectrum) @ SYNTHESIS).real for phi in (exact, fast))
-    difference: Array = np.abs(found - right).max(axis=1) / np.abs(right[0]).max()
+    spectrum = half_sine_transform(TRANSFORM.s, case.pulse) / shear
+    right, result = (((phi * spectrum) @ SYNTHESIS).real for phi in (exact, fast))
+    difference: Array = np.abs(result - right).max(axis=1) / np.abs(right[0]).max()
     return difference
 
 
@@ -119,9 +111,9 @@ def test_every_depth_of_undamped_ground(every_depth: Surrogate) -> None:
     assert max(errors) < 1e-3
 
 
-def test_one_depth(one_depth: Surrogate) -> None:
+def test_a_fixed_depth_agrees_with_the_converged_rule(fixed_depth: Surrogate) -> None:
     cases = [replace(case, depth=5.0) for case in draw_cases(12, DAMPED, seed=3)]
-    errors = [error_of(one_depth, case)[0] for case in cases]
+    errors = [error_of(fixed_depth, case)[0] for case in cases]
     assert max(errors) < 1e-3
     assert np.median(errors) < 1e-4
 
@@ -139,7 +131,7 @@ def test_one_depth(one_depth: Surrogate) -> None:
         ),
     ],
 )
-def test_every_depth_of_other_plates(plate: PlateModel, poisson_ratio: float) -> None:
+def test_each_plate_agrees_with_the_converged_rule(plate: PlateModel, poisson_ratio: float) -> None:
     surrogate = build_surrogate(PlateProblem(plate, poisson_ratio))
     errors = [error_of(surrogate, case)[0] for case in draw_cases(40, DAMPED, seed=4)]
     assert max(errors) < 1e-3
@@ -148,7 +140,7 @@ def test_every_depth_of_other_plates(plate: PlateModel, poisson_ratio: float) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize("depth", [MIN_DEPTH_RADII, 4.0, 20.0])
-def test_sensors_beside_the_plate(depth: float) -> None:
+def test_several_sensors_agree_with_the_converged_rule(depth: float) -> None:
     surrogate = build_surrogate(PlateProblem("rigid-rough", 0.35, (0.0, 2.0, 4.0, 6.0)), depth)
     cases = [replace(case, depth=depth) for case in draw_cases(10, DAMPED, seed=5)]
     errors = [error_of(surrogate, case) for case in cases]
@@ -156,8 +148,8 @@ def test_sensors_beside_the_plate(depth: float) -> None:
     assert np.median(errors) < 1e-4
 
 
-def test_progress_of_the_build(one_depth: Surrogate, progress: list[float]) -> None:
-    assert one_depth.inverse_depths == pytest.approx([0.2])
+def test_progress_of_the_build(fixed_depth: Surrogate, progress: list[float]) -> None:
+    assert fixed_depth.inverse_depths == pytest.approx([0.2])
     assert progress == sorted(progress)
     assert progress[0] > 0
     assert progress[-1] == 1
@@ -169,7 +161,7 @@ def shallow() -> Surrogate:
     return build_surrogate(PlateProblem("rigid-smooth", 0.35), 1.3)
 
 
-def test_one_shallow_depth(shallow: Surrogate) -> None:
+def test_a_shallow_depth_agrees_with_the_converged_rule(shallow: Surrogate) -> None:
     cases = [replace(case, depth=1.3) for case in draw_cases(6, DAMPED, seed=6)]
     assert max(error_of(shallow, case)[0] for case in cases) < 1e-3
 
@@ -183,21 +175,23 @@ def test_half_space_alone() -> None:
 # --- what any linear, causal ground obeys --------------------------------------------------------
 
 
-def test_every_pole_is_in_the_left_half_plane(every_depth: Surrogate, one_depth: Surrogate) -> None:
-    for surrogate in (every_depth, one_depth):
+def test_every_pole_is_in_the_left_half_plane(
+    every_depth: Surrogate, fixed_depth: Surrogate
+) -> None:
+    for surrogate in (every_depth, fixed_depth):
         assert np.all(surrogate.half_space_poles.real < 0)
         assert np.all(surrogate.echo_poles.real < 0)
 
 
 @pytest.mark.parametrize("viscosity", [0.0, 20e3])
 @pytest.mark.parametrize("depth", [2.0, 8.0, math.inf])
-def test_nothing_moves_before_the_load(
+def test_motion_begins_with_the_load(
     viscosity: float, depth: float, every_depth: Surrogate
 ) -> None:
     start = 0.03
     shear, p = shear_and_p(Case(40e6, viscosity, 2000.0, depth, 0.0133), 0.35)
     phi = every_depth.compliance(p[None], np.array([1 / depth]))[0]
-    moved = ((phi * half_sine(0.0133, start) / shear) @ SYNTHESIS).real[0]
+    moved = ((phi * half_sine_transform(TRANSFORM.s, 0.0133, start) / shear) @ SYNTHESIS).real[0]
     # A band of 1600 Hz blurs the start itself over about a millisecond.
     before = np.abs(moved[start - 1.5e-3 > TIME])
     assert np.max(before) < 1e-4 * np.max(moved)
@@ -212,11 +206,11 @@ def test_interpolation_is_the_polynomial_through_the_nodes(every_depth: Surrogat
     coefficients = np.tensordot(lagrange, every_depth.echo_coefficients, axes=1)
     right = numerators(every_depth.echo_poles, coefficients)
     size = np.abs(right).max()
-    found = every_depth.echo_at(np.array([place]))[0]
-    assert np.max(np.abs(found - right)) < 1e-10 * size
+    result = every_depth.echo_at(np.array([place]))[0]
+    assert np.max(np.abs(result - right)) < 1e-10 * size
 
 
-def test_depths_together_are_depths_one_by_one(every_depth: Surrogate) -> None:
+def test_a_batch_of_depths_equals_each_depth(every_depth: Surrogate) -> None:
     _, p = shear_and_p(Case(40e6, 54e3, 2000.0, 0.0, 0.0133), 0.35)
     ratios = np.array([0.5, 0.0, 0.1, 0.1])
     together = every_depth.compliance(np.repeat(p[None], 4, axis=0), ratios)
@@ -228,13 +222,13 @@ def test_depths_together_are_depths_one_by_one(every_depth: Surrogate) -> None:
 
 
 def test_depths_outside_the_tables_are_refused(
-    every_depth: Surrogate, one_depth: Surrogate
+    every_depth: Surrogate, fixed_depth: Surrogate
 ) -> None:
     p = np.array([[0.1 + 0.5j]])
     with pytest.raises(ModelError, match=r"bedrock depth: expected at least 1\.6 .*got 1\.5"):
         every_depth.compliance(p, np.array([1 / 1.5]))
     with pytest.raises(ModelError, match=r"built for 5 plate radii alone, got 5\.1"):
-        one_depth.compliance(p, np.array([1 / 5.1]))
+        fixed_depth.compliance(p, np.array([1 / 5.1]))
 
 
 # --- sums of resonances --------------------------------------------------------------------------
@@ -244,8 +238,8 @@ def resonances(y: complex, poles: Array, coefficients: Array) -> complex:
     """The sum, term by term: first the a, then the b of each pole."""
     a, b = np.split(coefficients, 2)
     return sum(
-        abs(q) ** 2 * (own + other * y / abs(q)) / ((y - q) * (y - q.conjugate()))
-        for q, own, other in zip(poles, a, b, strict=True)
+        abs(q) ** 2 * (coefficients_a + scaled * y / abs(q)) / ((y - q) * (y - q.conjugate()))
+        for q, coefficients_a, scaled in zip(poles, a, b, strict=True)
     )
 
 
@@ -253,16 +247,20 @@ def test_sums_of_resonances() -> None:
     rng = np.random.default_rng(1)
     poles = -rng.random(7) + 1j * rng.random(7) * 9
     y = rng.random((5, 11)) + 1j * rng.random((5, 11)) * 9
-    shared, own = rng.standard_normal((3, 14)), rng.standard_normal((5, 3, 14))
-    for coefficients in (shared, own):
-        found = evaluate(y, poles, numerators(poles, coefficients))
+    shared, coefficients_a = rng.standard_normal((3, 14)), rng.standard_normal((5, 3, 14))
+    for coefficients in (shared, coefficients_a):
+        result = evaluate(y, poles, numerators(poles, coefficients))
         rough = evaluate(y, poles, numerators(poles, coefficients), single=True)
-        assert np.max(np.abs(rough - found)) < 1e-4 * np.max(np.abs(found))
+        assert np.max(np.abs(rough - result)) < 1e-4 * np.max(np.abs(result))
         for row in range(5):
             for channel in range(3):
-                values = coefficients[channel] if coefficients is shared else own[row, channel]
+                values = (
+                    coefficients[channel]
+                    if coefficients is shared
+                    else coefficients_a[row, channel]
+                )
                 right = [resonances(complex(place), poles, values) for place in y[row]]
-                assert found[row, channel] == pytest.approx(right, rel=1e-10)
+                assert result[row, channel] == pytest.approx(right, rel=1e-10)
                 assert basis(y[row], poles) @ values == pytest.approx(right, rel=1e-10)
 
 
@@ -272,40 +270,46 @@ def test_slopes_of_sums() -> None:
     poles = -rng.random(5) + 1j * rng.random(5) * 9
     y = rng.random((4, 6)) + 1j * rng.random((4, 6)) * 9
     for shape in ((3, 10), (4, 3, 10)):
-        own, other = rng.standard_normal((2, *shape))
-        values, slopes, others = evaluate_with_slope(
-            y, poles, numerators(poles, own), numerators(poles, other)
+        coefficients_a, scaled = rng.standard_normal((2, *shape))
+        values, slopes, values_b = evaluate_with_slope(
+            y, poles, numerators(poles, coefficients_a), numerators(poles, scaled)
         )
-        assert values == pytest.approx(evaluate(y, poles, numerators(poles, own)), rel=1e-12)
-        assert others == pytest.approx(evaluate(y, poles, numerators(poles, other)), rel=1e-12)
+        assert values == pytest.approx(
+            evaluate(y, poles, numerators(poles, coefficients_a)), rel=1e-12
+        )
+        assert values_b == pytest.approx(evaluate(y, poles, numerators(poles, scaled)), rel=1e-12)
         for row, channel in np.ndindex(4, 3):
-            a, b = np.split(own[row, channel] if len(shape) == 3 else own[channel], 2)
-            for place, found in zip(y[row], slopes[row, channel], strict=True):
+            a, b = np.split(
+                coefficients_a[row, channel] if len(shape) == 3 else coefficients_a[channel], 2
+            )
+            for place, result in zip(y[row], slopes[row, channel], strict=True):
                 top, below = a + b * place / abs(poles), (place - poles) * (place - poles.conj())
                 change = b / abs(poles) * below - top * (2 * place - 2 * poles.real)
-                assert found == pytest.approx(np.sum(abs(poles) ** 2 * change / below**2), rel=1e-9)
+                assert result == pytest.approx(
+                    np.sum(abs(poles) ** 2 * change / below**2), rel=1e-9
+                )
 
 
 FIELDS = ("modulus", "viscosity", "density", "inverse_depth")
 
 
 def test_slopes_without_depth_and_over_a_half_space(
-    every_depth: Surrogate, one_depth: Surrogate
+    every_depth: Surrogate, fixed_depth: Surrogate
 ) -> None:
     s, several = TRANSFORM.s[::20], np.array([0.0, 1 / 0.9])
     two = np.full(2, 1.0)
     ground = Grounds(40e6 * two, 20e3 * two, 1900.0 * two, several)
     instrument = Instrument(RADIUS, 15.0)
-    whole = transfer_slopes(every_depth, instrument, s, ground, FIELDS)[1]
+    complete = transfer_slopes(every_depth, instrument, s, ground, FIELDS)[1]
     some = transfer_slopes(every_depth, instrument, s, ground, ("density", "modulus"))[1]
-    assert np.allclose(some, whole[:, [2, 0]], rtol=1e-12, atol=0.0)
-    assert np.all(whole[0, 3] == 0.0)  # no rock, none that could come nearer
-    alike = replace(ground, inverse_depth=np.full(2, 1 / (5.0 * RADIUS)))
-    value, slopes = transfer_slopes(one_depth, instrument, s, alike, ("modulus",))
+    assert np.allclose(some, complete[:, [2, 0]], rtol=1e-12, atol=0.0)
+    assert np.all(complete[0, 3] == 0.0)  # no rock, none that could come nearer
+    equal = replace(ground, inverse_depth=np.full(2, 1 / (5.0 * RADIUS)))
+    value, slopes = transfer_slopes(fixed_depth, instrument, s, equal, ("modulus",))
     assert value[0] == pytest.approx(value[1])
     step = 40.0
-    there, back = (
-        transfer_function(one_depth, instrument, s, replace(alike, modulus=40e6 * two + d))
+    ahead, back = (
+        transfer_function(fixed_depth, instrument, s, replace(equal, modulus=40e6 * two + d))
         for d in (step, -step)
     )
-    assert slopes[0, 0] == pytest.approx((there - back)[0] / (2 * step), rel=1e-5, abs=1e-22)
+    assert slopes[0, 0] == pytest.approx((ahead - back)[0] / (2 * step), rel=1e-5, abs=1e-22)

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import pytest
 
-from inversion import InversionResult, Record, Settings, SurrogateLibrary, invert, invert_joint
+from inversion import Record, Settings, SurrogateLibrary, invert, invert_joint
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.forward.model import Instrument
@@ -18,7 +18,7 @@ from inversion.inference.diagnose import diagnose_point
 from inversion.measured.record import Sensor, prepare
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Plate, SoilProfile
-from tests.inversion.synthetic import DENSITY, DEPTH, MODULUS, TRUTH, VISCOSITY, Scene, record
+from tests.inversion.synthetic import MODULUS, TRUTH, Scene, record
 
 MODULUS_PA = 30e6
 SMOOTH: Final = "rigid-smooth"
@@ -39,8 +39,8 @@ def without_rock() -> Record:
 
     def recorded(values: np.ndarray) -> np.ndarray:
         noise = 0.002 * float(np.max(np.abs(values)))
-        whole = np.concatenate([np.zeros(rest), values])
-        return whole + noise * rng.standard_normal(whole.size)
+        complete = np.concatenate([np.zeros(rest), values])
+        return complete + noise * rng.standard_normal(complete.size)
 
     load, speed = recorded(drop.load), recorded(drop.ground_velocity[0])
     time = 1e-4 * np.arange(-rest, drop.load.size)
@@ -51,32 +51,6 @@ def without_rock() -> Record:
 def base_of(library: SurrogateLibrary, *records: Record) -> BaseFit:
     numbers = tuple(range(1, len(records) + 1))
     return fit_base(Point(PointRecords("p", records, numbers), library, SMOOTH))
-
-
-def off(result: InversionResult) -> dict[str, float]:
-    """Relative errors of a result."""
-    values = {
-        MODULUS: result.modulus_pa,
-        VISCOSITY: result.viscosity_pa_s,
-        DENSITY: result.density_kg_m3,
-        DEPTH: result.bedrock_depth_m,
-    }
-    return {name: value / TRUTH[name] - 1.0 for name, value in values.items() if value is not None}
-
-
-@pytest.mark.parametrize("depth", [None, TRUTH[DEPTH]])
-@pytest.mark.parametrize("method", ["mpga", "posterior"])
-def test_the_ground_is_found(method: str, depth: float | None, library: SurrogateLibrary) -> None:
-    drop = replace(record(library, QUIET), bedrock_depth=depth)
-    result = invert(drop, Settings(SMOOTH, method=method), library)
-    errors = off(result)
-    assert abs(errors[MODULUS]) < 0.005
-    assert max(map(abs, errors.values())) < 0.05
-    assert result.converged
-    assert result.explained
-    assert result.window_end_s == pytest.approx(prepare(drop).tail_end + prepare(drop).start)
-    assert abs(result.added_mass_kg) < 2.0
-    assert abs(result.sensor_lag_s) < 2e-5
 
 
 def test_a_fit_that_starts_at_the_preceding_result_is_quick(library: SurrogateLibrary) -> None:
@@ -90,7 +64,7 @@ def test_a_fit_that_starts_at_the_preceding_result_is_quick(library: SurrogateLi
     assert [s.probability for s in quick.structures or ()] == [1.0]
 
 
-def test_a_tail_that_the_model_does_not_explain_is_left_out(library: SurrogateLibrary) -> None:
+def test_an_unexplained_tail_does_not_move_the_modulus(library: SurrogateLibrary) -> None:
     """A vibration after the contact moves neither the modulus nor the weight of the contact."""
     drop = record(library, QUIET)
     prepared = prepare(drop)
@@ -104,14 +78,15 @@ def test_a_tail_that_the_model_does_not_explain_is_left_out(library: SurrogateLi
     assert base_of(library, drop).best.discrepancy.after_contact == 1.0
 
 
-def test_several_drops_have_one_ground(library: SurrogateLibrary) -> None:
+def test_several_drops_share_a_ground(library: SurrogateLibrary) -> None:
     drops = [
         record(library, replace(QUIET, seed=seed, peak=peak))
         for seed, peak in ((1, 6000.0), (2, 9000.0))
     ]
     results = invert_joint(drops, Settings(SMOOTH, method="posterior"), library)
     assert results[0].layers == results[1].layers
-    assert abs(off(results[0])[MODULUS]) < 0.005
+    assert results[1].history.load.max() > 1.4 * results[0].history.load.max()
+    assert results[0].modulus_pa == pytest.approx(TRUTH[MODULUS], rel=0.005)
 
 
 def test_the_fit_before_effects_is_that_of_the_inversion(library: SurrogateLibrary) -> None:
@@ -130,7 +105,7 @@ def test_the_fit_before_effects_is_that_of_the_inversion(library: SurrogateLibra
         assert getattr(result, key) == getattr(before, key), key
 
 
-def test_probabilities_of_structures_add_up(
+def test_probabilities_of_structures_add_up_and_priors_narrow_the_interval(
     without_rock: Record, library: SurrogateLibrary
 ) -> None:
     """A drop on a half-space whose contact alone leaves rock open; by finite elements."""
@@ -146,16 +121,8 @@ def test_probabilities_of_structures_add_up(
     low, high = result.modulus_interval_pa
     assert low < MODULUS_PA < high < 1.3 * low
     assert result.modulus_pa == pytest.approx(MODULUS_PA, rel=0.03)
-
-
-def test_without_priors_the_interval_is_wider(
-    without_rock: Record, library: SurrogateLibrary
-) -> None:
-    widths = []
-    for priors in (True, False):
-        result = invert(without_rock, Settings(method="posterior", priors=priors), library)
-        low, high = result.modulus_interval_pa
-        assert low < MODULUS_PA < high
-        assert result.priors == priors
-        widths.append(high / low)
-    assert widths[1] > widths[0]
+    wide = invert(without_rock, Settings(method="posterior", priors=False), library)
+    assert (result.priors, wide.priors) == (True, False)
+    lowest, highest = wide.modulus_interval_pa
+    assert lowest < MODULUS_PA < highest
+    assert highest / lowest > high / low

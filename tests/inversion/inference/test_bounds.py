@@ -12,9 +12,7 @@ from inversion.inference.posterior import _curvature
 
 
 @pytest.mark.parametrize(("value", "held"), [(0.0, True), (0.5, False)])
-def test_what_is_pushed_against_its_bound_has_nothing_left_to_gain(
-    value: float, held: bool
-) -> None:
+def test_an_unknown_on_its_bound_gains_no_likelihood(value: float, held: bool) -> None:
     model: Any = SimpleNamespace(
         deviation=np.ones(2), mean=np.zeros(2), lower=np.zeros(2), upper=np.full(2, 9.0)
     )

@@ -1,73 +1,45 @@
-"""Drift of a sensor in a drop is told from the model, and taken out of its residual."""
+"""Drift of a sensor in a drop is estimated and removed from its residual."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 
 import numpy as np
 import pytest
 
-from inversion import Record, Sensor, SurrogateLibrary
+from inversion import Record, SurrogateLibrary
 from inversion.arrays import FloatArray
-from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point
-from inversion.forward.model import Instrument
 from inversion.inference.modulus import ground_of
 from inversion.inference.point_model import PointModel
 from inversion.inference.posterior import PointFit, Posterior
-from simulators.drop import Hammer, simulate_drop
-from simulators.mesh import Plate, SoilProfile
+from tests.inversion.simulated_drops import (
+    NOISE,
+    point_of,
+    recorded,
+    simulated,
+    uniform_ground,
+)
 
-RADIUS, MASS, STEP, BEFORE = 0.15, 12.0, 1e-4, 200
-OFFSETS = (0.3,)
-NOISE = 1e-3
-"""Of the peak."""
 MODULI = (50e6, 55e6)
-"""Of the ground under each drop, Pa."""
+"""Moduli of the ground under each drop, Pa."""
 
 
-@cache
-def clean(modulus: float) -> tuple[FloatArray, FloatArray]:
-    """Return the load, and the displacements at the plate and beside it, without noise."""
-    ground = SoilProfile.uniform(modulus, 1e-3 * modulus, 1900.0, 0.35)
-    hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
-    drop = simulate_drop(
-        ground, Plate(RADIUS, MASS), hammer, OFFSETS, duration=0.05, time_step=STEP
-    )
-    moved = np.vstack([drop.plate_displacement[None], drop.ground_displacement])
-    pad = ((0, 0), (BEFORE, 0))
-    return np.pad(drop.load, (BEFORE, 0)), np.pad(moved, pad)
+def drifting(modulus: float, ends: Sequence[float], seed: int) -> Record:
+    """Return a drop whose sensors end with a drift over their peaks."""
+    ground, offsets = uniform_ground(modulus, viscosity=1e-3 * modulus), (0.3,)[: len(ends) - 1]
+    drop = simulated(ground, offsets)
+    moved = np.vstack([drop.plate_displacement, *drop.ground_displacement])
+    ramp = drop.time / drop.time[-1]
+    moved = moved + moved.max(axis=1, keepdims=True) * np.asarray(ends)[:, None] * ramp
+    return recorded(ground, offsets, motion=moved, seed=seed, depth=np.inf)
 
 
 def fitted(drifts: Sequence[Sequence[float]]) -> Posterior:
     """Return the fit of drops whose sensors end with a drift, over their peaks."""
-    rng = np.random.default_rng(1)
-    records = []
-    for modulus, ends in zip(MODULI, drifts, strict=False):
-        load, moved = clean(modulus)
-        moved = moved[: len(ends)]
-        time = STEP * np.arange(-BEFORE, load.size - BEFORE)
-        peaks = moved.max(axis=1, keepdims=True)
-        ramp = np.clip(time, 0.0, None) / time[-1]
-        moved = moved + peaks * np.asarray(ends)[:, None] * ramp
-        moved = moved + NOISE * peaks * rng.standard_normal(moved.shape)
-        sensors = tuple(
-            Sensor(offset, "displacement", row)
-            for offset, row in zip((0.0, *OFFSETS), moved, strict=False)
-        )
-        records.append(
-            Record(
-                time,
-                load,
-                sensors,
-                Instrument(plate_radius=RADIUS, plate_mass=MASS),
-                poisson_ratio=0.35,
-                bedrock_depth=np.inf,
-            )
-        )
-    numbers = tuple(range(1, len(records) + 1))
-    point = Point(PointRecords("simulated", tuple(records), numbers), SurrogateLibrary())
+    drops = zip(MODULI, drifts, strict=False)
+    records = [drifting(modulus, ends, i) for i, (modulus, ends) in enumerate(drops)]
+    point = Point(point_of(*records), SurrogateLibrary())
     return PointFit(PointModel(point, (), range(len(records)))).run()
 
 
@@ -76,14 +48,14 @@ def ends_over_peak(fit: Posterior) -> FloatArray:
     models = [fit.model.point.drops[drop] for drop in fit.model.drops]
     pairs = zip(fit.drifts(), models, strict=True)
     # The tail that counts may end before the record does.
-    whole = STEP * (clean(MODULI[0])[0].size - BEFORE - 1)
-    return np.array([d[:, -1] / m.peak * whole / m.context.time[-1] for d, m in pairs])
+    complete = simulated(uniform_ground(MODULI[0], viscosity=5e4)).time[-1]
+    return np.array([d[:, -1] / m.peak * complete / m.context.time[-1] for d, m in pairs])
 
 
 @pytest.mark.parametrize(
     "drifts", [[(0.03, -0.02)], [(-0.03, 0.03)], [(0.03, -0.02), (-0.03, 0.03)]]
 )
-def test_each_sensor_of_each_drop_has_its_own_drift(drifts: list[tuple[float, float]]) -> None:
+def test_each_sensor_of_each_drop_has_a_drift(drifts: list[tuple[float, float]]) -> None:
     fit = fitted(drifts)
     np.testing.assert_allclose(ends_over_peak(fit), drifts, atol=0.008)
     for place, (drop, after) in enumerate(
@@ -94,7 +66,7 @@ def test_each_sensor_of_each_drop_has_its_own_drift(drifts: list[tuple[float, fl
         assert after < 0.5 * before, place
 
 
-def test_large_drift_of_sensors_is_told_from_the_ground() -> None:
+def test_large_drift_of_sensors_does_not_move_the_ground() -> None:
     drifts = [(0.15, -0.12)]
     fit = fitted(drifts)
     np.testing.assert_allclose(ends_over_peak(fit), drifts, atol=0.02)
@@ -103,13 +75,13 @@ def test_large_drift_of_sensors_is_told_from_the_ground() -> None:
     assert fit.discrepancy.drift > 0.02
 
 
-def test_one_sensor_alone_shows_no_large_drift() -> None:
+def test_a_single_sensor_has_no_large_drift() -> None:
     assert fitted([(0.15,)]).discrepancy.drift <= 0.02
 
 
-def test_records_without_drift_show_none() -> None:
+def test_records_without_drift_have_zero_drift() -> None:
     fit = fitted([(0.0, 0.0)])
     assert np.abs(ends_over_peak(fit)).max() < 0.003
-    (whole,), (contact,) = (fit.residuals_over_peak(contact_only=c) for c in (False, True))
-    assert whole < 3.0 * NOISE
+    (complete,), (contact,) = (fit.residuals_over_peak(contact_only=c) for c in (False, True))
+    assert complete < 3.0 * NOISE
     assert contact < 5.0 * NOISE

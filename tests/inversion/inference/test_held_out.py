@@ -1,4 +1,4 @@
-"""Held-out drops and sensors: simulated ones are predicted to the noise, and nothing of them is."""
+"""Held-out drops and sensors: simulated drops are predicted to the noise."""
 
 from __future__ import annotations
 
@@ -26,49 +26,36 @@ from inversion.inference.held_out import (
 from inversion.inference.instrument import InstrumentPoints, summarise_point
 from inversion.inference.next_drop import DropPredictor
 from inversion.measured.record import prepare
-from simulators.drop import Hammer, simulate_drop
-from simulators.mesh import Plate, SoilProfile
+from tests.inversion.simulated_drops import (
+    BEFORE,
+    HAMMER,
+    NOISE,
+    RADIUS,
+    STEP,
+    point_of,
+    recorded,
+    uniform_ground,
+)
 
-RADIUS, MASS, DEPTH = 0.15, 12.0, 1.2
-STEP, BEFORE = 1e-4, 200
-NOISE = 1e-3
-"""Of the peak."""
-LATE = 6
-"""Samples by which the displacement is recorded late."""
+DEPTH = 1.2
 LAG = frozenset({"sensor_lag", "plate_inertia"})
 # Of the ground under each drop: seating, two drops that repeat, one that met stiffer ground.
 MODULI, SPEEDS = (36e6, 60e6, 60e6, 78e6), (4.0, 4.0, 3.2, 4.0)
 
 
-def simulated(modulus: float, speed: float, seed: int, offsets: Sequence[float] = ()) -> Record:
-    """Return a drop whose displacements are recorded late, with noise."""
-    ground = SoilProfile.uniform(modulus, 5e4 * modulus / 60e6, 1900.0, 0.35, DEPTH)
-    hammer = Hammer(mass=10.0, stiffness=4e5, velocity=speed)
-    drop = simulate_drop(
-        ground, Plate(RADIUS, MASS), hammer, offsets, duration=0.05, time_step=STEP
-    )
-    rows = [drop.plate_displacement, *drop.ground_displacement]
-    rng = np.random.default_rng(seed)
-    sensors = []
-    for offset, row in zip((0.0, *offsets), rows, strict=True):
-        moved = np.concatenate([np.zeros(BEFORE + LATE), row[:-LATE]])
-        moved = moved + NOISE * moved.max() * rng.standard_normal(moved.size)
-        sensors.append(Sensor(offset, "displacement", moved))
-    return Record(
-        STEP * np.arange(-BEFORE, drop.time.size),
-        np.concatenate([np.zeros(BEFORE), drop.load]),
-        tuple(sensors),
-        model.Instrument(plate_radius=RADIUS, plate_mass=MASS),
-        poisson_ratio=0.35,
-        bedrock_depth=DEPTH,
-    )
+def recorded_late(
+    modulus: float, speed: float, seed: int, offsets: tuple[float, ...] = ()
+) -> Record:
+    ground = uniform_ground(modulus, DEPTH, 5e4 * modulus / 60e6)
+    hammer = replace(HAMMER, velocity=speed)
+    return recorded(ground, offsets, hammer=hammer, seed=seed, late=6, depth=DEPTH)
 
 
 @pytest.fixture(scope="module")
 def point() -> PointRecords:
     drops = zip(MODULI, SPEEDS, strict=True)
-    records = [simulated(modulus, speed, i) for i, (modulus, speed) in enumerate(drops)]
-    return PointRecords("simulated", tuple(records), (1, 2, 3, 4))
+    records = [recorded_late(modulus, speed, i) for i, (modulus, speed) in enumerate(drops)]
+    return point_of(*records)
 
 
 def drops(point: PointRecords, *places: int) -> PointRecords:
@@ -109,7 +96,7 @@ def test_a_simulated_drop_is_predicted_to_the_noise(
     assert part.scaled_record == pytest.approx(NOISE * np.sqrt(2.0), rel=0.5)
 
 
-def test_the_structure_is_found_where_none_is_given(
+def test_an_unspecified_structure_is_selected(
     point: PointRecords, library: SurrogateLibrary
 ) -> None:
     part = held_out_error(drops(point, 1, 2), None, (), "next", 0, library=library)
@@ -117,7 +104,7 @@ def test_the_structure_is_found_where_none_is_given(
     assert part.after < 3.0 * NOISE
 
 
-def test_nothing_of_the_held_out_deflections_is_used(
+def test_held_out_deflections_are_not_used(
     point: PointRecords, library: SurrogateLibrary, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     traces: list[FloatArray] = []
@@ -129,18 +116,20 @@ def test_nothing_of_the_held_out_deflections_is_used(
 
     monkeypatch.setattr(DropPredictor, "next_drop", next_drop)
     three = drops(point, 0, 1, 2)
-    other = replace(three, records=(*three.records[:-1], noisy(three.records[-1])))
-    assert without_held_out(other, "next", 0).records == without_held_out(three, "next", 0).records
-    errors = [error_of_next(records, library).after for records in (three, other)]
-    base, after, other_base, other_after = traces
-    assert np.array_equal(base, other_base)
-    assert np.array_equal(after, other_after)
+    variant = replace(three, records=(*three.records[:-1], noisy(three.records[-1])))
+    assert (
+        without_held_out(variant, "next", 0).records == without_held_out(three, "next", 0).records
+    )
+    errors = [error_of_next(records, library).after for records in (three, variant)]
+    base, after, second_base, second_after = traces
+    assert np.array_equal(base, second_base)
+    assert np.array_equal(after, second_after)
     assert errors[0] is not None
     assert errors[1] is not None
     assert errors[1] > 100 * errors[0]
 
 
-def test_one_number_may_be_fitted_to_the_held_out_drop(
+def test_the_stiffness_may_be_fitted_to_the_held_out_drop(
     point: PointRecords, library: SurrogateLibrary
 ) -> None:
     stiffer = drops(point, 0, 1, 3)
@@ -155,7 +144,9 @@ def test_one_number_may_be_fitted_to_the_held_out_drop(
     assert allowed.scaled_record == part.scaled_record
 
 
-def test_the_next_drop_is_like_the_last_one(point: PointRecords, library: SurrogateLibrary) -> None:
+def test_the_next_drop_repeats_the_last_drop(
+    point: PointRecords, library: SurrogateLibrary
+) -> None:
     instrument = InstrumentPoints([drops(point, 1, 2)])
     last = point.records[2]
     predicted = instrument.predict_next(0, last.time, last.load)
@@ -185,8 +176,8 @@ def test_the_preceding_record_is_scaled_by_the_peak_loads(point: PointRecords) -
     two = replace(drops(point, 0, 1), records=(preceding, held_out))
     part = held_out_error(two, LAG, (), "next", 0)
     # From the trigger on, over the peak; the load is below 3 % at 19.9 ms.
-    whole, contact = time >= 0.0, (time >= 0.0) & (time < 0.01995)
-    for error, counted in ((part.scaled_record, whole), (part.contact_scaled_record, contact)):
+    complete, contact = time >= 0.0, (time >= 0.0) & (time < 0.01995)
+    for error, counted in ((part.scaled_record, complete), (part.contact_scaled_record, contact)):
         by_hand = (420 - 375) / 420 * np.sqrt(np.mean(shape[counted] ** 2))
         assert error == pytest.approx(by_hand, rel=1e-6)
 
@@ -201,30 +192,30 @@ def test_each_drop_is_held_out_in_turn(point: PointRecords, library: SurrogateLi
     assert [without_held_out(three, "drop", place).numbers for place in range(3)] == [
         (2, 3), (1, 3), (1, 2),
     ]  # fmt: skip
-    middle, first = (
+    second, first = (
         held_out_error(three, LAG, (), "drop", place, library=library) for place in (1, 0)
     )
-    assert middle.name == "drop 2"
-    assert middle.scaled_record is not None
+    assert second.name == "drop 2"
+    assert second.scaled_record is not None
     # Nothing says that the ground hardened after the first drop.
-    assert middle.after is not None
-    assert middle.after > 0.1
+    assert second.after is not None
+    assert second.after > 0.1
     assert (first.name, first.scaled_record) == ("drop 1", None)
 
 
-def test_the_peak_of_a_predicted_drop_stands_beside_the_recorded_one(
+def test_the_predicted_peak_is_compared_with_the_record(
     point: PointRecords, library: SurrogateLibrary
 ) -> None:
     peers = [summarise_point(drops(point, 0, 1, 2), LAG, {}, library)] * 2
-    alike, stiffer = (
+    same, stiffer = (
         held_out_error(drops(point, 0, 1, last), LAG, peers, "next", 0, library=library)
         for last in (2, 3)
     )
-    assert alike.peak_error == pytest.approx(0.0, abs=0.01)
+    assert same.peak_error == pytest.approx(0.0, abs=0.01)
     # A modulus 1.3 times as large; the ground answers a pulse less than in proportion.
     assert stiffer.peak_error == pytest.approx(1.0 / 1.3 - 1.0, abs=0.05)
     # Of two peers that are the same each may go, and the law changes a little towards its prior.
-    first, second = alike.changes_without_peers
+    first, second = same.changes_without_peers
     assert first == second
     assert abs(first) < 0.01
     fitted = error_of_next(drops(point, 0, 1, 3), library, allow="stiffness")
@@ -241,23 +232,23 @@ def expected_error(errors: Sequence[float], changes: Sequence[float]) -> HeldOut
     )
 
 
-def test_few_points_say_the_largest_error_seen() -> None:
+def test_below_twenty_points_the_largest_error_is_reported() -> None:
     errors = [*[0.01] * 17, -0.05, 0.04]
-    few = expected_error(errors, [0.0] * 19)
-    assert (few.peak_error_interval, few.peak_error_points) == (None, 19)
-    assert few.largest_peak_error == pytest.approx(1.0 / 0.95 - 1.0)
-    many = expected_error([*errors, 0.03], [0.0] * 20)
-    assert (many.largest_peak_error, many.peak_error_points) == (None, 20)
-    assert many.peak_error_interval == pytest.approx((-0.05, 1.0 / 0.95 - 1.0))
-    nothing = expected_error([], [])
-    assert (nothing.peak_error_interval, nothing.peak_error_points) == (None, None)
+    nineteen = expected_error(errors, [0.0] * 19)
+    assert (nineteen.peak_error_interval, nineteen.peak_error_points) == (None, 19)
+    assert nineteen.largest_peak_error == pytest.approx(1.0 / 0.95 - 1.0)
+    twenty = expected_error([*errors, 0.03], [0.0] * 20)
+    assert (twenty.largest_peak_error, twenty.peak_error_points) == (None, 20)
+    assert twenty.peak_error_interval == pytest.approx((-0.05, 1.0 / 0.95 - 1.0))
+    no_peers = expected_error([], [])
+    assert (no_peers.peak_error_interval, no_peers.peak_error_points) == (None, None)
 
 
 def test_a_peer_without_a_prediction_does_not_count() -> None:
     part = HeldOutPart(name="1", peak_error=0.0, changes_without_peers=(0.5, 0.0))
     held_out = HeldOut(mode="next", by=(part,))
-    found = with_peak_interval(held_out, [None, HeldOutPart(name="1", peak_error=0.02)])
-    assert (found.largest_peak_error, found.peak_error_points) == (pytest.approx(0.02), 1)
+    result = with_peak_interval(held_out, [None, HeldOutPart(name="1", peak_error=0.02)])
+    assert (result.largest_peak_error, result.peak_error_points) == (pytest.approx(0.02), 1)
 
 
 def test_the_interval_is_that_of_the_jackknife_plus_and_holds() -> None:
@@ -265,26 +256,26 @@ def test_the_interval_is_that_of_the_jackknife_plus_and_holds() -> None:
     rng = np.random.default_rng(20)
     count, trials, held = 40, 400, 0
     for _ in range(trials):
-        *known, recorded = 0.02 * rng.standard_normal(count + 1)
-        means = np.array([np.mean(np.delete(known, i)) for i in range(count)])
-        predicted = float(np.mean(known))
-        errors = np.expm1(np.array(known) - means)
+        *sample, recorded = 0.02 * rng.standard_normal(count + 1)
+        means = np.array([np.mean(np.delete(sample, i)) for i in range(count)])
+        predicted = float(np.mean(sample))
+        errors = np.expm1(np.array(sample) - means)
         interval = expected_error(errors.tolist(), (means - predicted).tolist()).peak_error_interval
         assert interval is not None
         # Ranks 2 and 39 of 40.
         low, high = np.log1p(interval) + predicted
-        assert low == pytest.approx(np.sort(means - np.abs(known - means))[1])
-        assert high == pytest.approx(np.sort(means + np.abs(known - means))[38])
+        assert low == pytest.approx(np.sort(means - np.abs(sample - means))[1])
+        assert high == pytest.approx(np.sort(means + np.abs(sample - means))[38])
         held += low <= recorded <= high
     assert held / trials == pytest.approx(0.95, abs=0.03)
 
 
-def test_a_held_out_sensor_is_predicted_from_the_others(library: SurrogateLibrary) -> None:
-    records = tuple(simulated(60e6, 4.0, seed, (0.3, 0.6)) for seed in (1, 2))
-    three = PointRecords("simulated", records, (1, 2))
+def test_a_held_out_sensor_is_predicted(library: SurrogateLibrary) -> None:
+    records = tuple(recorded_late(60e6, 4.0, seed, (0.3, 0.6)) for seed in (1, 2))
+    three = point_of(*records)
     assert count_held_out(three, "sensor") == 3
-    others = without_held_out(three, "sensor", 1)
-    assert [s.offset for s in others.records[0].sensors] == [0.0, 0.6]
+    variants = without_held_out(three, "sensor", 1)
+    assert [s.offset for s in variants.records[0].sensors] == [0.0, 0.6]
     part = held_out_error(three, LAG, (), "sensor", 1, library=library)
     assert (part.name, part.fitted, part.scaled_record) == ("sensor at 0.3 m", (), None)
     assert part.after is not None
@@ -298,7 +289,7 @@ def test_a_held_out_sensor_is_predicted_from_the_others(library: SurrogateLibrar
     assert outermost.interpolated is None
 
 
-def test_a_sensor_between_others_is_interpolated_by_the_logarithm_of_the_peak() -> None:
+def test_an_inner_sensor_is_interpolated_by_the_logarithm_of_the_peak() -> None:
     offsets = (0.0, 0.3, -0.3, 0.5, 0.9)
     pulse = np.sin(np.pi * np.arange(200) / 100) * (np.arange(200) < 100)
     peaks = [1e-3 * np.exp(-2.0 * abs(offset)) for offset in offsets]
@@ -317,19 +308,19 @@ def test_a_sensor_between_others_is_interpolated_by_the_logarithm_of_the_peak() 
 
 
 @pytest.mark.parametrize(("right", "is_judged"), [(0.96, True), (0.94, False)])
-def test_left_out_sensors_are_judged_where_the_sides_of_the_plate_agree(
+def test_held_out_sensors_are_judged_where_the_sides_of_the_plate_agree(
     right: float, is_judged: bool
 ) -> None:
-    record = simulated(60e6, 4.0, 1, (0.3, 0.6))
-    centre, side, far = record.sensors
-    other = replace(side, offset=-0.3, values=right * side.values)
-    with_sides = replace(record, sensors=(centre, side, other, far))
+    record = recorded_late(60e6, 4.0, 1, (0.3, 0.6))
+    centre, side, outer = record.sensors
+    variant = replace(side, offset=-0.3, values=right * side.values)
+    with_sides = replace(record, sensors=(centre, side, variant, outer))
     part = HeldOutPart(name="1", before=0.2, after=0.1, contact_before=0.2, contact_after=0.1)
     errors = HeldOut.of("sensor", [part])
     assert errors is not None
-    found = with_side_difference(errors, PointRecords("simulated", (with_sides,), (1,)))
-    assert found.side_difference == pytest.approx((1 - right) / (0.5 * (1 + right)), rel=1e-6)
-    assert (found.before, found.after) == ((0.2, 0.1) if is_judged else (None, None))
-    assert found.by == errors.by
+    result = with_side_difference(errors, point_of(with_sides))
+    assert result.side_difference == pytest.approx((1 - right) / (0.5 * (1 + right)), rel=1e-6)
+    assert (result.before, result.after) == ((0.2, 0.1) if is_judged else (None, None))
+    assert result.by == errors.by
     # Nothing shows how much the sides differ.
-    assert with_side_difference(errors, PointRecords("simulated", (record,), (1,))) == errors
+    assert with_side_difference(errors, point_of(record)) == errors

@@ -50,7 +50,7 @@ def test_all_starting_points_lead_to_the_optimum() -> None:
     assert optima.has_converged.all()
 
 
-def test_several_fits_are_those_of_each() -> None:
+def test_a_batch_of_fits_equals_each_fit() -> None:
     together = minimise(within(), STARTS, 7, 1e-12, ALL)
     for start, point, cost in zip(STARTS, together.points, together.costs, strict=True):
         alone = minimise(within(), start[None], 7, 1e-12, ALL)
@@ -65,7 +65,7 @@ def test_an_optimum_outside_is_approached_along_the_bound() -> None:
     assert optimum.has_converged[0]
 
 
-def test_what_is_held_does_not_move() -> None:
+def test_a_fixed_unknown_does_not_move() -> None:
     optimum = minimise(within(), STARTS[:1], 60, 1e-12, np.array([False, True]))
     assert optimum.points[0] == pytest.approx([-1.2, 1.44])
 
@@ -81,6 +81,6 @@ def test_the_cost_never_rises_and_steps_end() -> None:
 
 
 def test_a_step_is_limited_by_the_priors() -> None:
-    near = Rosenbrock(np.full(2, -99.0), np.full(2, 99.0), np.full(2, 1e-3))
-    point = minimise(near, STARTS[:1], 1, 0.0, ALL).points[0]
+    tight = Rosenbrock(np.full(2, -99.0), np.full(2, 99.0), np.full(2, 1e-3))
+    point = minimise(tight, STARTS[:1], 1, 0.0, ALL).points[0]
     assert np.max(np.abs(point - STARTS[0])) <= 2.5e-3 * (1 + 1e-9)

@@ -37,17 +37,17 @@ def points(shared: Path) -> list[PointRecords]:
 def predictions(
     points: Sequence[PointRecords],
     library: SurrogateLibrary,
-    known: Callable[[PointRecords], PointRecords],
+    reduced: Callable[[PointRecords], PointRecords],
 ) -> list[HeldOutPart]:
     """Return the errors of the last drops, with what is known of the other points."""
     summaries: list[PointSummary] = [
-        summarise_point(known(point), STRUCTURE, {}, library) for point in points
+        summarise_point(reduced(point), STRUCTURE, {}, library) for point in points
     ]
     return [
         held_out_error(
             point,
             STRUCTURE,
-            [s for other, s in enumerate(summaries) if other != place],
+            [s for index, s in enumerate(summaries) if index != place],
             "next",
             0,
             library=library,
@@ -73,7 +73,7 @@ def test_complete_points_predict_the_next_drop_of_another(
     assert sum(better) >= 0.8 * len(parts)
 
 
-def test_points_of_two_drops_predict_a_third_one(
+def test_points_of_two_drops_predict_a_third_drop(
     points: list[PointRecords], library: SurrogateLibrary
 ) -> None:
     parts = predictions(points, library, lambda point: without_held_out(point, "next", 0))

@@ -22,18 +22,18 @@ from inversion.inference.modulus import (
     secant_modulus,
 )
 from inversion.inference.point_model import PointModel
-from tests.inversion.effects.test_effects import context
+from tests.inversion.effects.drop_contexts import context
 
 AREA = math.pi * 0.15**2
 
 
-def test_the_interval_of_one_structure_is_that_of_a_normal_distribution() -> None:
+def test_a_single_structure_has_a_normal_interval() -> None:
     low, _, high = quantiles([Component(0.3, math.log(4e7), 0.05)])
     reach = norm.ppf(0.975) * 0.05
     assert np.log([low / 4e7, high / 4e7]) == pytest.approx([-reach, reach], rel=1e-6)
 
 
-def test_of_two_structures_far_apart_each_has_an_end() -> None:
+def test_two_distinct_structures_each_set_an_end() -> None:
     low, _, high = quantiles(
         [Component(3.0, math.log(2e7), 0.02), Component(1.0, math.log(8e7), 0.03)]
     )
@@ -69,7 +69,7 @@ def posterior(*effects: tuple[str, dict[str, float]], **changes: Any) -> Any:
     )
 
 
-def test_ground_that_does_not_bend_has_one_modulus_and_its_own_deviation() -> None:
+def test_linear_ground_has_a_modulus_independent_of_stress() -> None:
     fit = posterior()
     assert mean_stress(fit.model) == pytest.approx(8000.0 / AREA)
     for stress in (5e4, 1e5):
@@ -77,7 +77,7 @@ def test_ground_that_does_not_bend_has_one_modulus_and_its_own_deviation() -> No
         assert log_deviation(fit, stress) == pytest.approx(0.02)
 
 
-def test_the_secant_modulus_is_that_of_the_law_and_of_what_changes_the_ground() -> None:
+def test_the_secant_modulus_follows_the_power_law_and_seating() -> None:
     exponent = {"exponent": 0.4, "rest_stress": 500.0, "within": 0.0}
     fit = posterior(("stress_dependence", exponent), peak_load=6000.0)
     # The ground of the last drop; its power law between drops goes to the stress.

@@ -18,7 +18,7 @@ TIME = np.linspace(0.0, 1.0, 60)
 MEASURED = 4e-4 * np.sin(np.pi * TIME) ** 2
 
 
-def test_it_is_equation_16() -> None:
+def test_the_fitness_is_equation_16() -> None:
     predicted = np.stack([1.1 * MEASURED, 0.7 * MEASURED + 1e-5])
     expected = [
         1 / math.sqrt(sum((a - b) ** 2 for a, b in zip(row, MEASURED, strict=True)) / 60)
@@ -48,7 +48,7 @@ def test_a_perfect_fit_has_a_finite_fitness(tempered: bool) -> None:
     assert perfect == pytest.approx(2 / (1e-6 * MEASURED.max()))
 
 
-def test_what_is_not_declared_is_searched_between_bounds(library: SurrogateLibrary) -> None:
+def test_undeclared_quantities_are_searched_between_bounds(library: SurrogateLibrary) -> None:
     drop = record(library, Scene())
 
     def bounds(elastic: bool = False, **declared: float) -> dict[str, tuple[float, float]]:

@@ -1,4 +1,4 @@
-"""The ranking that leaves structures out chooses what a ranking of all structures chooses."""
+"""The ranking by bounds chooses the structure that a ranking of all structures chooses."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ RADIUS, MASS = 0.15, 12.0
 BEFORE = 200
 """Samples."""
 NOISE = 1e-3
-"""Of the peak."""
+"""Standard deviation over the peak."""
 
 
 def simulated(depth: float = np.inf, exponent: float = 0.0) -> PointRecords:
@@ -84,7 +84,7 @@ def assert_same_choice(
     every = fit_all(Point(records, library), last)
     fitted: list[Structure] = []
 
-    def count(point: Point, structure: Structure, *others: object) -> Posterior | None:
+    def count(point: Point, structure: Structure, *variants: object) -> Posterior | None:
         fitted.append(structure)
         return fit_briefly(point, structure, last, {})
 
@@ -106,7 +106,7 @@ def assert_same_choice(
 
 
 @pytest.mark.parametrize(
-    ("depth", "exponent", "shown", "absent"),
+    ("depth", "exponent", "expected_effects", "absent"),
     [
         pytest.param(0.6, 0.0, {"bedrock"}, {"rebound"}, id="rock"),
         pytest.param(
@@ -121,16 +121,16 @@ def assert_same_choice(
         ),
     ],
 )
-def test_what_is_not_fitted_is_not_the_best(
+def test_the_best_structure_is_fitted(
     depth: float,
     exponent: float,
-    shown: set[str],
+    expected_effects: set[str],
     absent: set[str],
     library: SurrogateLibrary,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     best = assert_same_choice(simulated(depth, exponent), library, monkeypatch)
-    assert best >= shown
+    assert best >= expected_effects
     assert not best & absent
 
 
@@ -154,8 +154,8 @@ def test_the_structure_of_two_points_with_different_best_ones_is_fitted_at_both(
     library: SurrogateLibrary, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fewer(contexts: Sequence[DropContext]) -> list[Structure]:
-        left_out = {"spring_rig", "rebound", "damping_law"}
-        return [s for s in candidate_structures(contexts) if not s & left_out]
+        excluded = {"spring_rig", "rebound", "damping_law"}
+        return [s for s in candidate_structures(contexts) if not s & excluded]
 
     monkeypatch.setattr(structures, "candidate_structures", fewer)
     points = [simulated(), simulated(exponent=0.2)]

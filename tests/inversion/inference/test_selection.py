@@ -1,4 +1,4 @@
-"""Which structures a selection visits, and which one it ends at; their evidence is made up."""
+"""Selection of structures by a given log evidence: visited ones and the result."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ from inversion.effects import BY_NAME
 from inversion.inference.population import InstrumentKnowledge
 from inversion.inference.selection import Selection
 from inversion.inference.structures import Structure, candidate_structures
-from tests.inversion.effects.test_effects import context
+from tests.inversion.effects.drop_contexts import context
 
-NOTHING: Structure = frozenset()
-KNOWN_NOTHING = InstrumentKnowledge()
+EMPTY: Structure = frozenset()
+NO_KNOWLEDGE = InstrumentKnowledge()
 
 
-ONE_DROP = SimpleNamespace(point=SimpleNamespace(drops=(SimpleNamespace(peak=np.ones(1)),)), last=0)
+SINGLE_DROP = SimpleNamespace(
+    point=SimpleNamespace(drops=(SimpleNamespace(peak=np.ones(1)),)), last=0
+)
 
 
 class Toy(Selection):
@@ -30,7 +32,7 @@ class Toy(Selection):
     def __init__(
         self,
         evidence: Callable[[Structure], float],
-        instrument: InstrumentKnowledge = KNOWN_NOTHING,
+        instrument: InstrumentKnowledge = NO_KNOWLEDGE,
         discrepancy: float = 1e-2,
         changes: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
@@ -42,7 +44,7 @@ class Toy(Selection):
         self._changes = changes
         self.order: list[Structure] = []
 
-    def _fit(self, structure: Structure, near: Structure | None = None) -> Any:
+    def _fit(self, structure: Structure, starting: Structure | None = None) -> Any:
         if structure in self._refused:
             return None
         if structure not in self.fits:
@@ -54,7 +56,7 @@ class Toy(Selection):
                 discrepancy=self._discrepancy,
                 occam_factor=lambda effects: math.inf,
                 predictions=(np.full((1, 1), moved),),
-                model=ONE_DROP,
+                model=SINGLE_DROP,
             )
             self.fits[structure] = fit
         return self.fits[structure]
@@ -88,7 +90,7 @@ def test_an_effect_that_changes_less_than_the_model_errs_is_refused(
     assert toy.best == ({"bedrock", "sensor_lag"} if stays else {"bedrock"})
 
 
-def test_what_a_candidate_has_too_much_is_left_out() -> None:
+def test_superfluous_effects_of_a_candidate_are_removed() -> None:
     # Nothing pays alone: only a candidate of several effects leads there.
     pair = {"stress_dependence", "hysteretic_unloading"}
 
@@ -102,23 +104,25 @@ def test_candidates_without_a_fit_are_no_start_for_slow_grounds() -> None:
     """A record that hardly any structure fits has fewer fits than starts for slow grounds."""
 
     class FitsOneStructure(Toy):
-        def _fit(self, structure: Structure, near: Structure | None = None) -> Any:
-            return super()._fit(structure, near) if near is not None or not structure else None
+        def _fit(self, structure: Structure, starting: Structure | None = None) -> Any:
+            return (
+                super()._fit(structure, starting) if starting is not None or not structure else None
+            )
 
     selection = FitsOneStructure(lambda structure: -10.0 * len(structure))
     selection.search()
-    assert selection.best == NOTHING
+    assert selection.best == EMPTY
 
 
-def test_where_next_to_nothing_is_left_no_candidates_are_fitted() -> None:
+def test_candidates_are_not_fitted_to_a_small_discrepancy() -> None:
     toy = searched(by_gains({}), discrepancy=1e-3)
-    assert toy.best == NOTHING
+    assert toy.best == EMPTY
     assert all(len(structure) <= 1 for structure in toy.fits)
     everything = set(candidate_structures([context(count=1)]))
     assert not everything & set(toy.fits)
 
 
-def test_one_of_two_effects_is_exchanged() -> None:
+def test_an_effect_of_a_pair_is_exchanged() -> None:
     values = {
         frozenset({"bedrock"}): 40.0,
         frozenset({"bedrock", "sensor_lag"}): 50.0,
@@ -143,9 +147,9 @@ def test_growth_with_depth_does_not_hide_the_effects_that_it_resembles() -> None
 
 def test_effects_of_the_instrument_stay_and_absent_ones_are_not_tried() -> None:
     lag: Structure = frozenset({"sensor_lag"})
-    known = InstrumentKnowledge(effects=lag, absent=frozenset({"geophone_response"}))
+    knowledge = InstrumentKnowledge(effects=lag, absent=frozenset({"geophone_response"}))
     toy = searched(
-        by_gains({"bedrock": 50.0, "geophone_response": 90.0, "sensor_lag": -9.0}), known
+        by_gains({"bedrock": 50.0, "geophone_response": 90.0, "sensor_lag": -9.0}), knowledge
     )
     assert toy.best == {"bedrock", "sensor_lag"}
     assert all(lag <= structure for structure in toy.fits)
@@ -153,13 +157,13 @@ def test_effects_of_the_instrument_stay_and_absent_ones_are_not_tried() -> None:
 
 
 def test_a_search_begins_at_the_structures_of_points_nearby() -> None:
-    near: Structure = frozenset({"bedrock", "sensor_lag"})
+    starting: Structure = frozenset({"bedrock", "sensor_lag"})
     toy = searched(
         by_gains({"bedrock": 50.0, "sensor_lag": 20.0}),
-        InstrumentKnowledge(starting_structures=(near,)),
+        InstrumentKnowledge(starting_structures=(starting,)),
     )
-    assert toy.best == near
-    assert toy.order[:2] == [NOTHING, near]
+    assert toy.best == starting
+    assert toy.order[:2] == [EMPTY, starting]
     assert max(map(len, toy.fits)) <= 3
 
 
@@ -189,11 +193,11 @@ def test_weights_are_probabilities_over_that_of_the_best() -> None:
     assert weights[best] == 1.0
     # Each effect is -3 in odds.
     assert weights[frozenset({"bedrock"})] == pytest.approx(math.exp(-1.0))
-    assert weights[NOTHING] == pytest.approx(math.exp(-3.0))
+    assert weights[EMPTY] == pytest.approx(math.exp(-3.0))
     assert toy.score(frozenset({"mains_hum", "layer"})) == -math.inf
 
 
-def test_one_point_by_itself_does_not_tell_more_than_three_effects_apart() -> None:
+def test_more_than_three_effects_of_a_point_are_overparameterised() -> None:
     three = {"bedrock": 50.0, "sensor_lag": 40.0, "baseline_drift": 30.0}
     assert not searched(by_gains(three)).is_overparameterised
     four = three | {"geophone_response": 20.0}
@@ -201,7 +205,7 @@ def test_one_point_by_itself_does_not_tell_more_than_three_effects_apart() -> No
     # What the device is known to have does not count, and other points tell what is likely.
     shared = InstrumentKnowledge(effects=frozenset({"geophone_response"}))
     assert not searched(by_gains(four), shared).is_overparameterised
-    others: Any = (object(),)
+    variants: Any = (object(),)
     assert not searched(
-        by_gains(four), InstrumentKnowledge(peer_points=others)
+        by_gains(four), InstrumentKnowledge(peer_points=variants)
     ).is_overparameterised

@@ -1,4 +1,4 @@
-"""Evidence between structures: what simulated ground has is preferred, and what it lacks is not."""
+"""Evidence between structures: rock of simulated ground is preferred, absent rock is not."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from inversion import Record, Sensor, SurrogateLibrary, invert
+from inversion import SurrogateLibrary, invert
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.effects.catalogue import BY_NAME
-from inversion.forward.model import Instrument
 from inversion.inference.diagnose import fit_drops_of_selection
 from inversion.inference.instrument import choose_structure
 from inversion.inference.modulus import equivalent_modulus, ground_of
@@ -25,30 +24,16 @@ from inversion.inference.structures import (
     effects_of,
     fit_briefly,
 )
-from simulators.drop import Hammer, PrescribedLoad, simulate_drop
+from simulators.drop import PrescribedLoad, simulate_drop
 from simulators.mesh import Plate, SoilProfile
+from tests.inversion.simulated_drops import BEFORE, RADIUS, point_of, recorded, uniform_ground
 
-RADIUS, MASS, STEP, BEFORE = 0.15, 12.0, 1e-4, 200
 MODULUS, DEPTH = 50e6, 0.9
-NOISE = 1e-3
-"""Of the peak."""
 ALWAYS = frozenset({"sensor_lag", "plate_inertia"})
 
 
-def point(depth: float, modulus: float = MODULUS) -> PointRecords:
-    ground = SoilProfile.uniform(modulus, 5e4, 1900.0, 0.35, depth)
-    hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
-    drop = simulate_drop(ground, Plate(RADIUS, MASS), hammer, duration=0.05, time_step=STEP)
-    moved = np.concatenate([np.zeros(BEFORE), drop.plate_displacement])
-    moved += NOISE * moved.max() * np.random.default_rng(1).standard_normal(moved.size)
-    record = Record(
-        STEP * np.arange(-BEFORE, drop.time.size),
-        np.concatenate([np.zeros(BEFORE), drop.load]),
-        (Sensor(0.0, "displacement", moved),),
-        Instrument(plate_radius=RADIUS, plate_mass=MASS),
-        poisson_ratio=0.35,
-    )
-    return PointRecords("simulated", (record,), (1,))
+def point(depth: float) -> PointRecords:
+    return point_of(recorded(uniform_ground(MODULUS, depth)))
 
 
 @pytest.mark.parametrize("depth", [0.6, DEPTH, 1.4, 2.0, np.inf])
@@ -97,21 +82,9 @@ def test_the_equivalent_half_space_deflects_as_much_in_finite_elements(depth: fl
     assert inverted.modulus_depth_m == (0.0, inverted.bedrock_depth_m)
 
 
-def test_the_interval_of_the_modulus_holds_the_truth() -> None:
-    records = Point(point(np.inf), SurrogateLibrary())
-    fit = fit_briefly(records, ALWAYS, 0, {})
-    assert fit is not None
-    place = fit.model.keys.index(("", "modulus", None))
-    deviation = float(np.sqrt(fit.covariance[place, place]))
-    error = np.log(ground_of(fit).modulus / MODULUS)
-    # The model's own error of 1 % comes beside what noise and priors leave open.
-    assert abs(error) < 2.0 * np.hypot(deviation, 0.01)
-    assert 1e-3 < deviation < 0.1
-
-
-def test_the_evidence_of_all_points_decides_among_what_all_could_show() -> None:
-    rock, none, layer = frozenset({"bedrock"}), frozenset[str](), frozenset({"layer"})
-    rankings = [Ranking({none: 10.0, rock: 8.0, layer: 99.0}), Ranking({none: 3.0, rock: 9.0})]
+def test_the_evidence_of_all_points_decides_among_common_structures() -> None:
+    rock, empty, layer = frozenset({"bedrock"}), frozenset[str](), frozenset({"layer"})
+    rankings = [Ranking({empty: 10.0, rock: 8.0, layer: 99.0}), Ranking({empty: 3.0, rock: 9.0})]
     assert choose_structure(rankings, no_fit) == rock
     assert choose_structure(rankings[:1], no_fit) == layer
 
@@ -124,9 +97,9 @@ def no_fit(place: int, structure: Structure) -> float | None:
 def test_a_structure_that_no_point_fitted_is_not_chosen_for_its_bounds(
     evidence: float | None,
 ) -> None:
-    rock, none, layer = frozenset({"bedrock"}), frozenset[str](), frozenset({"layer"})
-    rankings = [Ranking({rock: 10.0, none: 2.0}, {layer: 9.0})]
-    rankings.append(Ranking({none: 10.0}, {rock: 8.0, layer: 9.5}))
+    rock, empty, layer = frozenset({"bedrock"}), frozenset[str](), frozenset({"layer"})
+    rankings = [Ranking({rock: 10.0, empty: 2.0}, {layer: 9.0})]
+    rankings.append(Ranking({empty: 10.0}, {rock: 8.0, layer: 9.5}))
     fitted: list[tuple[int, Structure]] = []
 
     def fit(place: int, structure: Structure) -> float | None:
@@ -146,7 +119,7 @@ def test_a_single_sensor_shows_no_layer_and_several_no_rig() -> None:
     assert {"spring_rig", "bedrock", "rebound", "carrier_resonance"} <= names
 
 
-def test_priors_of_others_move_the_start_and_the_optimum() -> None:
+def test_priors_of_peers_move_the_start() -> None:
     records = Point(point(np.inf), SurrogateLibrary())
     model = PointModel(records, effects_of(ALWAYS), [0])
     place = model.keys.index(("sensor_lag", "delay", None))
@@ -160,20 +133,20 @@ def test_a_structure_whose_fit_of_all_drops_is_implausible_is_not_reported(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     simulated = Point(point(DEPTH), SurrogateLibrary())
-    known = InstrumentKnowledge(effects=ALWAYS, starting_structures=(frozenset({"bedrock"}),))
-    selection = Selection(simulated, [0], known)
+    knowledge = InstrumentKnowledge(effects=ALWAYS, starting_structures=(frozenset({"bedrock"}),))
+    selection = Selection(simulated, [0], knowledge)
     for structure in (ALWAYS, ALWAYS | {"bedrock"}):
         assert selection._fit(structure) is not None
     assert selection.best == ALWAYS | {"bedrock"}
-    fit, _ = fit_drops_of_selection(simulated, selection, known)
+    fit, _ = fit_drops_of_selection(simulated, selection, knowledge)
     assert ground_of(fit).modulus == pytest.approx(MODULUS, rel=0.02)
     # Plausible in the selection, but no longer in the final fit.
     monkeypatch.setattr(type(BY_NAME["bedrock"]), "is_sound", lambda *_: False)
-    fit, _ = fit_drops_of_selection(simulated, selection, known)
+    fit, _ = fit_drops_of_selection(simulated, selection, knowledge)
     assert {effect.name for effect in fit.model.effects} == ALWAYS
     assert selection.best == ALWAYS
     # Without an alternative the last fit is returned.
-    alone = Selection(simulated, [0], known)
+    alone = Selection(simulated, [0], knowledge)
     alone.fits[ALWAYS] = fit
     monkeypatch.setattr(type(BY_NAME["sensor_lag"]), "is_sound", lambda *_: False)
-    assert fit_drops_of_selection(simulated, alone, known)[0].model.effects == fit.model.effects
+    assert fit_drops_of_selection(simulated, alone, knowledge)[0].model.effects == fit.model.effects

@@ -1,4 +1,4 @@
-"""How many numbers decide which effects are found, and what is told of them."""
+"""Number of tuned constants that decide about effects and warnings."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ NO_DECISION = {
     "inversion/inference/state.py": (100e3,),
     "pfwd/analysis/results.py": (1e6,),
 }
-MOST = 31
+MAX_NUMBERS = 31
 
 
 def numbers_of(module: str) -> list[float]:
     """Return the numbers of a module but for 0, 1 and 2, and those that decide nothing."""
     tree = ast.parse((ROOT / module).read_text(encoding="utf-8"))
-    found = [
+    result = [
         node.value
         for node in ast.walk(tree)
         if isinstance(node, ast.Constant)
@@ -58,13 +58,13 @@ def numbers_of(module: str) -> list[float]:
         and node.value not in (0, 1, 2)
     ]
     for number in NO_DECISION.get(module, ()):
-        found.remove(number)
-    return found
+        result.remove(number)
+    return result
 
 
-def test_few_numbers_decide() -> None:
+def test_the_number_of_tuned_constants_is_limited() -> None:
     numbers = {module: numbers_of(module) for module in MODULES}
     count = sum(map(len, numbers.values()))
-    assert count <= MOST, numbers
+    assert count <= MAX_NUMBERS, numbers
     # The count sees what is there.
     assert 5e-3 in numbers["inversion/inference/selection.py"]

@@ -69,20 +69,7 @@ def test_equal_area_takes_the_first_contact_alone() -> None:
     assert fit_half_sine_equal_area(TIME, bounced) == fit_half_sine_equal_area(TIME, single)
 
 
-def test_both_fits_agree_on_a_half_sine_only() -> None:
-    pure = half_sine(8000.0, 0.0133, 0.0)
-    assert fit_half_sine_equal_area(TIME, pure).duration == pytest.approx(
-        fit_half_sine(TIME, pure).duration, rel=1e-3
-    )
-    narrow = 8000.0 * (half_sine(1.0, 0.02, 0.0) ** 2)
-    equal, least = fit_half_sine_equal_area(TIME, narrow), fit_half_sine(TIME, narrow)
-    # sin^2 has the area T/2: T0 = pi T/4.
-    assert equal.duration == pytest.approx(math.pi / 4 * 0.02, rel=1e-3)
-    assert least.rms_over_peak < equal.rms_over_peak
-    assert abs(least.peak_load / equal.peak_load - 1) > 0.01
-
-
-def test_least_squares_cannot_be_bettered() -> None:
+def test_least_squares_are_optimal() -> None:
     load = 8000.0 * (half_sine(1.0, 0.02, 0.0) ** 1.5)
     part = load > 80.0  # the contact: above 1 % of the peak, and the samples next to it
     part = part | np.roll(part, 1) | np.roll(part, -1)
@@ -92,19 +79,13 @@ def test_least_squares_cannot_be_bettered() -> None:
         return float(np.sum((fit.load(TIME[part]) - load[part]) ** 2))
 
     for peak, duration, start in np.random.default_rng(2).normal(0, 1e-3, (30, 3)):
-        other = HalfSineFit(
+        variant = HalfSineFit(
             best.peak_load * (1 + peak),
             best.duration * (1 + duration),
             best.start + duration * best.duration * start,
             0.0,
         )
-        assert squares(other) >= squares(best) * (1 - 1e-9)
-
-
-def test_load_is_zero_outside_of_the_pulse() -> None:
-    fit = HalfSineFit(100.0, 0.01, 0.002, 0.0)
-    times = np.array([0.0, 0.002, 0.007, 0.012, 0.02])
-    assert fit.load(times) == pytest.approx([0, 0, 100.0, 0, 0], abs=1e-9)
+        assert squares(variant) >= squares(best) * (1 - 1e-9)
 
 
 @pytest.mark.parametrize("load", [np.zeros(550), np.full(550, -5.0)])

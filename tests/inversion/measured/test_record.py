@@ -1,8 +1,9 @@
-"""From a recorded drop to displacement, windows and noise, on signals with closed forms."""
+"""Prepared drops: displacement, windows and noise of signals with closed forms."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -15,12 +16,10 @@ from inversion.errors import RecordError
 from inversion.forward.model import Instrument
 from inversion.measured.record import (
     MAX_SIDE_DIFFERENCE_M,
-    ChannelNoise,
     NoiseModel,
     PreparedDrop,
     Record,
     Sensor,
-    displacement_rms,
     native_rows,
     prepare,
 )
@@ -119,7 +118,7 @@ def test_start_is_just_before_the_pulse() -> None:
 
 @pytest.mark.parametrize("quantity", ["velocity", "displacement"])
 def test_a_load_that_is_recorded_late_is_not_where_the_motion_starts(quantity: MotionName) -> None:
-    """What moves before the load does is neither noise nor a baseline."""
+    """Motion before the load counts neither as noise nor as a baseline."""
     time = time_axis()
     velocity, displacement = swing(time)
     values = velocity if quantity == "velocity" else displacement
@@ -137,15 +136,15 @@ def test_a_load_that_is_recorded_late_is_not_where_the_motion_starts(quantity: M
         assert prepare(still).start > 3e-3
 
 
-@pytest.mark.parametrize(("samples", "starts_there"), [(2, False), (3, True)])
-def test_a_spike_before_the_pulse_is_no_motion(samples: int, starts_there: bool) -> None:
+@pytest.mark.parametrize(("samples", "starts_early"), [(2, False), (3, True)])
+def test_a_spike_before_the_pulse_is_no_motion(samples: int, starts_early: bool) -> None:
     still = make_record()
     start = prepare(still).start
     values = still.sensors[0].values.copy()
     place = int(np.searchsorted(still.time, start - 0.25 / RATE))
     values[place - samples : place] = values.max()
     drop = prepare(make_record(values))
-    assert (drop.start < start) == starts_there
+    assert (drop.start < start) == starts_early
 
 
 def test_sensors_keep_their_order() -> None:
@@ -197,12 +196,12 @@ def test_window_and_tail() -> None:
 
 @pytest.mark.parametrize("height", [0.1, 0.5])
 def test_second_contact_ends_the_tail(height: float) -> None:
-    time, again = time_axis(), 0.05
-    drop = prepare(make_record(load=PEAK * (half_sine(time) + height * half_sine(time, again))))
+    time, repeated = time_axis(), 0.05
+    drop = prepare(make_record(load=PEAK * (half_sine(time) + height * half_sine(time, repeated))))
     # The bounce passes 8 % of the first peak a little after its begin.
-    passed = again + PULSE / math.pi * math.asin(0.08 / height) - drop.start
+    passed = repeated + PULSE / math.pi * math.asin(0.08 / height) - drop.start
     assert passed - 1.01 * drop.step <= drop.tail_end <= passed
-    assert drop.contact_end < again
+    assert drop.contact_end < repeated
 
 
 def held(values: Array, samples: int) -> Array:
@@ -213,7 +212,7 @@ def held(values: Array, samples: int) -> Array:
 
 
 def makers_record(samples: int, quantity: MotionName = "displacement") -> Record:
-    """What a filter that looks ahead leaves: the motion stands, the load is nought."""
+    """Return the record of a filter that looks ahead: constant motion, zero load at the end."""
     time = time_axis(end=0.04)
     velocity, displacement = swing(time)
     load = PEAK * half_sine(time) - 90.0 * (time > PULSE)
@@ -225,8 +224,8 @@ def makers_record(samples: int, quantity: MotionName = "displacement") -> Record
 @pytest.mark.parametrize(("samples", "ends"), [(5, True), (27, True), (4, False)])
 def test_channels_that_are_held_end_the_tail(samples: int, ends: bool) -> None:
     drop = prepare(makers_record(samples))
-    left = drop.time[-1] - drop.tail_end
-    assert left == pytest.approx(samples * drop.step if ends else 0.0, abs=1e-9)
+    residual = drop.time[-1] - drop.tail_end
+    assert residual == pytest.approx(samples * drop.step if ends else 0.0, abs=1e-9)
 
 
 def test_channels_at_rest_are_not_held() -> None:
@@ -247,7 +246,7 @@ def test_channels_that_come_to_rest_together_are_not_held() -> None:
     assert drop.tail_end == pytest.approx(drop.time[-1])
 
 
-def test_one_channel_that_stands_ends_nothing() -> None:
+def test_a_single_constant_channel_does_not_end_the_tail() -> None:
     record = makers_record(27)
     moves = Sensor(0.3, "displacement", 0.5 * swing(record.time)[1])
     drop = prepare(replace(record, sensors=(*record.sensors, moves)))
@@ -322,14 +321,6 @@ def test_drift_before_the_pulse_is_no_noise() -> None:
     assert quiet.channels[0].model.rms < 1e-12
 
 
-def test_rms_of_the_noise_model() -> None:
-    drops = drops_of_noise(white, "velocity", 0.2, count=50)
-    rms = math.sqrt(np.mean([drop.channels[0].model.rms ** 2 for drop in drops]))
-    assert rms == pytest.approx(SIGMA, rel=0.03)
-    # All of the 0.2 s before the pulse, less the margin before its onset.
-    assert all(900 < drop.channels[0].model.samples <= 1000 for drop in drops)
-
-
 def test_quantisation_is_the_smallest_step() -> None:
     time = time_axis(0.0)
     unit = 1e-6
@@ -355,8 +346,8 @@ def test_quadratic_form_is_that_of_the_toeplitz_matrix() -> None:
     rows = rng.standard_normal((3, 40))
     lag = np.abs(np.subtract.outer(np.arange(40), np.arange(40)))
     full = np.where(lag < 5, np.append(autocovariance, 0.0)[np.minimum(lag, 5)], 0.0)
-    found = NoiseModel(autocovariance, 100).quadratic_form(rows)
-    assert found == pytest.approx(rows @ full @ rows.T, rel=1e-9, abs=1e-12)
+    result = NoiseModel(autocovariance, 100).quadratic_form(rows)
+    assert result == pytest.approx(rows @ full @ rows.T, rel=1e-9, abs=1e-12)
 
 
 def weighted_displacement(quantity: MotionName) -> tuple[Array, Array]:
@@ -382,68 +373,58 @@ def test_native_rows_are_the_adjoint(quantity: Any) -> None:
     assert through == pytest.approx(direct, rel=1e-10)
 
 
-def test_rms_of_an_integrated_white_noise_without_baseline() -> None:
-    # Random walk: the variance after j steps is about j (sigma dt)^2.
-    channel = ChannelNoise(NoiseModel(np.array([SIGMA**2]), 100), True)
-    found = displacement_rms(channel, 401, 1 / RATE)
-    assert found == pytest.approx(SIGMA / RATE * math.sqrt(200), rel=0.03)
-
-
 # --- errors --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_values_that_are_no_numbers(bad: float) -> None:
+def broken(values: Array, value: float = math.nan) -> Array:
+    """Return the values with another one in their midst."""
+    return np.where(np.arange(values.size) == 100, value, values)
+
+
+def only(values: Array, offset: float = 0.0) -> tuple[Sensor, ...]:
+    return (Sensor(offset, "velocity", values),)
+
+
+NO_PULSE = r"load: expected a positive pulse .*got none"
+UNEVEN = "time: expected uniform, rising steps"
+LATER = np.where(np.arange(500) < 100, 0.0, 0.5 / RATE)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (lambda r: {"load": broken(r.load)}, "load: expected finite values, got NaN or infinity"),
+        (lambda r: {"load": broken(r.load, math.inf)}, "load: expected finite values"),
+        (lambda r: {"sensors": only(broken(r.load), 0.3)}, r"sensor at 0\.3 m: expected finite"),
+        (lambda r: {"time": r.time[:15]}, "expected at least 16 samples, got 15"),
+        (lambda r: {"load": r.load[1:]}, r"load: expected 500 samples, got shape \(499,\)"),
+        (lambda r: {"sensors": only(np.zeros((2, 500)))}, "sensor at 0 m: expected 500 samples"),
+        (lambda r: {"sensors": ()}, "at least one motion sensor, got none"),
+        (lambda r: {"time": r.time + LATER}, UNEVEN),
+        (lambda r: {"time": r.time[::-1].copy()}, UNEVEN),
+        (lambda r: {"time": np.zeros(500)}, UNEVEN),
+        (lambda r: {"time": broken(r.time)}, UNEVEN),
+        (lambda r: {"load": np.zeros(500)}, NO_PULSE),
+        (lambda r: {"load": np.full(500, -3.0)}, NO_PULSE),
+        (lambda r: {"load": -r.load}, NO_PULSE),
+        *(
+            (lambda r, place=place: {"sensors": only(r.load, place)}, "expected finite distances")
+            for place in (math.nan, math.inf, -math.inf)
+        ),
+    ],
+)
+def test_invalid_records_are_refused(
+    changes: Callable[[Record], dict[str, Any]], message: str
+) -> None:
     record = make_record()
-    broken = record.load.copy()
-    broken[30] = bad
-    with pytest.raises(RecordError, match="load: expected finite values, got NaN or infinity"):
-        replace(record, load=broken)
-    sensor = Sensor(0.3, "velocity", broken)
-    with pytest.raises(RecordError, match=r"sensor at 0\.3 m: expected finite values"):
-        replace(record, sensors=(sensor,))
-
-
-def test_records_that_are_too_short_or_unequal() -> None:
-    record = make_record()
-    with pytest.raises(RecordError, match="expected at least 16 samples, got 15"):
-        make_record(time=time_axis()[:15])
-    with pytest.raises(RecordError, match=r"load: expected 500 samples, got shape \(499,\)"):
-        replace(record, load=record.load[1:])
-    with pytest.raises(RecordError, match=r"sensor at 0 m: expected 500 samples, got shape"):
-        replace(record, sensors=(Sensor(0.0, "velocity", np.zeros((2, 500))),))
-    with pytest.raises(RecordError, match="at least one motion sensor, got none"):
-        replace(record, sensors=())
-
-
-def test_time_steps_must_be_even() -> None:
-    record = make_record()
-    gap = record.time.copy()
-    gap[100:] += 0.5 / RATE
-    for time in (gap, record.time[::-1].copy(), np.zeros_like(gap)):
-        with pytest.raises(RecordError, match="time: expected uniform, rising steps"):
-            replace(record, time=time)
-    wrong = record.time.copy()
-    wrong[100] = math.nan
-    with pytest.raises(RecordError, match="time: expected uniform, rising steps"):
-        replace(record, time=wrong)
-
-
-@pytest.mark.parametrize("level", [0.0, -3.0])
-def test_load_without_a_pulse(level: float) -> None:
-    with pytest.raises(RecordError, match=r"load: expected a positive pulse .*got none"):
-        prepare(make_record(load=np.full(500, level)))
-
-
-def test_load_of_the_wrong_polarity() -> None:
-    with pytest.raises(RecordError, match=r"load: expected a positive pulse .*got none"):
-        prepare(make_record(load=-PEAK * half_sine(time_axis())))
+    with pytest.raises(RecordError, match=message):
+        prepare(replace(record, **changes(record)))
 
 
 # --- both sides of the plate ---------------------------------------------------------------------
 
 
-def test_sensors_on_both_sides_have_one_distance_and_two_positions() -> None:
+def test_sensors_on_both_sides_share_a_distance() -> None:
     time = time_axis()
     values = swing(time)[0]
     places = (-0.3, 0.6, 0.0, 0.3)
@@ -457,28 +438,28 @@ def test_sensors_on_both_sides_have_one_distance_and_two_positions() -> None:
     assert outward.sensors[2] is sensors[0]
 
 
-def two_sides(left: Array, right: Array, *others: float, place: float = -0.3) -> PreparedDrop:
+def two_sides(residual: Array, right: Array, *variants: float, place: float = -0.3) -> PreparedDrop:
     """A plate with displacements at `place` and 0.3 m, and the same swing elsewhere."""
     time = time_axis()
-    moved = {0.0: swing(time)[1], place: left, 0.3: right}
-    moved |= dict.fromkeys(others, swing(time)[1])
+    moved = {0.0: swing(time)[1], place: residual, 0.3: right}
+    moved |= dict.fromkeys(variants, swing(time)[1])
     sensors = tuple(Sensor(r, "displacement", values) for r, values in moved.items())
     return prepare(replace(make_record(), sensors=sensors))
 
 
-def test_two_sides_tell_each_others_error() -> None:
+def test_two_sides_estimate_their_error() -> None:
     time = time_axis()
     rng = np.random.default_rng(4)
     right = swing(time)[1]
     noise = 1e-5 * rng.standard_normal((2, 50, time.size))
-    found = np.mean(
+    result = np.mean(
         [two_sides(right + a, right + b).side_floor[1:] ** 2 for a, b in zip(*noise, strict=True)]
     )
     # The zero before the pulse is a mean over 10 samples of the same noise.
-    assert np.sqrt(found) == pytest.approx(1e-5 * np.sqrt(1 + 1 / 10), rel=0.05)
+    assert np.sqrt(result) == pytest.approx(1e-5 * np.sqrt(1 + 1 / 10), rel=0.05)
 
 
-def test_tilt_counts_for_both_sides_alike() -> None:
+def test_tilt_counts_equally_for_both_sides() -> None:
     time = time_axis()
     right = swing(time)[1]
     drop = two_sides(1.1 * right, 0.9 * right, 0.6, -0.9)
@@ -489,14 +470,14 @@ def test_tilt_counts_for_both_sides_alike() -> None:
 
 
 @pytest.mark.parametrize(("place", "counts"), [(-0.3009, True), (-0.3011, False), (0.3005, False)])
-def test_two_sides_stand_at_one_distance(place: float, counts: bool) -> None:
+def test_two_sides_stand_at_equal_distance(place: float, counts: bool) -> None:
     right = swing(time_axis())[1]
     drop = two_sides(1.1 * right, right, place=place)
     assert (drop.side_floor[1:] > 0).tolist() == [counts, counts]
     assert MAX_SIDE_DIFFERENCE_M == 1e-3
 
 
-def test_what_sides_differ_by_is_taken_over_the_fits_window() -> None:
+def test_the_difference_of_sides_is_taken_over_the_window() -> None:
     time = time_axis()
     right = swing(time)[1]
     late = np.where(time > 0.04, 1e-4, 0.0)
@@ -504,9 +485,3 @@ def test_what_sides_differ_by_is_taken_over_the_fits_window() -> None:
     assert drop.side_floor[1] == pytest.approx(0.0, abs=1e-12)
     part = np.mean(late[time >= drop.start][drop.with_tail().window] > 0)
     assert drop.with_tail().side_floor[1] == pytest.approx(1e-4 * np.sqrt(part / 2))
-
-
-@pytest.mark.parametrize("place", [math.nan, math.inf, -math.inf])
-def test_a_sensor_stands_somewhere(place: float) -> None:
-    with pytest.raises(RecordError, match="sensor offsets: expected finite distances"):
-        replace(make_record(), sensors=(Sensor(place, "velocity", swing(time_axis())[0]),))

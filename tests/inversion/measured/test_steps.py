@@ -1,4 +1,4 @@
-"""Steps in records: samples that are missing, ranges that were switched, and what is none."""
+"""Steps in records: missing samples, switched ranges, and records without steps."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ def pulse(noise: float = 3e-3, seed: int = 1) -> Array:
     return result
 
 
-def test_samples_that_are_missing_are_found() -> None:
-    whole = pulse()
-    lost = np.append(np.delete(whole, slice(250, 256)), whole[-6:])
+def test_missing_samples_are_detected() -> None:
+    complete = pulse()
+    lost = np.append(np.delete(complete, slice(250, 256)), complete[-6:])
     assert find_step(lost, FIRST, END) == 250
-    assert find_step(whole, FIRST, END) is None
+    assert find_step(complete, FIRST, END) is None
 
 
-def test_a_range_that_was_switched_is_found() -> None:
+def test_a_switched_range_is_detected() -> None:
     record = pulse()
     record[240:] *= 1.1
     assert find_step(record, FIRST, END) == 240
 
 
-def test_what_is_before_the_pulse_and_after_it_does_not_count() -> None:
+def test_steps_outside_the_pulse_do_not_count() -> None:
     for place in (100, 450):
         record = pulse()
         record[place:] += 0.3
@@ -53,9 +53,9 @@ def test_noise_and_bends_are_no_steps(seed: int) -> None:
     assert find_step(pulse(seed=seed) + ringing + slow, FIRST, END) is None
 
 
-@pytest.mark.parametrize(("deviations", "found"), [(7.9, False), (8.1, True)])
-def test_a_step_is_what_eight_deviations_are(deviations: float, found: bool) -> None:
-    """By a fit of its own to the fourteen samples around it, noise as before the pulse."""
+@pytest.mark.parametrize(("deviations", "result"), [(7.9, False), (8.1, True)])
+def test_a_step_is_larger_than_eight_deviations(deviations: float, result: bool) -> None:
+    """The reference is a separate fit to fourteen samples, with the noise before the pulse."""
     rng = np.random.default_rng(3)
     record = rng.standard_normal(TIME.size)
     around = np.arange(14) - 6.5
@@ -64,14 +64,14 @@ def test_a_step_is_what_eight_deviations_are(deviations: float, found: bool) -> 
     def rest(values: Array) -> float:
         return float(np.sqrt(np.linalg.lstsq(shapes, values, rcond=None)[1][0] / 9.0))
 
-    usual = np.median([rest(record[i : i + 14]) for i in range(FIRST - 14)])
+    median_deviation = np.median([rest(record[i : i + 14]) for i in range(FIRST - 14)])
     # Around the step nothing but the step, so that noise is what there is before the pulse.
     record[FIRST:END] = 0.0
-    deviation = usual * np.sqrt(np.linalg.inv(shapes.T @ shapes)[4, 4])
+    deviation = median_deviation * np.sqrt(np.linalg.inv(shapes.T @ shapes)[4, 4])
     record[300:] += deviations * deviation
-    assert (find_step(record, FIRST, END - 20) == 300) == found
-    assert (find_step(record, FIRST, END - 20) is not None) == found
+    assert (find_step(record, FIRST, END - 20) == 300) == result
+    assert (find_step(record, FIRST, END - 20) is not None) == result
 
 
-def test_a_record_of_a_few_samples_tells_nothing() -> None:
+def test_a_short_record_has_no_step() -> None:
     assert find_step(np.array([0.0] * 6 + [1.0] * 7), 0, 13) is None

@@ -25,18 +25,18 @@ def drop(library: SurrogateLibrary) -> WeightedDrop:
     return weighted(record(library, Scene(offsets=(0.3, 0.6))))
 
 
-@pytest.mark.parametrize("most", [1000, None, 60, 59, 7])
+@pytest.mark.parametrize("max_count", [1000, None, 60, 59, 7])
 def test_samples_of_the_window_are_even_and_include_the_last(
-    most: int | None, drop: WeightedDrop
+    max_count: int | None, drop: WeightedDrop
 ) -> None:
     window = drop.drop.window
     count = window.stop - window.start
-    most = count if most is None else most
-    rows = even_rows(window, most)
-    assert rows.size <= most
+    max_count = count if max_count is None else max_count
+    rows = even_rows(window, max_count)
+    assert rows.size <= max_count
     assert rows[-1] == window.stop - 1
-    assert window.start <= rows[0] < window.start + max(1, math.ceil(count / most))
-    assert set(np.diff(rows)) == {math.ceil(count / most)}
+    assert window.start <= rows[0] < window.start + max(1, math.ceil(count / max_count))
+    assert set(np.diff(rows)) == {math.ceil(count / max_count)}
 
 
 @pytest.mark.parametrize("granted", [None, 3e-6])
@@ -53,20 +53,20 @@ def test_errors_of_noise_steps_and_model_add_as_squares(
 def test_the_error_of_the_model_is_a_share_of_each_peak(
     granted: float | None, drop: WeightedDrop
 ) -> None:
-    near, far = drop.drop.peak_displacement
+    inner, outer = drop.drop.peak_displacement
     floor = model_floor(drop.drop, granted)
     # Three thousandths of the peak; a tenth of that of the nearest sensor adds to it.
-    shares = np.array([np.hypot(near, 0.1 * near), np.hypot(far, 0.1 * near)])
-    assert floor == pytest.approx((0.003 if granted is None else granted / near) * shares)
+    shares = np.array([np.hypot(inner, 0.1 * inner), np.hypot(outer, 0.1 * inner)])
+    assert floor == pytest.approx((0.003 if granted is None else granted / inner) * shares)
 
 
 @pytest.mark.parametrize("granted", [None, 2e-6])
-def test_the_floor_is_at_least_the_difference_of_the_two_sides(
+def test_the_floor_covers_the_difference_of_the_two_sides(
     granted: float | None, library: SurrogateLibrary
 ) -> None:
     alone = record(library, Scene(offsets=(0.0, 0.3, 0.6)))
-    near = alone.sensors[1]
-    twin = replace(near, offset=-0.3, values=1.2 * near.values)
+    inner = alone.sensors[1]
+    twin = replace(inner, offset=-0.3, values=1.2 * inner.values)
     both = prepare(replace(alone, sensors=(*alone.sensors, twin)))
     floor, without = model_floor(both, granted), model_floor(prepare(alone), granted)
     assert floor[[0, 2]] == pytest.approx(without[[0, 2]])
@@ -74,7 +74,7 @@ def test_the_floor_is_at_least_the_difference_of_the_two_sides(
     assert floor[[1, 3]] == pytest.approx(right)
     assert right > 5 * without[1]
     # A difference below it leaves the error of the model.
-    close = replace(twin, values=1.001 * near.values)
+    close = replace(twin, values=1.001 * inner.values)
     small = model_floor(prepare(replace(alone, sensors=(*alone.sensors, close))), granted)
     assert small[:3] == pytest.approx(without)
 

@@ -1,4 +1,4 @@
-"""What the tests of the search, its operators and its polish share."""
+"""Objectives for tests of the search and its operators."""
 
 from collections.abc import Callable
 

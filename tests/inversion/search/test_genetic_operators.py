@@ -16,9 +16,7 @@ def individuals(seed: int, size: int = 3) -> tuple[FloatArray, FloatArray]:
 
 
 @given(seed=seeds, count=st.integers(1, 40), size=st.integers(1, 5))
-def test_stratified_sample_puts_one_point_into_every_slice(
-    seed: int, count: int, size: int
-) -> None:
+def test_a_stratified_sample_has_a_point_in_every_slice(seed: int, count: int, size: int) -> None:
     sample = operators.stratified_sample(count, size, np.random.default_rng(seed))
     slices = np.sort((sample * count).astype(int), axis=0)
     np.testing.assert_array_equal(slices, np.tile(np.arange(count)[:, None], size))
@@ -56,7 +54,7 @@ def test_contrast_does_not_depend_on_offset_or_unit(seed: int, offset: float, sc
 
 
 @given(seed=seeds)
-def test_selection_follows_the_scores_to_within_one(seed: int) -> None:
+def test_selection_follows_the_scores(seed: int) -> None:
     rng = np.random.default_rng(seed)
     scores = operators.scale_fitness(rng.random((4, 20)))
     chosen = operators.select(scores, rng)
@@ -66,16 +64,8 @@ def test_selection_follows_the_scores_to_within_one(seed: int) -> None:
         assert (np.abs(times - 20 * share) < 1.0 + 1e-9).all()
 
 
-@given(seed=seeds)
-def test_shuffling_keeps_everybody(seed: int) -> None:
-    genes, _ = individuals(seed)
-    order = operators.shuffled((4, 20), np.random.default_rng(seed))
-    mixed = operators.take(genes, order)
-    np.testing.assert_array_equal(np.sort(mixed, axis=1), np.sort(genes, axis=1))
-
-
 @given(seed=seeds, size=st.integers(1, 5))
-def test_children_of_every_kind_stay_in_the_unit_box_and_leave_the_parents_alone(
+def test_children_stay_in_the_unit_box_and_leave_the_parents_unchanged(
     seed: int, size: int
 ) -> None:
     rng = np.random.default_rng(seed)
@@ -95,7 +85,7 @@ def test_children_of_every_kind_stay_in_the_unit_box_and_leave_the_parents_alone
     np.testing.assert_array_equal(genes, before)
 
 
-def test_crossover_and_mutation_of_probability_0_change_nothing() -> None:
+def test_crossover_and_mutation_of_probability_0_leave_the_genes() -> None:
     genes, _ = individuals(3)
     rng = np.random.default_rng(0)
     never = np.zeros(4)
@@ -103,14 +93,7 @@ def test_crossover_and_mutation_of_probability_0_change_nothing() -> None:
     np.testing.assert_allclose(operators.mutate(genes, never, rng), genes)
 
 
-def test_crossover_mixes_pairs_only() -> None:
-    genes = np.repeat(np.arange(10.0) / 10.0, 2)[None, :, None] * np.ones(3)
-    children = operators.cross_intermediate(genes, np.ones(1), np.random.default_rng(0))
-    # Both of a pair are alike here, so whoever mates outside the pair would show.
-    np.testing.assert_allclose(children, genes)
-
-
-def test_mutation_changes_about_the_given_part_of_the_genes() -> None:
+def test_mutation_changes_the_stated_share_of_genes() -> None:
     genes = np.full((2, 5000, 3), 0.5)
     mutants = operators.mutate(genes, np.array([0.02, 0.5]), np.random.default_rng(0))
     changed = (mutants != genes).mean(axis=(1, 2))
@@ -130,10 +113,10 @@ def test_every_differential_child_differs_from_its_parent() -> None:
 def test_survivors_are_never_worse_than_before(seed: int) -> None:
     genes, misfit = individuals(seed)
     children, child_misfit = individuals(seed + 1)
-    kept, kept_misfit = operators.keep_better(genes, misfit, children, child_misfit)
-    np.testing.assert_array_equal(kept_misfit, np.minimum(misfit, child_misfit))
+    better, better_misfit = operators.keep_better(genes, misfit, children, child_misfit)
+    np.testing.assert_array_equal(better_misfit, np.minimum(misfit, child_misfit))
     elite, elite_misfit = operators.keep_elite(genes, misfit, children, child_misfit)
-    assert kept.shape == elite.shape == genes.shape
+    assert better.shape == elite.shape == genes.shape
     assert (elite_misfit.min(axis=1) <= misfit.min(axis=1)).all()
     assert (elite_misfit.min(axis=1) <= child_misfit.min(axis=1)).all()
 
@@ -148,13 +131,13 @@ def test_immigration_keeps_sizes_and_the_best(seed: int, pair: list[int]) -> Non
     # Both now hold the better of the two bests, and nobody else has changed.
     best = min(misfit[first].min(), misfit[second].min())
     assert mixed_misfit[first].min() == mixed_misfit[second].min() == best
-    others = [k for k in range(4) if k not in (first, second)]
-    np.testing.assert_array_equal(mixed[others], genes[others])
+    variants = [k for k in range(4) if k not in (first, second)]
+    np.testing.assert_array_equal(mixed[variants], genes[variants])
     # Each of the two exchanged one individual and kept the other nineteen.
     assert (mixed_misfit[[first, second]] != misfit[[first, second]]).sum() == 2
 
 
-def test_an_immigrant_brings_its_own_misfit() -> None:
+def test_an_immigrant_brings_its_misfit() -> None:
     genes, _ = individuals(5)
     misfit = sphere(genes.reshape(-1, 3)).reshape(4, 20)
     mixed, mixed_misfit = operators.immigrate(genes, misfit, 1, 3)

@@ -39,11 +39,13 @@ def search_of(
 def test_same_seed_gives_the_same_result(preset: SearchSettings) -> None:
     objective = rastrigin_at(np.array([0.3, -1.2, 2.1]))
     short = replace(preset, generations=25)
-    first, again, other = (search_of(objective, seed=s, settings=short).run() for s in (7, 7, 8))
-    np.testing.assert_array_equal(first.parameters, again.parameters)
-    np.testing.assert_array_equal(first.candidates, again.candidates)
-    assert first.misfit == again.misfit == objective(first.parameters[None])[0]
-    assert not np.array_equal(first.parameters, other.parameters)
+    first, repeated, variant = (
+        search_of(objective, seed=s, settings=short).run() for s in (7, 7, 8)
+    )
+    np.testing.assert_array_equal(first.parameters, repeated.parameters)
+    np.testing.assert_array_equal(first.candidates, repeated.candidates)
+    assert first.misfit == repeated.misfit == objective(first.parameters[None])[0]
+    assert not np.array_equal(first.parameters, variant.parameters)
 
 
 @settings(max_examples=15, deadline=None)
@@ -93,7 +95,7 @@ def test_paper_preset_breeds_four_populations_of_twenty_for_a_hundred_generation
 @pytest.mark.parametrize(
     ("make", "half_width"), [(rastrigin_at, 5.12), (ackley_at, 32.768)], ids=["Rastrigin", "Ackley"]
 )
-def test_the_basin_of_the_minimum_off_the_centre_is_found_whatever_the_seed(
+def test_the_basin_of_the_minimum_is_reached_from_every_seed(
     make: Callable[[FloatArray], Objective], half_width: float
 ) -> None:
     for seed in range(10):
@@ -105,7 +107,7 @@ def test_the_basin_of_the_minimum_off_the_centre_is_found_whatever_the_seed(
         np.testing.assert_allclose(result.parameters, place, atol=0.1)
 
 
-def test_the_best_minima_are_left_to_the_caller() -> None:
+def test_the_best_minima_are_returned() -> None:
     def two_minima(points: FloatArray) -> FloatArray:
         return np.minimum(sphere(points - 2.0), 0.1 + sphere(points + 2.0))
 
@@ -117,46 +119,33 @@ def test_the_best_minima_are_left_to_the_caller() -> None:
     assert misfits[0] == result.misfit
 
 
-def test_one_round_ends_early_once_the_populations_have_drawn_together() -> None:
+def test_a_round_ends_early_once_the_populations_have_converged() -> None:
     result = search_of(sphere, settings=SearchSettings(rounds=1)).run()
     assert result.misfit < 1e-3
     assert result.evaluations < 5000
 
 
 def test_failed_evaluations_are_never_chosen() -> None:
-    def fails_on_one_side(points: FloatArray) -> FloatArray:
+    def fails_below_zero(points: FloatArray) -> FloatArray:
         values = sphere(points - 1.0)
         values[points[:, 0] < 0.0] = np.nan
         values[points[:, 1] < 0.0] = np.inf
         values[points[:, 2] < 0.0] = -np.inf
         return values
 
-    result = search_of(fails_on_one_side).run()
+    result = search_of(fails_below_zero).run()
     assert result.misfit < 0.05
-    assert np.isfinite(fails_on_one_side(result.candidates)).all()
+    assert np.isfinite(fails_below_zero(result.candidates)).all()
 
 
 @pytest.mark.parametrize("preset", PRESETS, ids=PRESET_NAMES)
-def test_nothing_but_failures_is_an_outcome_not_an_error(preset: SearchSettings) -> None:
+def test_failures_only_are_an_outcome_and_no_error(preset: SearchSettings) -> None:
     search = search_of(
         lambda points: np.full(len(points), np.nan), settings=replace(preset, generations=10)
     )
     result = search.run()
     assert result.misfit == np.inf
     assert result.candidates.shape == (0, 3)
-
-
-@pytest.mark.parametrize("size", [1, 2, 6])
-def test_any_number_of_genes(size: int) -> None:
-    result = search_of(lambda points: sphere(points - 0.7), size, settings=SearchSettings()).run()
-    assert result.misfit < 1e-3
-    assert result.parameters.shape == (size,)
-
-
-@pytest.mark.parametrize("generations", [1, 2, 5])
-def test_small_budgets_are_kept(generations: int) -> None:
-    result = search_of(sphere, settings=SearchSettings(generations=generations)).run()
-    assert result.evaluations <= 80 * generations
 
 
 def test_wrong_shape_of_the_objective_raises() -> None:

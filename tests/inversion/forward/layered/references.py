@@ -6,8 +6,6 @@ with more digits than a float has where they would be lost.
 
 Sources
 
-- Burmister 1943: The theory of stresses and displacements in layered systems and applications to
-  the design of airport runways. Proc. Highway Research Board 23, 126-144. (Two layers, nu = 1/2.)
 - Huang 2004: Pavement analysis and design, 2nd ed., Pearson, appendix B. (Any number of layers, any
   Poisson's ratio: four constants a layer.)
 - Kausel and Roesset 1981: Stiffness matrices for layered soils. Bull. Seism. Soc. Am. 71,
@@ -50,7 +48,7 @@ class Elastic:
 
 
 def surface_compliance(
-    media: list[Elastic], rock: bool, wavenumber: float, s: complex
+    media: list[Elastic], rock: bool, wavenumber: float, s: complex, digits: int = DIGITS
 ) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
     """((uu, uw), (wu, ww)) of the surface, of 1/(Pa/m), by Kausel and Roesset's matrices.
 
@@ -58,9 +56,9 @@ def surface_compliance(
     the one in the packages.  Assembled and inverted as a whole, and each load for itself: nothing
     is made symmetric on the way.  Numbers of mpmath.
     """
-    with mp.workdps(DIGITS):
+    with mp.workdps(digits):
         size = 2 * len(media)
-        whole = mp.zeros(size + 2, size + 2)
+        stiffness = mp.zeros(size + 2, size + 2)
         for index, medium in enumerate(media):
             if index == len(media) - 1 and not rock:
                 block = _half_space(medium, wavenumber, s)
@@ -68,12 +66,12 @@ def surface_compliance(
                 block = _layer(medium, wavenumber, s)
             for i in range(block.rows):
                 for j in range(block.cols):
-                    whole[2 * index + i, 2 * index + j] += block[i, j]
+                    stiffness[2 * index + i, 2 * index + j] += block[i, j]
         # Without the base: its displacement is zero, or the half-space has none.
-        kept = whole[:size, :size]
+        free = stiffness[:size, :size]
         load = mp.zeros(size, 2)
         load[0, 0] = load[1, 1] = 1
-        moved = [list(mp.lu_solve(kept, load[:, i]))[:2] for i in range(2)]
+        moved = [list(mp.lu_solve(free, load[:, i]))[:2] for i in range(2)]
         (uu, wu), (uw, ww) = moved
         return (uu, uw), (wu, ww)
 
@@ -110,27 +108,6 @@ def _half_space(medium: Elastic, wavenumber: float, laplace: complex) -> Any:
 
 
 # --- at rest: stress functions -------------------------------------------------------------------
-
-
-def burmister_factor(modulus_ratio: float, radius_over_thickness: float) -> float:
-    """F_w of two incompressible layers, w(0) = 1.5 p a F_w/E_2 (Burmister 1943).
-
-    .. math:: F_w = \\frac{E_2}{E_1} \\int_0^\\infty \\frac{1 + 4 N m e^{-2m} - N^2 e^{-4m}}
-              {1 - 2 N (1 + 2 m^2) e^{-2m} + N^2 e^{-4m}} J_1(m a/h) \\frac{dm}{m}
-
-    with N = (E_1 - E_2)/(E_1 + E_2) and m the wavenumber times the thickness h.
-    """
-    n = (modulus_ratio - 1) / (modulus_ratio + 1)
-
-    def less_one(m: Array) -> Array:
-        fall = np.exp(-2 * m)
-        below = 1 - 2 * n * (1 + 2 * m * m) * fall + n * n * fall**2
-        return (1 + 4 * n * m * fall - n * n * fall**2) / below - 1
-
-    # The half-space of the upper modulus integrates to 1, the rest ends with e^(-2m).
-    nodes, weights = panels(40.0, 400)
-    rest = np.sum(weights * less_one(nodes) * j1(nodes * radius_over_thickness) / nodes)
-    return float((1 + rest) / modulus_ratio)
 
 
 def uniform_pressure_deflection(
@@ -190,9 +167,9 @@ def _huang(m: float, moduli: list[float], ratios: list[float], thicknesses: list
     top = rows(0, 0.0)
     system[0, :4], system[1, :4], right[0] = top[0], top[2], 1.0
     for i in range(count - 1):
-        here = slice(2 + 4 * i, 6 + 4 * i)
-        system[here, 4 * i : 4 * i + 4] = rows(i, places[i + 1])
-        system[here, 4 * i + 4 : 4 * i + 8] = -rows(i + 1, places[i + 1])
+        rows_of_face = slice(2 + 4 * i, 6 + 4 * i)
+        system[rows_of_face, 4 * i : 4 * i + 4] = rows(i, places[i + 1])
+        system[rows_of_face, 4 * i + 4 : 4 * i + 8] = -rows(i + 1, places[i + 1])
     # Nothing comes up from below.
     system[-2, 4 * count - 4] = system[-1, 4 * count - 2] = 1.0
     constants = np.linalg.solve(system, right)
@@ -205,8 +182,8 @@ def panels(end: float, count: int) -> tuple[Array, Array]:
     points, weights = np.polynomial.legendre.leggauss(10)
     edges = end * np.linspace(0.0, 1.0, count + 1) ** 1.5
     half = np.diff(edges)[:, None] / 2
-    middle = (edges[1:] + edges[:-1])[:, None] / 2
-    return (middle + half * points).ravel(), (half * weights).ravel()
+    centres = (edges[1:] + edges[:-1])[:, None] / 2
+    return (centres + half * points).ravel(), (half * weights).ravel()
 
 
 # Relative step of differences of the functions above: half the digits are left.

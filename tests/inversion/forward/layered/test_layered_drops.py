@@ -48,9 +48,9 @@ def test_finite_elements_of_the_simulators(layers: Any, base: Any, contact: Any)
         Medium(m.modulus, m.viscosity, m.density, m.poisson_ratio, m.thickness) for m in layers
     )
     grounds = LayeredGrounds.of([LayeredGround(media, base == "rigid")])
-    found = layered_displacement(f"rigid-{contact}", instrument, OFFSETS, synthesis, grounds)[0]
+    result = layered_displacement(f"rigid-{contact}", instrument, OFFSETS, synthesis, grounds)[0]
     expected = drop.ground_displacement[:, 1:]
-    error = np.max(np.abs(found - expected), axis=1) / np.max(np.abs(expected), axis=1)
+    error = np.max(np.abs(result - expected), axis=1) / np.max(np.abs(expected), axis=1)
     assert error[0] < 1e-3
     assert np.all(error < 2e-3)
 
@@ -84,9 +84,9 @@ def test_finite_elements_of_another_program(name: str, shared: Path) -> None:
     grounds = LayeredGrounds.of([LayeredGround(media, rock is not None)])
     offsets = [sensor.offset for sensor in record.sensors]
     (moved,) = layered_displacement("rigid-rough", record.instrument, offsets, synthesis, grounds)
-    for sensor, found in zip(record.sensors, moved, strict=True):
+    for sensor, result in zip(record.sensors, moved, strict=True):
         assert sensor.quantity == "velocity"
-        residual = np.gradient(found, time[1]) - sensor.values[1:]
+        residual = np.gradient(result, time[1]) - sensor.values[1:]
         rms = np.sqrt(np.mean(residual**2)) / np.max(np.abs(sensor.values))
         # Noise and what their mesh leaves.
         assert rms < math.hypot(1.1 * truth["noise"], 4.5e-3)

@@ -58,17 +58,19 @@ def compliance(media: list[Elastic], rock: bool, xi: Array, s: complex) -> Solut
 @pytest.mark.parametrize("ground", GROUNDS)
 @pytest.mark.parametrize("s", [80 + 0j, 60 + 500j, 1 + 3000j, 0.01 + 20j, 1e-6 + 0j])
 @pytest.mark.parametrize("wavenumber", [0.02, 0.9, 4.0, 30.0])
-def test_stiffness_matrices_of_many_digits(ground: str, s: complex, wavenumber: float) -> None:
+def test_compliances_agree_with_stiffness_matrices(
+    ground: str, s: complex, wavenumber: float
+) -> None:
     media, rock = GROUNDS[ground]
     (uu, uw), (wu, ww) = surface_compliance(media, rock, wavenumber, s)
-    found = compliance(media, rock, np.array([wavenumber]), s).surface
+    result = compliance(media, rock, np.array([wavenumber]), s).surface
     size = abs(ww) + abs(uu)
     # Reciprocity, of the reference, which computes both; the kernel relies on it.
     assert abs(uw - wu) < 1e-30 * size + 1e-14 * abs(wu)
     # Eleven digits, as the threshold of the divided difference keeps.
-    assert abs(found.ww[0, 0] - ww) < 2e-11 * size
-    assert abs(found.uu[0, 0] - uu) < 2e-11 * size
-    assert abs(found.wu[0, 0] + wu) < 2e-11 * size
+    assert abs(result.ww[0, 0] - ww) < 2e-11 * size
+    assert abs(result.uu[0, 0] - uu) < 2e-11 * size
+    assert abs(result.wu[0, 0] + wu) < 2e-11 * size
 
 
 @pytest.mark.parametrize("exponent", range(-16, 0, 2))
@@ -79,20 +81,10 @@ def test_no_digits_are_lost_where_the_waves_become_equal(exponent: int) -> None:
     xi = 3.0
     s = np.sqrt(10.0**exponent * abs(STIFF.shear) / 2300 * 4 * xi / 0.15)
     (uu, _), (wu, ww) = surface_compliance(media, rock, xi, s)
-    found = compliance(media, rock, np.array([xi]), s).surface
-    assert abs(found.ww[0, 0] / ww - 1) < 1e-9
-    assert abs(found.uu[0, 0] / uu - 1) < 1e-9
-    assert abs(found.wu[0, 0] / -wu - 1) < 1e-9
-
-
-def test_at_rest_is_the_limit_of_slow() -> None:
-    xi = np.geomspace(1e-3, 40.0, 60)
-    for media, rock in GROUNDS.values():
-        still = compliance(media, rock, xi, 0j).surface
-        slow = compliance(media, rock, xi, 1e-3 + 0j).surface
-        for a, b in zip(still, slow, strict=True):
-            assert np.all(np.isfinite(a))
-            np.testing.assert_allclose(a, b, atol=1e-6 * np.max(np.abs(b)), rtol=1e-3)
+    result = compliance(media, rock, np.array([xi]), s).surface
+    assert abs(result.ww[0, 0] / ww - 1) < 1e-9
+    assert abs(result.uu[0, 0] / uu - 1) < 1e-9
+    assert abs(result.wu[0, 0] / -wu - 1) < 1e-9
 
 
 def test_no_depth_overflows() -> None:
@@ -165,33 +157,33 @@ def test_no_power_comes_out_of_passive_ground(
 @pytest.mark.parametrize(
     ("s", "wavenumber"), [(60 + 500j, 0.3), (60 + 500j, 9.0), (1 + 0j, 3.0), (1e-4 + 0j, 2.0)]
 )
-def test_slopes_are_those_of_the_reference(ground: str, s: complex, wavenumber: float) -> None:
+def test_slopes_agree_with_the_reference(ground: str, s: complex, wavenumber: float) -> None:
     media, rock = GROUNDS[ground]
     at = media_of(media, s)
     xi = np.array([wavenumber])
     slopes = compliance_slopes(xi, at, solve_layers(xi, at, rock, 90.0), shear=True)
     for j, medium in enumerate(media[: len(slopes)]):
-        own, nu = slopes[j], medium.poisson_ratio
-        assert own.ratio is not None
+        slope, nu = slopes[j], medium.poisson_ratio
+        assert slope.ratio is not None
         # By logarithms: c has the derivative -1/(2 (1 - nu)^2) by nu.
         expected = {
-            "shear": own.shear * at.shear[j],
-            "density": own.z * at.z[j],
-            "poisson_ratio": own.ratio * (-0.5 / (1 - nu) ** 2) * nu,
+            "shear": slope.shear * at.shear[j],
+            "density": slope.z * at.z[j],
+            "poisson_ratio": slope.ratio * (-0.5 / (1 - nu) ** 2) * nu,
         }
-        if medium.thickness is not None and own.thickness is None:
+        if medium.thickness is not None and slope.thickness is None:
             expected["thickness"] = np.zeros((3, 1, 0))  # too deep to be felt
-        elif own.thickness is not None:
-            expected["thickness"] = own.thickness * at.thickness[j]
-        for field, found in expected.items():
+        elif slope.thickness is not None:
+            expected["thickness"] = slope.thickness * at.thickness[j]
+        for field, result in expected.items():
             uu, ww, wu = surface_compliance_slope(media, rock, wavenumber, s, field, j)
-            if not found.size:  # not felt at this node
-                found = np.zeros((3, 1, 1))
+            if not result.size:  # not felt at this node
+                result = np.zeros((3, 1, 1))
             size = abs(ww) + abs(uu) + abs(wu)
             floor = 1e-13 * np.sum(np.abs(solve_layers(xi, at, rock, 90.0).surface.ww))
-            assert abs(found[0, 0, 0] - ww) < 1e-8 * size + floor, field
-            assert abs(found[1, 0, 0] - uu) < 1e-8 * size + floor, field
-            assert abs(found[2, 0, 0] + wu) < 1e-8 * size + floor, field
+            assert abs(result[0, 0, 0] - ww) < 1e-8 * size + floor, field
+            assert abs(result[1, 0, 0] - uu) < 1e-8 * size + floor, field
+            assert abs(result[2, 0, 0] + wu) < 1e-8 * size + floor, field
 
 
 def test_single_precision_keeps_five_digits() -> None:
@@ -208,10 +200,10 @@ def test_single_precision_keeps_five_digits() -> None:
                     np.testing.assert_allclose(x, y, rtol=0.0, atol=2e-5 * np.max(np.abs(x)))
 
 
-def test_only_what_is_wanted_is_differentiated() -> None:
+def test_slopes_are_computed_on_request_only() -> None:
     media, rock = GROUNDS["crust"]
     at, xi = media_of(media, 60 + 500j), np.array([1.0])
     solution = solve_layers(xi, at, rock, 90.0)
-    for own in compliance_slopes(xi, at, solution, shear=False, ratio=False):
-        assert own.ratio is None
-        assert own.z.shape[0] == 1
+    for slope in compliance_slopes(xi, at, solution, shear=False, ratio=False):
+        assert slope.ratio is None
+        assert slope.z.shape[0] == 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inversion import Grounds, Instrument, ModelError, PlateProblem, SurrogateLibrary
+from inversion import Instrument, ModelError
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.layered import (
     CONVERGED,
@@ -27,10 +28,10 @@ from inversion.forward.layered import (
     layered_transfer,
     layered_transfer_slopes,
 )
-from inversion.forward.model import ForwardModel, Synthesis
+from inversion.forward.model import Synthesis
 from tests import reference
-from tests.inversion.forward.layered.histories import layered_displacement
-from tests.inversion.forward.layered.references import burmister_factor, uniform_pressure_deflection
+from tests.inversion.forward.converged import half_sine_transform
+from tests.inversion.forward.layered.references import uniform_pressure_deflection
 
 Array = NDArray[Any]
 
@@ -65,44 +66,19 @@ def homogeneous(
     return LayeredGround((medium,), math.isfinite(depth))
 
 
-def half_sine(s: Array, duration: float) -> Array:
-    return np.asarray(
-        np.pi * duration * (1 + np.exp(-s * duration)) / (s**2 * duration**2 + np.pi**2)
-    )
-
-
 def histories(transfer: Array, duration: float = 0.015) -> Array:
     """Under a half-sine of 1 N, (..., n_times)."""
     s = TRANSFORM.s
-    return np.asarray(((transfer * half_sine(s, duration)) @ TRANSFORM.synthesis(TIME)).real)
+    return np.asarray(
+        ((transfer * half_sine_transform(s, duration)) @ TRANSFORM.synthesis(TIME)).real
+    )
 
 
-def error_over_peak(found: Array, expected: Array) -> float:
+def error_over_peak(result: Array, expected: Array) -> float:
     """Largest over sensors; a far sensor's peak counts at least a tenth of the plate's."""
     peak = np.max(np.abs(expected), axis=-1)
     peak = np.maximum(peak, 0.1 * np.max(peak))
-    return float(np.max(np.max(np.abs(found - expected), axis=-1) / peak))
-
-
-# --- one medium: the homogeneous model -----------------------------------------------------------
-
-
-@pytest.mark.parametrize("depth", [1.2, math.inf])
-def test_one_medium_is_the_surrogate_within_its_error(
-    depth: float, library: SurrogateLibrary
-) -> None:
-    surrogate = library.get(PlateProblem("rigid-rough", 0.35), None)
-    instrument = Instrument(RADIUS, plate_mass=12.0)
-    time = np.arange(0, 0.08, 1e-4)
-    load = 7e3 * np.sin(np.pi * np.minimum(time, 0.016) / 0.016)
-    wanted = time[1:600]
-    fast = ForwardModel(surrogate, instrument, time, load, wanted, 1600.0).displacement(
-        Grounds(np.array([5e7]), np.array([5e4]), np.array([2000.0]), np.array([1 / depth]))
-    )
-    synthesis = Synthesis(instrument, time, load, wanted, 1600.0)
-    layered = alone(homogeneous(5e7, 5e4, 0.35, depth))
-    found = layered_displacement("rigid-rough", instrument, (0.0,), synthesis, layered, CONVERGED)
-    assert error_over_peak(found[0], fast[0]) < 3e-4
+    return float(np.max(np.max(np.abs(result - expected), axis=-1) / peak))
 
 
 # --- at rest -------------------------------------------------------------------------------------
@@ -121,27 +97,10 @@ def test_rigid_plates_on_a_half_space_at_rest(poisson_ratio: float) -> None:
         ("rigid-rough", rough, 3e-4 if poisson_ratio == 0.0 else 1e-4),
     ):
         setup = PlateSetup(plate, RADIUS, (0.0, 0.5))  # type: ignore[arg-type]
-        centre, far = displacement_per_force(setup, ground, AT_REST)[0, :, 0]
+        centre, outer = displacement_per_force(setup, ground, AT_REST)[0, :, 0]
         assert centre == pytest.approx(1 / stiffness, rel=tolerance)
         if plate != "rigid-rough":
-            assert far / centre == pytest.approx(2 / math.pi * math.asin(RADIUS / 0.5), rel=1e-9)
-
-
-@pytest.mark.parametrize("modulus_ratio", [0.2, 1.0, 5.0, 100.0])
-@pytest.mark.parametrize("radius_over_thickness", [0.3, 1.0, 3.0])
-def test_two_layers_of_burmister(modulus_ratio: float, radius_over_thickness: float) -> None:
-    # Incompressible: as near to nu = 1/2 as the waves allow.
-    nu = 0.4999999
-    ground = LayeredGround(
-        (
-            Medium(5e7 * modulus_ratio, 0.0, 2000.0, nu, RADIUS / radius_over_thickness),
-            Medium(5e7, 0.0, 2000.0, nu),
-        )
-    )
-    setup = PlateSetup("uniform", RADIUS)
-    found = displacement_per_force(setup, alone(ground), AT_REST)[0, 0, 0]
-    factor = burmister_factor(modulus_ratio, radius_over_thickness)
-    assert found == pytest.approx(1.5 * PRESSURE * RADIUS / 5e7 * factor, rel=2e-5)
+            assert outer / centre == pytest.approx(2 / math.pi * math.asin(RADIUS / 0.5), rel=1e-9)
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.1, RADIUS, 0.3, 3.0])
@@ -149,6 +108,7 @@ def test_two_layers_of_burmister(modulus_ratio: float, radius_over_thickness: fl
     ("moduli", "ratios", "thicknesses"),
     [
         ([5e7, 5e7], [0.35, 0.35], [0.3]),
+        ([5e9, 5e7], [0.4999999, 0.4999999], [0.15]),
         ([1e8, 2e7], [0.3, 0.4], [0.2]),
         ([3e9, 3e8, 5e7], [0.35, 0.25, 0.45], [0.12, 0.3]),
         ([3e7, 3e8, 5e7, 2e8], [0.35, 0.25, 0.45, 0.1], [0.12, 0.3, 0.2]),
@@ -164,9 +124,9 @@ def test_layers_under_uniform_pressure_at_rest(
         )
     )
     setup = PlateSetup("uniform", RADIUS, (offset,))
-    found = displacement_per_force(setup, alone(ground), AT_REST)[0, 0, 0]
+    result = displacement_per_force(setup, alone(ground), AT_REST)[0, 0, 0]
     expected = uniform_pressure_deflection(moduli, ratios, thicknesses, RADIUS, PRESSURE, offset)
-    assert found == pytest.approx(expected, rel=2e-5)
+    assert result == pytest.approx(expected, rel=2e-5)
 
 
 # --- rules, batches, derivatives -----------------------------------------------------------------
@@ -209,10 +169,10 @@ def test_the_converged_rule_is_converged(ground: LayeredGround) -> None:
     )
     setup = PlateSetup("rigid-rough", RADIUS, NINE)
     s = np.array([93 + 0j, 93 + 400j, 93 + 2500j])
-    found, expected = (
+    result, expected = (
         displacement_per_force(setup, alone(ground), s, rule)[0] for rule in (CONVERGED, finer)
     )
-    assert np.max(np.abs(found - expected) / np.abs(expected[0])) < 1e-6
+    assert np.max(np.abs(result - expected) / np.abs(expected[0])) < 1e-6
 
 
 @pytest.mark.parametrize(
@@ -225,7 +185,7 @@ def test_the_converged_rule_is_converged(ground: LayeredGround) -> None:
         (Medium(1e7, 1e3, 1800.0, 0.35, 0.3), 93 + 3349j, 1.5e-3),
     ],
 )
-def test_the_fast_rule_ends_where_nothing_is_left(
+def test_the_fast_rule_ends_where_the_integrand_vanishes(
     top: Medium, s: complex, tolerance: float
 ) -> None:
     ground = alone(LayeredGround((top, Medium(2e7, 1e3, 1900.0, 0.30))))
@@ -239,7 +199,7 @@ def test_the_fast_rule_ends_where_nothing_is_left(
 
 @pytest.mark.parametrize("plate", LAYERED_PLATE_MODELS)
 @pytest.mark.parametrize("mass", [0.0, 15.0])
-def test_slopes_are_those_of_differences(plate: LayeredPlateModel, mass: float) -> None:
+def test_slopes_agree_with_differences(plate: LayeredPlateModel, mass: float) -> None:
     grounds = LayeredGrounds.of(
         [
             LayeredGround((*PAVEMENT.media[:2], Medium(1e8, 1e5, 1900.0, 0.4, 2.0)), rock=True),
@@ -306,47 +266,39 @@ def test_the_mass_of_the_plate_is_outside_the_ground() -> None:
 # --- what is refused -----------------------------------------------------------------------------
 
 
+FINITE, ENDLESS = Medium(5e7, 0.0, 2000.0, 0.35, 1.0), Medium(5e7, 0.0, 2000.0, 0.35)
+
+
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("make", "message"),
     [
-        ({"modulus": 0.0}, "modulus: expected a value > 0 Pa, got 0"),
-        ({"viscosity": -1.0}, "viscosity: expected >= 0 Pa s"),
-        ({"density": -5.0}, "density: expected > 0 kg/m3"),
-        ({"poisson_ratio": 0.5}, r"Poisson's ratio: expected 0 <= value < 0.5 .*try 0.49"),
-        ({"thickness": 0.0}, "thickness: expected a value > 0 m"),
+        (lambda: replace(FINITE, modulus=0.0), "modulus: expected a value > 0 Pa, got 0"),
+        (lambda: replace(FINITE, viscosity=-1.0), "viscosity: expected >= 0 Pa s"),
+        (lambda: replace(FINITE, density=-5.0), "density: expected > 0 kg/m3"),
+        (lambda: replace(FINITE, poisson_ratio=0.5), "Poisson's ratio: expected 0 <= value < 0.5"),
+        (lambda: replace(FINITE, thickness=0.0), "thickness: expected a value > 0 m"),
+        (lambda: LayeredGround(()), "at least one medium"),
+        (lambda: LayeredGround((ENDLESS, ENDLESS)), "above the last medium: expected finite"),
+        (lambda: LayeredGround((FINITE, FINITE)), "finite on rock, infinite without"),
+        (lambda: LayeredGround((FINITE, ENDLESS), True), "finite on rock, infinite without"),
+        (lambda: LayeredGrounds.of([PAVEMENT, SOFT_ON_ROCK]), "same number of media"),
+        (
+            lambda: replace(alone(PAVEMENT), modulus=-alone(PAVEMENT).modulus),
+            "modulus: expected values > 0 Pa",
+        ),
+        (lambda: PlateSetup("soft", RADIUS), "expected one of .*uniform, got 'soft'"),  # type: ignore[arg-type]
+        (lambda: PlateSetup("uniform", 0.0), "plate radius: expected a value > 0 m"),
+        (lambda: PlateSetup("uniform", RADIUS, (-0.3,)), "sensor offsets: expected values >= 0 m"),
     ],
 )
-def test_a_medium_outside_its_range(change: dict[str, float], message: str) -> None:
+def test_values_out_of_range_are_named(make: Callable[[], object], message: str) -> None:
     with pytest.raises(ModelError, match=message):
-        replace(Medium(5e7, 0.0, 2000.0, 0.35, 1.0), **change)
+        make()
 
 
-def test_a_ground_whose_thicknesses_do_not_fit() -> None:
-    finite, endless = Medium(5e7, 0.0, 2000.0, 0.35, 1.0), Medium(5e7, 0.0, 2000.0, 0.35)
-    with pytest.raises(ModelError, match="at least one medium"):
-        LayeredGround(())
-    with pytest.raises(ModelError, match="above the last medium: expected finite"):
-        LayeredGround((endless, endless))
-    with pytest.raises(ModelError, match="finite on rock, infinite without"):
-        LayeredGround((finite, finite))
-    with pytest.raises(ModelError, match="finite on rock, infinite without"):
-        LayeredGround((finite, endless), rock=True)
-    with pytest.raises(ModelError, match="same number of media"):
-        LayeredGrounds.of([PAVEMENT, SOFT_ON_ROCK])
-    good = alone(PAVEMENT)
-    with pytest.raises(ModelError, match="modulus: expected values > 0 Pa"):
-        replace(good, modulus=-good.modulus)
+def test_the_depth_of_rock_is_the_sum_of_the_thicknesses() -> None:
     assert SOFT_ON_ROCK.rock_depth == pytest.approx(1.35)
     assert PAVEMENT.rock_depth == math.inf
-
-
-def test_a_setup_that_does_not_exist() -> None:
-    with pytest.raises(ModelError, match=r"expected one of .*uniform, got 'soft'"):
-        PlateSetup("soft", RADIUS)  # type: ignore[arg-type]
-    with pytest.raises(ModelError, match="plate radius: expected a value > 0 m"):
-        PlateSetup("uniform", 0.0)
-    with pytest.raises(ModelError, match="sensor offsets: expected values >= 0 m"):
-        PlateSetup("uniform", RADIUS, (-0.3,))
 
 
 def test_laplace_variables_that_have_no_answer() -> None:
@@ -358,7 +310,7 @@ def test_laplace_variables_that_have_no_answer() -> None:
         displacement_per_force(setup, elastic, np.array([1e-4 + 5000j]))
 
 
-def test_rest_and_waves_in_one_call() -> None:
+def test_rest_and_waves_may_share_a_call() -> None:
     setup = PlateSetup("rigid-smooth", RADIUS, OFFSETS)
     together = displacement_per_force(setup, alone(SOFT_ON_ROCK), np.array([0j, 93 + 400j]))
     for i, s in enumerate((0j, 93 + 400j)):

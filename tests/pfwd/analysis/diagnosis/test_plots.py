@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from inversion.diagnosis.findings import EffectResult, FittedState
 from pfwd.analysis.diagnosis.plots import _draw_ladder, _draw_traces
 from pfwd.analysis.results import DiagnosisResult
-from tests.inversion.diagnosis.found import effect_of, state_of
+from tests.inversion.diagnosis.built_findings import effect_of, state_of
 
 STATE = state_of("layer", 45.3e6, 2e6, (41e6, 50e6), 1e-6, 9.0, 0.017, 0.02, 1e5, 4e7)
 

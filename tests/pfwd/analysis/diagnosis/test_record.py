@@ -15,7 +15,7 @@ from pfwd.analysis.diagnosis import shared_device
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint
 from pfwd.analysis.diagnosis.record import diagnosis_result
 from pfwd.analysis.diagnosis.shared_device import DiagnosisFailure
-from tests.inversion.diagnosis.found import effect_of, parameter_of, state_of
+from tests.inversion.diagnosis.built_findings import effect_of, parameter_of, state_of
 
 STATE = state_of("layer", 4e7, 1e6, (3.8e7, 4.2e7), 1e-6, 9.0, 0.01, 0.01, 1e5, 3.9e7)
 POINT = DiagnosisPoint("A.csv", "unit", None)

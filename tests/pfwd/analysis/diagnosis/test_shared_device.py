@@ -24,7 +24,7 @@ from pfwd.analysis.diagnosis.shared_device import (
     with_device,
 )
 from pfwd.analysis.diagnosis.workers import Workers
-from tests.inversion.diagnosis.found import effect_of, parameter_of, state_of
+from tests.inversion.diagnosis.built_findings import effect_of, parameter_of, state_of
 
 LAG = ("sensor_lag", "device", "delay", "s", 6e-4)
 SEATING = ("seating", "drop", "modulus_ratio", "-", 0.8)

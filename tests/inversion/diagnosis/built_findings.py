@@ -1,4 +1,4 @@
-"""Records of diagnoses for tests, from few values."""
+"""Findings of diagnoses for tests, from a small number of values."""
 
 from collections.abc import Sequence
 
