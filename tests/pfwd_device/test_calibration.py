@@ -21,7 +21,7 @@ from pfwd_plugins.quantities import Measurand
 
 # 12 bits over 2.048 V: one count is 1 mV.
 LOAD = ChannelIdentity("load", Measurand.LOAD, sensitivity=0.0005, zero=0.1)
-FAR = ChannelIdentity("far", Measurand.VELOCITY, offset=0.3, sensitivity=20.0)
+OUTER = ChannelIdentity("far", Measurand.VELOCITY, offset=0.3, sensitivity=20.0)
 CENTRE = ChannelIdentity("centre", Measurand.VELOCITY, sensitivity=-25.0)
 LASER = ChannelIdentity("laser", Measurand.DISPLACEMENT, offset=0.6, sensitivity=1000.0, zero=1.0)
 SPARE = ChannelIdentity("spare", Measurand.VOLTAGE)
@@ -31,7 +31,7 @@ def identity(*channels: ChannelIdentity) -> Identity:
     return Identity("S", "M", "1", 1000.0, 12, 2.048, channels)
 
 
-ALL = identity(SPARE, FAR, LOAD, LASER, CENTRE)
+ALL = identity(SPARE, OUTER, LOAD, LASER, CENTRE)
 
 
 def test_counts_become_si_values() -> None:
@@ -54,13 +54,10 @@ def test_a_drop_has_its_sensors_by_offset_and_nan_where_samples_are_missing() ->
     assert drop.number == 3
     np.testing.assert_allclose(drop.time, [-0.002, -0.001, 0.0, 0.001, 0.002, 0.003])
     np.testing.assert_allclose(drop.load, [0.0, 0.0, 2000.0, 4000.0, np.nan, 0.0])
-    assert [(c.offset, c.quantity) for c in drop.channels] == [
-        (0.0, "velocity"),
-        (0.3, "velocity"),
-        (0.6, "displacement"),
-    ]
-    left = dataclasses.replace(FAR, name="left", offset=-0.3)
-    both = identity(left, FAR, LOAD, CENTRE)
+    sensors = [(channel.offset, channel.quantity) for channel in drop.channels]
+    assert sensors == [(0.0, "velocity"), (0.3, "velocity"), (0.6, "displacement")]
+    opposite = dataclasses.replace(OUTER, name="left", offset=-0.3)
+    both = identity(opposite, OUTER, LOAD, CENTRE)
     # The plate first, whatever side the others are on.
     assert [c.offset for c in calibrate(1, counts, [], 2, both).channels] == [0.0, 0.3, -0.3]
     np.testing.assert_allclose(drop.channels[0].values, [0, 0, 0.001, 0.002, np.nan, 0], atol=1e-12)
@@ -68,7 +65,7 @@ def test_a_drop_has_its_sensors_by_offset_and_nan_where_samples_are_missing() ->
 
 
 @pytest.mark.parametrize("channels", [(CENTRE,), (LOAD, LOAD, CENTRE)])
-def test_one_load_cell_is_needed(channels: tuple[ChannelIdentity, ...]) -> None:
+def test_a_single_load_cell_is_required(channels: tuple[ChannelIdentity, ...]) -> None:
     with pytest.raises(SetupError, match="expected one with the role load"):
         load_channel(identity(*channels))
 
@@ -79,7 +76,7 @@ def test_a_sensor_of_motion_is_needed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("dates", "said"),
+    ("dates", "warnings"),
     [
         ({}, ["calibration of load: no date is declared"]),
         ({"calibrated": datetime.date(2020, 1, 1)}, []),
@@ -90,19 +87,19 @@ def test_a_sensor_of_motion_is_needed() -> None:
     ],
 )
 def test_the_end_of_a_calibration_is_announced(
-    dates: dict[str, datetime.date], said: list[str]
+    dates: dict[str, datetime.date], warnings: list[str]
 ) -> None:
     channel = ChannelIdentity("load", Measurand.LOAD, **dates)  # type: ignore[arg-type]
     today = datetime.date(2026, 5, 4)
-    assert calibration_warnings(identity(channel, SPARE), today) == said
+    assert calibration_warnings(identity(channel, SPARE), today) == warnings
 
 
 @pytest.mark.parametrize(("frequency", "largest"), [(50, 1e-10), (500, 1e-5), (1000, 5e-4)])
 def test_channels_sampled_later_are_shifted_to_the_scan(frequency: float, largest: float) -> None:
     step = np.arange(400)
     late = np.sin(2 * np.pi * frequency * (step + 0.5) / 10_000)
-    wanted = np.sin(2 * np.pi * frequency * step / 10_000)
-    np.testing.assert_allclose(at_scan(late, 0.5)[5:-5], wanted[5:-5], atol=largest)
+    expected = np.sin(2 * np.pi * frequency * step / 10_000)
+    np.testing.assert_allclose(at_scan(late, 0.5)[5:-5], expected[5:-5], atol=largest)
     late[200] = np.nan
     missing = np.flatnonzero(np.isnan(at_scan(late, 0.5)))
     assert missing.tolist() == list(range(198, 204))
@@ -118,7 +115,7 @@ def test_a_declared_delay_moves_the_values_of_a_drop() -> None:
     np.testing.assert_allclose(drop.channels[0].values, at_scan(plain.channels[0].values, 0.5))
 
 
-def test_each_channel_may_have_its_own_range() -> None:
+def test_each_channel_may_have_a_separate_range() -> None:
     wide = dataclasses.replace(CENTRE, adc_range=20.48)
     counts = np.array([0, 25], np.int32)
     np.testing.assert_allclose(to_si(counts, wide, ALL), [0.0, -0.01])

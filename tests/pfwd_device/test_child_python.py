@@ -1,4 +1,4 @@
-"""How a Python process is started beside this one."""
+"""Python processes that are started by this process."""
 
 import os
 import signal
@@ -11,7 +11,7 @@ from pfwd_device.child_python import python_command, start_child, start_text_chi
 SAYS_IT = "import os, sys; print(os.getpgid(0) != int(sys.argv[1]), sys.flags.safe_path)"
 
 
-def test_what_is_said_comes_back_and_nothing_is_printed_between() -> None:
+def test_the_output_of_a_child_is_returned() -> None:
     code = "import sys; print('noise', file=sys.stderr); print(sys.stdin.readline().upper())"
     child = start_child("-c", code)
     out, err = child.communicate(b"drop\n", timeout=30)
@@ -39,14 +39,13 @@ def test_a_process_that_works_for_another_ignores_interrupts() -> None:
         "print(flush=True); input(); print('done')"
     )
     child = start_text_child("-c", code)
-    assert child.stdout is not None
     child.stdout.readline()
     child.send_signal(signal.SIGINT)
     out, _ = child.communicate("\n", timeout=30)
     assert (out.strip(), child.returncode) == ("done", 0)
 
 
-def test_the_program_in_one_folder_is_its_own_python(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_bundled_program_is_its_python(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its beginning takes -m alone: -P is an option of Python."""
     assert python_command("-m", "a.b")[1:] == ["-P", "-m", "a.b"]
     monkeypatch.setattr(sys, "frozen", True, raising=False)

@@ -37,23 +37,22 @@ def test_a_drop_survives_the_trip_to_a_worker_process() -> None:
     assert copy.channels[0].quantity == "velocity"
 
 
-def test_a_load_of_another_length_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"drop 3: expected 100 samples .* got \[99\]"):
-        Drop(3, np.arange(100) / 1000, np.ones(99), ())
+@pytest.mark.parametrize(
+    ("load", "channel", "message"),
+    [
+        (99, 100, r"drop 3: expected 100 samples .* got \[99, 100\]"),
+        (100, 101, r"got \[100, 101\]"),
+    ],
+)
+def test_arrays_of_different_lengths_are_refused(load: int, channel: int, message: str) -> None:
+    channels = (Channel(0.0, "velocity", np.zeros(channel)),)
+    with pytest.raises(ValueError, match=message):
+        Drop(3, np.arange(100) / 1000, np.ones(load), channels)
 
 
-def test_a_channel_of_another_length_is_refused() -> None:
-    channel = Channel(0.0, "velocity", np.zeros(101))
-    with pytest.raises(ValueError, match=r"got \[100, 101\]"):
-        Drop(3, np.arange(100) / 1000, np.ones(100), (channel,))
-
-
-def test_two_dimensions_are_refused() -> None:
+def test_two_dimensions_or_a_single_sample_are_refused() -> None:
     with pytest.raises(ValueError, match=r"values: expected one dimension, got shape \(2, 2\)"):
         Channel(0.0, "velocity", np.zeros((2, 2)))
-
-
-def test_one_sample_is_no_drop() -> None:
     with pytest.raises(ValueError, match="at least 2 samples, got 1"):
         Drop(1, np.zeros(1), np.zeros(1), ())
 
@@ -76,7 +75,7 @@ def test_a_copy_of_a_drop_has_its_samples_whatever_its_number() -> None:
 
 
 @pytest.mark.parametrize(
-    "other",
+    "different",
     [
         replace(measured_drop(), time=np.nextafter(measured_drop().time, 1.0)),
         replace(measured_drop(), load=np.nextafter(measured_drop().load, 0.0)),
@@ -88,9 +87,9 @@ def test_a_copy_of_a_drop_has_its_samples_whatever_its_number() -> None:
     ],
     ids=["time", "load", "fewer", "order", "values", "offset", "quantity"],
 )
-def test_a_drop_that_differs_in_anything_has_other_samples(other: Drop) -> None:
-    assert not measured_drop().has_samples_of(other)
-    assert not other.has_samples_of(measured_drop())
+def test_a_drop_with_any_difference_has_different_samples(different: Drop) -> None:
+    assert not measured_drop().has_samples_of(different)
+    assert not different.has_samples_of(measured_drop())
 
 
 def test_a_drop_of_peaks_alone_has_no_samples() -> None:

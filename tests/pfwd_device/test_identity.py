@@ -1,4 +1,4 @@
-"""What an identity may say, and how it is refused."""
+"""Limits of the values of an identity."""
 
 import math
 from dataclasses import replace

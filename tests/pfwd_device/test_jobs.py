@@ -48,7 +48,6 @@ def test_workers_end_with_a_process_that_is_killed(tmp_path: Path) -> None:
         env={**os.environ, "PYTHONPATH": str(TOP)},
         stdout=subprocess.PIPE,
     ) as process:
-        assert process.stdout is not None
         pid = int(process.stdout.readline())
         process.wait(PATIENCE)
     assert process.returncode == -signal.SIGKILL
@@ -91,7 +90,7 @@ def test_the_smallest_priority_is_first_and_a_withdrawn_call_never_runs(tmp_path
         assert jobs.n_open == 0
 
 
-def test_progress_arrives_with_the_time_left(tmp_path: Path) -> None:
+def test_progress_arrives_with_the_remaining_time(tmp_path: Path) -> None:
     progress: queue.SimpleQueue[TaskProgress] = queue.SimpleQueue()
     with Jobs() as jobs:
         task = jobs.submit(_report_and_wait, str(tmp_path / "stop"), on_progress=progress.put)
@@ -115,22 +114,22 @@ def _fail(kind: type[Exception]) -> None:
     raise kind("wrong")
 
 
-class _Unusual(Exception):
+class _Unpicklable(Exception):
     """Error that cannot be rebuilt from its message."""
 
-    def __init__(self, one: str, two: str) -> None:
-        super().__init__(one)
+    def __init__(self, first: str, two: str) -> None:
+        super().__init__(first)
 
 
 def _fail_unusually() -> None:
-    raise _Unusual("a", "b")
+    raise _Unpicklable("a", "b")
 
 
 def _fail_with_an_object() -> None:
     raise ValueError(threading.Lock())
 
 
-def test_errors_of_a_call_are_those_of_its_job_and_the_worker_goes_on() -> None:
+def test_errors_of_a_call_are_raised_and_the_worker_continues() -> None:
     with Jobs() as jobs:
         with pytest.raises(ValueError, match="wrong") as error:
             jobs.submit(_fail, ValueError).result(PATIENCE)
@@ -153,7 +152,7 @@ def test_a_call_does_not_share_the_input_of_its_worker() -> None:
         assert jobs.submit(os.read, 0, 1).result(PATIENCE) == b""
 
 
-def test_few_calls_are_made_in_this_process() -> None:
+def test_a_single_call_is_made_in_this_process() -> None:
     for count, n_calls in ((1, 5), (5, 1), (0, 0)):
         with Jobs.for_calls(count, n_calls) as jobs:
             assert list(jobs.map(lambda n: (n, os.getpid()), [3])) == [(3, os.getpid())]
@@ -205,13 +204,12 @@ def test_a_process_that_cannot_be_started_is_an_error_and_no_hang(
 
 def _die_while_sending(_large: bytes) -> None:
     """Send the beginning of a long result, and be killed."""
-    assert module._answers is not None
     os.write(module._answers.fileno(), module._LENGTH.pack(10_000_000) + bytes(1000))
     os.kill(os.getpid(), signal.SIGKILL)
 
 
 @pytest.mark.posix
-def test_nothing_waits_for_a_worker_that_is_killed_while_it_sends() -> None:
+def test_a_worker_that_is_killed_while_it_sends_does_not_block() -> None:
     with Jobs(attempts=1) as jobs:
         # The second call fills the pipe of a new process.
         for task in [jobs.submit(_die_while_sending, bytes(10_000_000)) for _ in range(2)]:

@@ -157,7 +157,7 @@ def test_a_json_schema_has_meanings_limits_and_required_keys() -> None:
     assert table_schema({}, more_keys=True)["additionalProperties"] is True
 
 
-def test_stored_values_are_read_as_far_as_they_are_accepted() -> None:
+def test_accepted_stored_values_are_read() -> None:
     table = {"mass_kg": 2, "name": "far too long a name", "other": 1}
     assert readable_values(table, keys_of(Sample)) == {"mass": 2.0}
     assert readable_values({"limits": [1, 2]}, KEYS) == {"limits": (1.0, 2.0)}

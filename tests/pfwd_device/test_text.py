@@ -13,7 +13,7 @@ ANY = st.text(st.characters(codec=None)) | st.binary()
 
 
 @given(text=ANY, limit=st.integers(1, 80))
-def test_whatever_comes_can_be_shown_on_one_line(text: str | bytes, limit: int) -> None:
+def test_cleaned_text_fits_on_a_line(text: str | bytes, limit: int) -> None:
     cleaned = clean(text, limit)
     assert len(cleaned) <= limit
     assert len(cleaned.splitlines()) <= 1
@@ -34,11 +34,11 @@ def test_whatever_comes_can_be_shown_on_one_line(text: str | bytes, limit: int) 
         (b"\xff\xc0\xaf", "���"),
     ],
 )
-def test_what_becomes_of_it(text: str | bytes, cleaned: str) -> None:
+def test_control_characters_are_replaced(text: str | bytes, cleaned: str) -> None:
     assert clean(text) == cleaned
 
 
-def test_length_is_limited_before_anything_else_is_done() -> None:
+def test_the_length_of_a_text_is_limited_first() -> None:
     assert clean("x" * 1_000_000) == "x" * LONGEST_TEXT
     assert clean("🦀".encode() * 1_000_000) == "🦀" * LONGEST_TEXT
     assert clean(b"\xf0\x9f\xa6" * 1_000_000) == "�" * LONGEST_TEXT

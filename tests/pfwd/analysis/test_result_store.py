@@ -2,7 +2,6 @@
 
 import dataclasses
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,7 @@ from pfwd.files.importing import import_files
 from pfwd.files.traces import TracePoint, write_traces
 from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
-from tests.records import complete
+from tests.records import complete, known
 
 QUICK = AnalysisOptions(method="posterior")
 LIBRARY = SurrogateLibrary()
@@ -48,79 +47,63 @@ def survey(made: Path, tmp_path: Path) -> Path:
     return shutil.copytree(made, tmp_path / "survey")
 
 
-def asked(folder: Path, options: AnalysisOptions = QUICK) -> FileOutcome:
+def analysed(folder: Path, options: AnalysisOptions = QUICK) -> FileOutcome:
     return analyse_file(str(folder), options, LIBRARY, use_stored=True)
 
 
 def ask_and_keep(folder: Path, options: AnalysisOptions = QUICK) -> FileOutcome:
-    found = asked(folder, options)
-    assert store_drop_results(str(folder), found.of_survey) is None
-    return found
+    outcome = analysed(folder, options)
+    assert store_drop_results(str(folder), outcome.of_survey) is None
+    return outcome
 
 
-def stored(found: FileOutcome) -> list[bool]:
-    return [bool(result.stored) for result in found.results]
+def stored(outcome: FileOutcome) -> list[bool]:
+    return [bool(result.stored) for result in outcome.results]
 
 
 def test_the_same_question_is_answered_from_the_survey(survey: Path) -> None:
     first = ask_and_keep(survey)
-    second = asked(survey)
+    second = ask_and_keep(survey)
+    assert [drop.result_count for drop in read_survey(survey).drops] == [1, 1]
     assert stored(first) == [False, False]
     assert stored(second) == [True, True]
     for old, new in zip(first.results, second.results, strict=True):
         assert dataclasses.replace(new, stored=None) == dataclasses.replace(old, refit=None)
 
 
-def test_nothing_is_kept_twice(survey: Path) -> None:
-    ask_and_keep(survey)
-    ask_and_keep(survey)
-    assert [drop.result_count for drop in read_survey(survey).drops] == [1, 1]
-
-
-def test_a_changed_result_is_computed_again_once(survey: Path) -> None:
+def test_a_changed_result_is_recomputed(survey: Path) -> None:
     first = ask_and_keep(survey)
     file = survey / "results" / "trial-000002-1.json"
     file.write_text(file.read_text().replace('"modulus_pa":', '"modulus_pa":9'))
-    again = ask_and_keep(survey)
-    assert stored(again) == [True, False]
-    assert again.results[1].modulus_pa == first.results[1].modulus_pa
-    assert stored(asked(survey)) == [True, True]
+    repeated = ask_and_keep(survey)
+    assert stored(repeated) == [True, False]
+    assert repeated.results[1].modulus_pa == first.results[1].modulus_pa
+    assert stored(analysed(survey)) == [True, True]
 
 
-def test_results_are_computed_anew_when_they_are_asked_for(survey: Path) -> None:
+def test_results_are_recomputed_on_request_or_for_another_question(survey: Path) -> None:
     ask_and_keep(survey)
     assert stored(analyse_file(str(survey), QUICK, LIBRARY)) == [False, False]
-
-
-def test_other_settings_are_another_question(survey: Path) -> None:
-    ask_and_keep(survey)
-    other = dataclasses.replace(QUICK, elastic=True)
-    assert stored(asked(survey, other)) == [False, False]
-
-
-def test_another_declaration_is_another_question(survey: Path) -> None:
-    ask_and_keep(survey)
+    assert stored(analysed(survey, dataclasses.replace(QUICK, elastic=True))) == [False, False]
     edit_survey(survey, [Edit("declared", {"plate_mass_kg": 31.0})])
-    assert stored(asked(survey)) == [False, False]
+    assert stored(analysed(survey)) == [False, False]
 
 
-def test_a_discarded_drop_does_not_spoil_the_answers_of_the_others(survey: Path) -> None:
+def test_a_discarded_drop_does_not_invalidate_stored_results(survey: Path) -> None:
     ask_and_keep(survey)
     edit_survey(survey, [Edit("discard")], drop=1)
-    (left,) = asked(survey).results
-    assert left.drop == 2
-    assert left.stored
+    (remaining,) = analysed(survey).results
+    assert remaining.drop == 2
+    assert remaining.stored
 
 
 def test_a_trial_does_not_count(survey: Path) -> None:
-    usual = ask_and_keep(survey, AnalysisOptions())
+    as_declared = ask_and_keep(survey, AnalysisOptions())
     ask_and_keep(survey, dataclasses.replace(QUICK, elastic=True))
-    for drop, result in zip(read_survey(survey).drops, usual.results, strict=True):
-        counting = result_that_counts(drop)
-        assert counting is not None
-        assert counting.modulus_pa == result.modulus_pa
-        assert counting.settings == "as declared"
-        (trial,) = [said for said in drop.read_results() if said.get("refit")]
+    for drop, result in zip(read_survey(survey).drops, as_declared.results, strict=True):
+        counting = known(result_that_counts(drop))
+        assert (counting.modulus_pa, counting.settings) == (result.modulus_pa, "as declared")
+        (trial,) = [text for text in drop.read_results() if text.get("refit")]
         assert trial["refit"] == trial["settings"] == "elastic, posterior"
 
 
@@ -130,45 +113,38 @@ def test_a_result_chosen_while_measuring_keeps_its_place(survey: Path) -> None:
             1, complete(DropResult, result_of(1, 5e7) | {"settings": "elastic, posterior"})
         )
     ask_and_keep(survey, AnalysisOptions())
-    counting = result_that_counts(read_survey(survey).drops[0])
-    assert counting is not None
-    assert counting.modulus_pa == 5e7
-    assert result_that_counts(read_survey(survey).drops[1]) is not None
-    found = ask_and_keep(survey, dataclasses.replace(QUICK, elastic=True))
-    counting = result_that_counts(read_survey(survey).drops[0])
-    assert counting is not None
-    assert counting.modulus_pa == found.results[0].modulus_pa != 5e7
+    counting = [known(result_that_counts(drop)) for drop in read_survey(survey).drops]
+    assert counting[0].modulus_pa == 5e7
+    outcome = ask_and_keep(survey, dataclasses.replace(QUICK, elastic=True))
+    first, _ = read_survey(survey).drops
+    assert known(result_that_counts(first)).modulus_pa == outcome.results[0].modulus_pa != 5e7
 
 
-def test_results_say_what_made_them(survey: Path) -> None:
+def test_results_name_the_program_and_settings_that_made_them(survey: Path) -> None:
     ask_and_keep(survey)
     for drop in read_survey(survey).drops:
-        (said,) = drop.read_results()
-        assert str(said["software"]).startswith("pfwd ")
-        assert said["settings"] == "posterior"
-        assert said["seed"] == 0
+        (result,) = drop.read_results()
+        assert str(result["software"]).startswith("pfwd ")
+        assert (result["settings"], result["seed"]) == ("posterior", 0)
 
 
-def test_a_survey_that_is_written_elsewhere_is_left_alone(survey: Path) -> None:
-    found = asked(survey)
+def test_no_result_is_stored_in_a_survey_that_is_being_written(survey: Path) -> None:
+    outcome = analysed(survey)
     with SurveyWriter.open(survey, publish=False):
-        said = store_drop_results(str(survey), found.of_survey)
-    assert said is not None
-    assert "results are not stored" in said
+        text = store_drop_results(str(survey), outcome.of_survey)
+    assert "results are not stored" in known(text)
     assert [drop.result_count for drop in read_survey(survey).drops] == [0, 0]
 
 
-def test_what_was_kept_is_said(survey: Path) -> None:
+def test_stored_results_are_reported(survey: Path) -> None:
     ask_and_keep(survey)
-    said = stored_results_text("S", asked(survey).results)
-    assert said is not None
-    assert said.startswith("S: 2 of 2 results were stored before (pfwd ")
-    assert (
-        stored_results_text("S", asked(survey, dataclasses.replace(QUICK, seed=1)).results) is None
-    )
+    text = known(stored_results_text("S", analysed(survey).results))
+    assert "2 of 2 results" in text
+    reseeded = analysed(survey, dataclasses.replace(QUICK, seed=1))
+    assert stored_results_text("S", reseeded.results) is None
 
 
-def test_the_diagnosis_of_a_drop_is_none_of_its_results(survey: Path) -> None:
+def test_the_diagnosis_of_a_drop_is_separate_from_its_results(survey: Path) -> None:
     with SurveyWriter.open(survey, publish=False) as writer:
         writer.save_result(2, {"modulus_pa": 5e7})
         writer.save_result(2, {"verdict": "clean"}, "diagnosis")
@@ -193,36 +169,31 @@ def record() -> Record:
     )
 
 
-def _moved(**changes: Any) -> Callable[[Record], Record]:
-    return lambda found: dataclasses.replace(found, **changes)
+STEPS = np.arange(32)
 
 
 @pytest.mark.parametrize(
     "change",
     [
-        _moved(time=np.arange(32) * 2e-4),
-        _moved(load=np.sin(np.arange(32) * 1.0001e-4)),
-        _moved(sensors=(Sensor(0.1, "velocity", np.cos(np.arange(32) * 1e-4)),)),
-        _moved(sensors=(Sensor(0.0, "displacement", np.cos(np.arange(32) * 1e-4)),)),
-        _moved(sensors=(Sensor(0.0, "velocity", np.cos(np.arange(32) * 1.0001e-4)),)),
-        _moved(instrument=Instrument(plate_radius=0.1500001)),
-        _moved(poisson_ratio=0.36),
-        _moved(density=None),
-        _moved(bedrock_depth=None),
-        _moved(model_floor=None),
+        {"time": STEPS * 2e-4},
+        {"load": np.sin(STEPS * 1.0001e-4)},
+        {"sensors": (Sensor(0.1, "velocity", np.cos(STEPS * 1e-4)),)},
+        {"sensors": (Sensor(0.0, "displacement", np.cos(STEPS * 1e-4)),)},
+        {"sensors": (Sensor(0.0, "velocity", np.cos(STEPS * 1.0001e-4)),)},
+        {"instrument": Instrument(plate_radius=0.1500001)},
+        {"poisson_ratio": 0.36},
+        *({name: None} for name in ("density", "bedrock_depth", "model_floor")),
     ],
 )
-def test_every_part_of_a_record_belongs_to_the_question(
-    change: Callable[[Record], Record],
-) -> None:
-    here = record()
-    assert question_of([here], Settings()) != question_of([change(here)], Settings())
+def test_every_part_of_a_record_belongs_to_the_question(change: dict[str, Any]) -> None:
+    changed = dataclasses.replace(record(), **change)
+    assert question_of([record()], Settings()) != question_of([changed], Settings())
 
 
-def test_what_was_said_and_the_settings_belong_to_the_question() -> None:
-    here = question_of([record()], Settings(), ["measured"])
-    assert here == question_of([record()], Settings(), ["measured"])
-    assert len(here) == 32
-    assert here != question_of([record()], Settings(), ["seating"])
-    assert here != question_of([record()], Settings(seed=1), ["measured"])
-    assert here != question_of([record(), record()], Settings(), ["measured"])
+def test_status_and_settings_belong_to_the_question() -> None:
+    question = question_of([record()], Settings(), ["measured"])
+    assert question == question_of([record()], Settings(), ["measured"])
+    assert len(question) == 32
+    assert question != question_of([record()], Settings(), ["seating"])
+    assert question != question_of([record()], Settings(seed=1), ["measured"])
+    assert question != question_of([record(), record()], Settings(), ["measured"])

@@ -13,6 +13,7 @@ from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.screening.drops import screen
 from pfwd.analysis.sensor_fits import over_drops, sensor_fits
 from pfwd.files.header import PointSetup
+from tests.records import known
 
 
 def made_curves() -> TimeHistories:
@@ -34,26 +35,26 @@ def made_curves() -> TimeHistories:
     )
 
 
-def test_residuals_are_parts_of_each_sensors_own_peak() -> None:
-    centre, other = sensor_fits(made_curves())
+def test_residuals_are_relative_to_the_peak_of_each_sensor() -> None:
+    centre, second = sensor_fits(made_curves())
     assert (centre.offset, centre.contact, centre.whole) == (0.0, 0.0, 0.0)
     assert centre.measured_peak == centre.modelled_peak == pytest.approx(100e-6)
     # What comes before the trigger, 9 um, and the bounce after the window have no part in them.
-    assert other.offset == -0.3
-    assert other.contact == pytest.approx(2 / 40)
-    assert other.whole == pytest.approx(np.sqrt((3 * 4 + 2 * 16) / 5) / 40)
-    assert other.measured_peak == pytest.approx(40e-6)
-    assert other.modelled_peak == pytest.approx(42e-6)
+    assert second.offset == -0.3
+    assert second.contact == pytest.approx(2 / 40)
+    assert second.whole == pytest.approx(np.sqrt((3 * 4 + 2 * 16) / 5) / 40)
+    assert second.measured_peak == pytest.approx(40e-6)
+    assert second.modelled_peak == pytest.approx(42e-6)
 
 
 def test_several_drops_have_mean_peaks_and_rms_residuals() -> None:
-    one = sensor_fits(made_curves())
-    twice = [dataclasses.replace(fit, measured_peak=3 * fit.measured_peak) for fit in one]
+    first = sensor_fits(made_curves())
+    twice = [dataclasses.replace(fit, measured_peak=3 * fit.measured_peak) for fit in first]
     still = [dataclasses.replace(fit, contact=0.0) for fit in twice]
-    centre, other = over_drops([one, still])
+    centre, second = over_drops([first, still])
     assert centre.measured_peak == pytest.approx(200e-6)
-    assert other.contact == pytest.approx(2 / 40 / np.sqrt(2))
-    assert over_drops([one, still[:1]])[1] == one[1], "without the sensor: no part in it"
+    assert second.contact == pytest.approx(2 / 40 / np.sqrt(2))
+    assert over_drops([first, still[:1]])[1] == first[1], "without the sensor: no part in it"
     assert over_drops([]) == ()
 
 
@@ -61,16 +62,12 @@ def test_the_sensors_together_have_the_residual_of_the_drop(make_drop: Any) -> N
     drop = make_drop(offsets=(0.0, 0.3, -0.3))
     setup = PointSetup(plate_radius=0.15, plate_mass=0.0, poisson_ratio=0.35)
     options = AnalysisOptions(method="posterior", bedrock_depth="none")
-    found = analyse_drop(drop, setup, screen(drop, setup), options, SurrogateLibrary()).result
-    assert found is not None
-    history = found.history
-    curves = TimeHistories(**{name: getattr(history, name) for name in TimeHistories.__slots__})
-    fits = sensor_fits(curves)
+    analysis = analyse_drop(drop, setup, screen(drop, setup), options, SurrogateLibrary())
+    result = known(analysis.result)
+    curves = {name: getattr(result.history, name) for name in TimeHistories.__slots__}
+    fits = sensor_fits(TimeHistories(**curves))
     assert [fit.offset for fit in fits] == [0.0, 0.3, -0.3]
-    for name, whole in (
-        ("whole", found.residual_rms_over_peak),
-        ("contact", found.contact_residual_rms_over_peak),
-    ):
-        # One sample at an end more or less, by rounding of its time.
-        together = np.sqrt(np.mean([getattr(fit, name) ** 2 for fit in fits]))
-        assert together == pytest.approx(whole, rel=1e-2)
+    squares = np.array([(fit.whole**2, fit.contact**2) for fit in fits])
+    residuals = [result.residual_rms_over_peak, result.contact_residual_rms_over_peak]
+    # One sample at an end more or less, by rounding of its time.
+    assert np.sqrt(squares.mean(axis=0)) == pytest.approx(residuals, rel=1e-2)

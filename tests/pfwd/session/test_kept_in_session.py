@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pfwd.session.buffered_drops import trigger_for
-from pfwd.session.events import DropSaved, DropsWaiting, SessionNotice
+from pfwd.session.events import DropsWaiting, SessionNotice
 from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
 from pfwd_device.acquisition.detection import DetectionSettings
@@ -17,112 +17,67 @@ from pfwd_device.errors import StorageFull
 from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_device.wire.fields import pack_int24
 from pfwd_device.wire.messages import Armed, DropOffer, Event, EventKind, Status
-from tests.pfwd import scripted_feed
-from tests.pfwd.scripted_feed import Log, ScriptedFeed
+from tests.pfwd.scripted_feed import IDENTITY, RATE, Log, ScriptedFeed, connected, lost, run
+from tests.pfwd.session.measured import record
+
+TRIGGER = trigger_for(IDENTITY, DetectionSettings())
+LENGTH = TRIGGER.before + TRIGGER.after
 
 
-def kept(first: int = 500, *, earlier: bool = False, peak: int = 20_000) -> BufferedDrop:
-    identity = scripted_feed.connected().identity
-    trigger = trigger_for(identity, DetectionSettings())
-    length = trigger.before + trigger.after
-    counts = np.zeros((length, len(identity.channels)), np.int32)
-    counts[trigger.before : trigger.before + 40] = peak
-    data = pack_int24(counts)
-    offer = DropOffer(
-        9,
-        first,
-        None,
-        trigger.before,
-        length,
-        counts.shape[1],
-        40,
-        zlib.crc32(data),
-        identity.sampling_rate,
-        earlier=earlier,
-    )
+def buffered(first: int = 500, *, earlier: bool = False, peak: int = 20_000) -> BufferedDrop:
+    counts = np.zeros((LENGTH, 2), np.int32)
+    counts[TRIGGER.before : TRIGGER.before + 40] = peak
+    crc = zlib.crc32(pack_int24(counts))
+    offer = DropOffer(9, first, None, TRIGGER.before, LENGTH, 2, 40, crc, RATE, earlier=earlier)
     return BufferedDrop(offer, counts, None, 1.0)
 
 
 def armed() -> Armed:
-    return Armed(trigger_for(scripted_feed.connected().identity, DetectionSettings()))
+    return Armed(TRIGGER)
 
 
-def test_it_is_acknowledged_after_it_is_safe_and_not_before(
+def received(folder: Path, *parts: object, log: Log | None = None) -> list[tuple[int, int]]:
+    """Record what an instrument that detects drops sends; return the drops it may erase."""
+    with SurveyWriter.open(folder, publish=False) as writer:
+        feed = ScriptedFeed(connected(), armed(), *parts)
+        run(feed, Log() if log is None else log, writer)
+    return feed.acknowledged
+
+
+def test_a_drop_is_acknowledged_after_it_is_safe_and_not_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    log = Log()
     with SurveyWriter.open(tmp_path / "survey") as writer:
-        feed = ScriptedFeed(scripted_feed.connected(), armed(), kept())
-        save = writer.save_drop
-        before: list[list[tuple[int, int]]] = []
+        feed = ScriptedFeed(connected(), armed(), buffered())
+        save, before = writer.save_drop, list[list[tuple[int, int]]]()
 
         def saving(record: object) -> int:
             before.append(list(feed.acknowledged))
             return save(record)  # type: ignore[arg-type]
 
         monkeypatch.setattr(writer, "save_drop", saving)
-        Session(feed, log, writer=writer).run()
+        run(feed, Log(), writer)
     assert before == [[]]
     assert feed.acknowledged == [(9, 500)]
     assert len(read_survey(tmp_path / "survey").drops) == 1
 
 
-def test_what_the_disk_does_not_take_is_not_acknowledged(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with SurveyWriter.open(tmp_path / "survey") as writer:
-        feed = ScriptedFeed(scripted_feed.connected(), armed(), kept(), kept())
-
-        def full(record: object) -> int:
-            raise StorageFull("full")
-
-        monkeypatch.setattr(writer, "save_drop", full)
-        session = Session(feed, Log(), writer=writer)
-        session.stop()  # the end makes one attempt and no more
-        for item in (scripted_feed.connected(), armed(), kept(), kept()):
-            session._take(item)
-        session._save_the_rest(lambda: True)
-    assert feed.acknowledged == []
-
-
-def test_a_drop_that_comes_again_is_acknowledged_and_recorded_once(tmp_path: Path) -> None:
-    for _ in range(2):  # the program was restarted in between
-        log = Log()
-        with SurveyWriter.open(tmp_path / "survey") as writer:
-            feed = ScriptedFeed(scripted_feed.connected(), armed(), kept(), kept(earlier=True))
-            Session(feed, log, writer=writer).run()
-        assert feed.acknowledged == [(9, 500)] * 2
-        assert "was received again" in log.texts
-    assert len(read_survey(tmp_path / "survey").drops) == 1
-    assert not log.of(DropSaved)
-
-
-def test_a_drop_that_never_has_its_checksum_is_told(tmp_path: Path) -> None:
+def test_a_drop_that_never_has_its_checksum_is_reported(tmp_path: Path) -> None:
     log = Log()
-    with SurveyWriter.open(tmp_path / "survey") as writer:
-        unusable = UnusableDrop(kept().offer, "expected its checksum, got another one")
-        feed = ScriptedFeed(scripted_feed.connected(), armed(), unusable)
-        Session(feed, log, writer=writer).run()
-    assert feed.acknowledged == []
-    (notice,) = [each for each in log if isinstance(each, SessionNotice) and each.serious]
-    assert notice.text == (
-        "buffered drop (run and sample 9/500) is not recorded and stays in the instrument: "
-        "expected its checksum, got another one"
-    )
+    unusable = UnusableDrop(buffered().offer, "expected its checksum, got another one")
+    assert received(tmp_path / "survey", unusable, log=log) == []
+    (notice,) = [notice for notice in log.of(SessionNotice) if notice.serious]
+    assert "9/500" in notice.text
+    assert unusable.reason in notice.text
 
 
-def test_five_drops_under_one_name_are_five_drops_of_the_survey(tmp_path: Path) -> None:
-    drops = [kept(peak=20_000 + seed) for seed in range(5)]
+def test_five_drops_with_the_same_name_are_five_drops_of_the_survey(tmp_path: Path) -> None:
+    drops = [buffered(peak=20_000 + seed) for seed in range(5)]
     log = Log()
     for part in (drops[:3], drops[3:], drops):  # the host was restarted, and restarted again
-        with SurveyWriter.open(tmp_path / "survey") as writer:
-            feed = ScriptedFeed(scripted_feed.connected(), armed(), *part)
-            Session(feed, log, SessionPlan(options=None), writer).run()
-        assert feed.acknowledged == [(9, 500)] * len(part)
-    recorded = [drop.read() for drop in read_survey(tmp_path / "survey").drops]
-    assert [int(record.counts.max()) for record in recorded if record.counts is not None] == [
-        20_000 + seed for seed in range(5)
-    ]
+        assert received(tmp_path / "s", *part, log=log) == [(9, 500)] * len(part)
+    recorded = [drop.read() for drop in read_survey(tmp_path / "s").drops]
+    assert [record.counts.max() for record in recorded] == [20_000 + seed for seed in range(5)]
     assert log.texts.count("which has other samples; both are recorded") == 4
     assert "the instrument used its key T-1/9/700" in log.texts
     assert "for drop 1, which has other samples" in log.texts
@@ -131,16 +86,14 @@ def test_five_drops_under_one_name_are_five_drops_of_the_survey(tmp_path: Path) 
 
 
 def test_a_drop_of_the_same_samples_under_another_name_is_another_drop(tmp_path: Path) -> None:
-    with SurveyWriter.open(tmp_path / "survey") as writer:
-        moved = kept(first=510)
-        offer = dataclasses.replace(moved.offer, trigger=moved.offer.trigger - 10)
-        early = dataclasses.replace(moved, offer=offer)  # the trigger is the same sample
-        feed = ScriptedFeed(scripted_feed.connected(), armed(), kept(), early)
-        Session(feed, Log(), SessionPlan(options=None), writer).run()
+    moved = buffered(first=510)
+    offer = dataclasses.replace(moved.offer, trigger=moved.offer.trigger - 10)
+    early = dataclasses.replace(moved, offer=offer)  # the trigger is the same sample
+    received(tmp_path / "survey", buffered(), early)
     assert len(read_survey(tmp_path / "survey").drops) == 2
 
 
-def test_drops_that_the_disk_has_not_taken_yet_are_told_apart_too(
+def test_unsaved_drops_of_the_same_name_are_distinguished(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     log = Log()
@@ -153,7 +106,7 @@ def test_drops_that_the_disk_has_not_taken_yet_are_told_apart_too(
                 raise StorageFull("full")
 
             full.setattr(writer, "save_drop", refuse)
-            for item in (scripted_feed.connected(), armed(), kept(), kept(peak=9), kept()):
+            for item in (connected(), armed(), buffered(), buffered(peak=9), buffered()):
                 session._take(item)
         assert feed.acknowledged == []
         session._save_the_rest(lambda: True)
@@ -176,12 +129,9 @@ def test_a_drop_that_no_replay_could_cut_is_reported_and_the_next_is_recorded(
     log = Log()
     counts = np.ones((samples, 2), np.int32)
     offer = DropOffer(9, 1, None, trigger, samples, 2, 40, zlib.crc32(pack_int24(counts)), rate)
-    with SurveyWriter.open(tmp_path / "survey") as writer:
-        odd = BufferedDrop(offer, counts, None, 1.0)
-        feed = ScriptedFeed(scripted_feed.connected(), armed(), odd, kept())
-        Session(feed, log, SessionPlan(options=None), writer).run()
-    assert feed.acknowledged == [(9, 500)]
-    assert "run and sample 9/1) is not recorded and stays in the instrument" in log.texts
+    odd = BufferedDrop(offer, counts, None, 1.0)
+    assert received(tmp_path / "survey", odd, buffered(), log=log) == [(9, 500)]
+    assert "9/1) is not recorded" in log.texts
     assert reason in log.texts
     assert len(read_survey(tmp_path / "survey").drops) == 1
 
@@ -196,18 +146,12 @@ def test_drops_that_the_instrument_lost_are_reported_once_each(tmp_path: Path) -
     boot = Event(EventKind.BOOT, 0)
     parts = [
         [lost_drops(total) for total in (0, 2, 2)],
-        [scripted_feed.lost(), scripted_feed.connected(again=True), lost_drops(3)],
+        [lost(), connected(again=True), lost_drops(3)],
         [boot, lost_drops(3)],
     ]
     for items in (parts, [lost_drops(3), lost_drops(4)], [lost_drops(1)]):
-        with SurveyWriter.open(tmp_path / "survey") as writer:
-            feed = ScriptedFeed(scripted_feed.connected(), *items)
-            Session(feed, log, SessionPlan(options=None), writer).run()
-    texts = [notice.text for notice in log.of(SessionNotice) if notice.serious]
-    counts = ["2 (2", "1 (3", "3 (3", "1 (4", "1 (1"]
-    assert [text.partition(" since power-on)")[0] for text in texts] == [
-        f"drops lost by the instrument T-1: {count}" for count in counts
-    ]
+        record(tmp_path / "survey", connected(), *items, log=log)
+    assert len([notice for notice in log.of(SessionNotice) if notice.serious]) == 5
     events = read_survey(tmp_path / "survey").events
     assert [each["details"] for each in events if each["event"] == "drops lost"] == [
         {"serial_number": "T-1", "drops": count, "since_power_on": total}
@@ -216,10 +160,7 @@ def test_drops_that_the_instrument_lost_are_reported_once_each(tmp_path: Path) -
 
 
 def test_drops_lost_before_the_first_report_may_be_older_than_the_survey(tmp_path: Path) -> None:
-    log = Log()
-    with SurveyWriter.open(tmp_path / "survey") as writer:
-        feed = ScriptedFeed(lost_drops(9), scripted_feed.connected(), lost_drops(2))
-        Session(feed, log, SessionPlan(options=None), writer).run()
+    log = record(tmp_path / "survey", lost_drops(9), connected(), lost_drops(2))
     assert "T-1: 2 (2 since power-on; they may be older than this survey)" in log.texts
     assert "9" not in log.texts  # perhaps of another instrument, as its identity was not known
 
@@ -227,15 +168,11 @@ def test_drops_lost_before_the_first_report_may_be_older_than_the_survey(tmp_pat
 def test_drops_that_wait_in_the_instrument_at_the_end_are_reported(tmp_path: Path) -> None:
     log = Log()
     with SurveyWriter.open(tmp_path / "survey") as writer:
-        feed = ScriptedFeed(scripted_feed.connected(), armed(), kept())
+        feed = ScriptedFeed(connected(), armed(), buffered())
         feed.last_status = dataclasses.replace(lost_drops(1), drops_waiting=2)
-        Session(feed, log, SessionPlan(options=None), writer).run()
+        run(feed, log, writer)
     (notice,) = log.of(DropsWaiting)
     assert notice.serious
-    assert notice.text == (
-        "drops that wait in the instrument and are not recorded: 2. Measure with this survey "
-        "again to record them, and do not switch the instrument off before"
-    )
     *_, before, last = read_survey(tmp_path / "survey").events
     assert before["event"] == "drops lost"  # no status came earlier
     assert last["event"] == "drops waiting"

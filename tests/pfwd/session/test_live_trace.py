@@ -28,32 +28,32 @@ def test_the_envelope_does_not_depend_on_how_the_samples_were_cut(chunk: int) ->
     trace = LiveTrace()
     for at in range(0, len(counts), chunk):
         trace.feed(event(counts[at : at + chunk], at))
-    shown = trace.envelope()
+    envelope = trace.envelope()
     parts = counts[:, 0].reshape(-1, STEP)
-    np.testing.assert_allclose(shown.load[:, 0], parts.min(axis=1), rtol=1e-9)
-    np.testing.assert_allclose(shown.load[:, 1], parts.max(axis=1), rtol=1e-9)
-    assert shown.samples == 3000
+    np.testing.assert_allclose(envelope.load[:, 0], parts.min(axis=1), rtol=1e-9)
+    np.testing.assert_allclose(envelope.load[:, 1], parts.max(axis=1), rtol=1e-9)
+    assert envelope.samples == 3000
 
 
-def test_a_peak_of_one_sample_is_there_with_its_unit() -> None:
+def test_the_envelope_has_a_peak_of_a_single_sample() -> None:
     counts = np.zeros((1000, 2), np.int32)
     counts[537] = (8000, 250_000)
     trace = LiveTrace()
     trace.feed(event(counts, 0))
-    shown = trace.envelope()
-    assert shown.load[5, 1] == pytest.approx(8000.0)  # a count is a newton
-    assert shown.velocity[5, 1] == pytest.approx(0.25)  # and a micrometre per second
-    assert shown.quantity == "velocity"
+    envelope = trace.envelope()
+    assert envelope.load[5, 1] == pytest.approx(8000.0)  # a count is a newton
+    assert envelope.velocity[5, 1] == pytest.approx(0.25)  # and a micrometre per second
+    assert envelope.quantity == "velocity"
 
 
-def test_only_the_last_seconds_are_kept() -> None:
+def test_the_envelope_covers_the_last_seconds() -> None:
     trace = LiveTrace(window=0.2)
     for at in range(0, 10_000, 1000):
         trace.feed(event(noise(1000), at))
     assert len(trace.envelope().load) == 20
 
 
-def test_another_stream_begins_anew_and_the_shunt_is_no_load() -> None:
+def test_a_new_stream_restarts_the_envelope_and_the_shunt_is_no_load() -> None:
     trace = LiveTrace()
     trace.feed(event(noise(1000), 0))
     trace.feed(event(np.full((500, 2), 5000, np.int32), 1000, shunt=True))

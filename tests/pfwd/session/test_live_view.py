@@ -9,23 +9,15 @@ from pfwd.session.events import PointBegan, Rebounded, SurveyChanged, SurveyRead
 from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
 from pfwd_device.recording import SurveyWriter, read_survey
-from tests.pfwd.scripted_feed import (
-    ONE_DROP,
-    Log,
-    Publisher,
-    ScriptedFeed,
-    began,
-    connected,
-    pieces,
-)
+from tests.pfwd.scripted_feed import Log, Publisher, ScriptedFeed, connected
+from tests.pfwd.session.measured import drops
 from tests.records import read
 
 
 def measured(folder: Path, point: str, before: SurveyView | None = None) -> Log:
     log = Log()
     with SurveyWriter.open(folder, publish=False) as writer:
-        run = int(point)
-        feed = ScriptedFeed(connected(), began(run), pieces(ONE_DROP, run))
+        feed = ScriptedFeed(connected(), drops(8000.0, run=int(point)))
         session = Session(feed, log, SessionPlan(options=None, point=point), writer)
         if before is not None:
             session.continue_survey(before)
@@ -46,7 +38,7 @@ def test_views_share_all_points_and_drops_that_an_event_does_not_change(tmp_path
     assert drop.metadata is first.points["1"].drops[0].metadata
 
 
-def test_the_next_session_continues_the_survey_of_the_one_before(tmp_path: Path) -> None:
+def test_a_session_continues_the_survey_of_the_previous_session(tmp_path: Path) -> None:
     before = measured(tmp_path / "s", "1").of(SurveyChanged)[-1].view
     log = measured(tmp_path / "s", "2", before)
     changes = log.of(SurveyChanged)
@@ -58,18 +50,17 @@ def test_a_requested_diagnosis_is_stored_by_the_session_that_writes(tmp_path: Pa
     diagnosis = read(DiagnosisResult, {"drops": [1], "verdict": "clean"})
     log = Log()
     with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
-        feed = ScriptedFeed(connected(), began(), pieces(ONE_DROP))
+        feed = ScriptedFeed(connected(), drops(8000.0))
         session = Session(feed, log, SessionPlan(options=None, point="1"), writer)
         session.run()
         session.keep_diagnosis(1, diagnosis)
     assert log.of(SurveyChanged)[-1].view.points["1"].diagnosis is diagnosis
     (point,) = read_survey(tmp_path / "s").points
     stored = last_diagnosis(point)
-    assert stored is not None
     assert (stored.drops, stored.verdict) == ((1,), "clean")
 
 
-def test_points_read_from_the_survey_come_before_the_point_that_has_just_begun() -> None:
+def test_stored_points_precede_the_current_point() -> None:
     publisher = Publisher()
     publisher(PointBegan("3"))
     publisher(SurveyRead((PointView("1"), PointView("2"))))

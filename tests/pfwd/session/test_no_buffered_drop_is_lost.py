@@ -4,7 +4,6 @@ The instrument is the keeper of the simulator behind a link that delays and lose
 counted in tenths of a second and passes in no time.
 """
 
-import dataclasses
 import itertools
 import tempfile
 import zlib
@@ -22,7 +21,7 @@ from pfwd.session.buffered_drops import trigger_for
 from pfwd.session.events import N_REPORTED_FIRST
 from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
-from pfwd_device.acquisition.drop_transfers import DropId, DropTransfers
+from pfwd_device.acquisition.drop_transfers import DropTransfers
 from pfwd_device.acquisition.items import BufferedDrop, Counters, UnusableDrop
 from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_device.wire.fields import pack_int24
@@ -43,7 +42,7 @@ TICK = 0.1
 """s."""
 STATUS_EVERY = 5
 """Ticks between two Offers of a drop that waits."""
-MOST_LOST = 3
+MAX_LOST = 3
 """Messages in a row: the order of the drops of a name is known from their first eight Offers."""
 SLOWEST = 4
 """Ticks that a message takes at most: an answer comes within 1 s."""
@@ -56,36 +55,27 @@ class Fallen:
     """A drop that the instrument finds."""
 
     name: int
-    """Of the few first samples that all drops share: names are used again and again."""
+    """First sample; drops share it, because names are used repeatedly."""
     samples: int
     trigger: int
     rate: float
     channels: int
     seed: int
 
-    def kept(self) -> WaitingDrop:
+    def to_waiting(self) -> WaitingDrop:
         # Not the same samples cut or sampled in another way: one of the two could stand for both.
         rng = np.random.default_rng([self.seed, self.trigger, round(self.rate)])
         counts = rng.integers(-1000, 1000, (self.samples, self.channels), np.int32)
         data = pack_int24(counts)
         trigger = min(self.trigger, self.samples)
         each = max(1, -(-self.samples // 3))
-        offer = DropOffer(
-            1,
-            self.name,
-            None,
-            trigger,
-            self.samples,
-            self.channels,
-            each,
-            zlib.crc32(data),
-            self.rate,
-        )
+        size = trigger, self.samples, self.channels, each
+        offer = DropOffer(1, self.name, None, *size, zlib.crc32(data), self.rate)
         return WaitingDrop(offer, data)
 
 
 def is_usable(offer: DropOffer) -> bool:
-    """Whether a drop can be recorded so that a replay finds it again."""
+    """Return whether a replay can detect the recorded drop."""
     after = max(1, offer.samples - offer.trigger)
     return (
         offer.channels == len(IDENTITY.channels)
@@ -104,12 +94,12 @@ class Instrument:
     def take(self, message: object) -> Sequence[FromInstrument]:
         match message:
             case Fetch(stream, first):
-                kept = self.keeper.find(stream, first)
-                return kept.blocks(message) if kept is not None else []
+                waiting = self.keeper.find(stream, first)
+                return waiting.blocks(message) if waiting is not None else []
             case Acknowledge(stream, first):
-                kept = self.keeper.find(stream, first)
-                if kept is not None:
-                    self.erased.append(kept)
+                waiting = self.keeper.find(stream, first)
+                if waiting is not None:
+                    self.erased.append(waiting)
                 self.keeper.release(stream, first)
                 return [Released(stream, first), *self.offer()]
         return []
@@ -126,26 +116,26 @@ class Host:
         self.writer = SurveyWriter.open(
             folder, publish=False, reserve_bytes=0, storage=UnsyncedStorage()
         )
-        self.kept = DropTransfers(Counters())
-        self.kept.channels = len(IDENTITY.channels)
+        self.transfers = DropTransfers(Counters())
+        self.transfers.channels = len(IDENTITY.channels)
         self.log = log
         self.time = 0.0
         feed = ScriptedFeed(forever=True)
-        feed.acknowledge = lambda offer: self.kept.acknowledge(offer, self.time)  # type: ignore[method-assign]
+        feed.acknowledge = lambda offer: self.transfers.acknowledge(offer, self.time)  # type: ignore[method-assign]
         self.session = Session(feed, log, SessionPlan(options=None), self.writer)
         self.session._take(scripted_feed.connected())
         self.session._take(Armed(trigger_for(IDENTITY, self.session._plan.setup.device.detection)))
 
     def take(self, message: FromInstrument, time: float) -> None:
         self.time = time
-        item = self.kept.take(message, time, None)
+        item = self.transfers.take(message, time, None)
         if isinstance(item, BufferedDrop | UnusableDrop):
             self.session._take(item)
 
     def say(self, time: float) -> list[object]:
-        self.kept.tick(time)
-        said, self.kept.outbox = self.kept.outbox, []
-        return list(said)
+        self.transfers.tick(time)
+        messages, self.transfers.outbox = self.transfers.outbox, []
+        return list(messages)
 
     def end(self) -> None:
         self.writer.close()
@@ -180,7 +170,7 @@ class Way:
 
 def first_of_names(instrument: Instrument) -> list[WaitingDrop]:
     """The drops that wait, but for those behind another one of their name: it alone is fetched."""
-    first = {kept.offer.first_sample: kept for kept in reversed(instrument.keeper.waiting)}
+    first = {waiting.offer.first_sample: waiting for waiting in reversed(instrument.keeper.waiting)}
     return list(first.values())
 
 
@@ -205,13 +195,13 @@ step = st.one_of(
     to_delays=st.lists(st.integers(0, SLOWEST), min_size=1, max_size=4),
     from_delays=st.lists(st.integers(0, SLOWEST), min_size=1, max_size=4),
 )
-def test_what_the_instrument_erases_is_in_the_survey_once(
+def test_each_erased_drop_is_in_the_survey_once(
     steps: list[Fallen | str], to_delays: list[int], from_delays: list[int]
 ) -> None:
     with tempfile.TemporaryDirectory() as folder:
         survey = Path(folder) / "survey"
         log, instrument = Log(), Instrument()
-        there, back = Way(to_delays), Way(from_delays)
+        outward, back = Way(to_delays), Way(from_delays)
         host = Host(survey, log)
         everything: list[WaitingDrop] = []
         tick = 0
@@ -220,64 +210,70 @@ def test_what_the_instrument_erases_is_in_the_survey_once(
             nonlocal tick
             for _ in range(ticks):
                 tick += 1
-                answers = [answer for said in there.take(tick) for answer in instrument.take(said)]
+                answers = [
+                    answer
+                    for messages in outward.take(tick)
+                    for answer in instrument.take(messages)
+                ]
                 if tick % STATUS_EVERY == 0:
                     answers += instrument.offer()
                 for answer in answers:
                     back.put(answer, tick)
                 for message in back.take(tick):
                     host.take(message, tick * TICK)  # type: ignore[arg-type]
-                for said in host.say(tick * TICK):
-                    there.put(said, tick)
+                for messages in host.say(tick * TICK):
+                    outward.put(messages, tick)
 
         def reconnect() -> None:
-            there.cut()
+            outward.cut()
             back.cut()
             instrument.keeper.offer_oldest()
 
         for each in steps:
             match each:
                 case Fallen():
-                    everything.append(each.kept())
+                    everything.append(each.to_waiting())
                     instrument.keeper.waiting.append(everything[-1])
                 case "lose to":
-                    there.losing = min(MOST_LOST, there.losing + 1)
+                    outward.losing = min(MAX_LOST, outward.losing + 1)
                 case "lose from":
-                    back.losing = min(MOST_LOST, back.losing + 1)
+                    back.losing = min(MAX_LOST, back.losing + 1)
                 case "restart":
                     host.end()
                     reconnect()
                     host = Host(survey, log)
                 case "cut":
-                    host.kept.cut()
+                    host.transfers.cut()
                     reconnect()
                 case "power":
-                    host.kept.cut()
+                    host.transfers.cut()
                     reconnect()
                     instrument.keeper.switched_off()
             pass_time(2)
-        there.losing = back.losing = 0
+        outward.losing = back.losing = 0
         for _ in range(5 + len(everything) ** 2 + 5 * len(everything)):
-            if not any(is_usable(kept.offer) for kept in first_of_names(instrument)):
+            if not any(is_usable(waiting.offer) for waiting in first_of_names(instrument)):
                 break
             pass_time(10)
         pass_time(50 + 10 * len(everything))  # each of those that stay is offered
         host.end()
         recorded = Counter(map(_facts_of_record, _records(survey)))
-        erased = Counter(_facts(kept) for kept in instrument.erased)
+        erased = Counter(_facts(waiting) for waiting in instrument.erased)
         # Two drops that are alike in everything, name included, are one.
         assert set(erased) <= set(recorded)
         assert set(recorded.values()) <= {1}
         # One that is recorded stays where an unusable one of its name could be erased in its place.
         stay = first_of_names(instrument)
-        unusable = [kept.offer for kept in stay if not is_usable(kept.offer)]
-        refused = {kept.offer.first_sample for kept in everything if not is_usable(kept.offer)}
-        for kept in stay:
-            if is_usable(kept.offer):
-                assert _facts(kept) in recorded
-                assert kept.offer.first_sample in refused
-        assert all(is_usable(kept.offer) for kept in instrument.erased)
-        if sum(not is_usable(kept.offer) for kept in everything) > N_REPORTED_FIRST:
+        unusable = [waiting.offer for waiting in stay if not is_usable(waiting.offer)]
+        refused = {
+            waiting.offer.first_sample for waiting in everything if not is_usable(waiting.offer)
+        }
+        for waiting in stay:
+            if is_usable(waiting.offer):
+                assert _facts(waiting) in recorded
+                assert waiting.offer.first_sample in refused
+        assert all(is_usable(waiting.offer) for waiting in instrument.erased)
+        if sum(not is_usable(waiting.offer) for waiting in everything) > N_REPORTED_FIRST:
             return  # the rest is counted
         for offer in unusable:
             assert (
@@ -288,33 +284,22 @@ def test_what_the_instrument_erases_is_in_the_survey_once(
 Facts = tuple[int, int, float, bytes]
 
 
-def _facts(kept: WaitingDrop) -> Facts:
-    offer = kept.offer
-    return offer.first_sample, offer.trigger, offer.sampling_rate, kept.data
+def _facts(waiting: WaitingDrop) -> Facts:
+    offer = waiting.offer
+    return offer.first_sample, offer.trigger, offer.sampling_rate, waiting.data
 
 
 def _records(survey: Path) -> list[tuple[dict[str, object], NDArray[np.int32]]]:
-    found = []
+    records = []
     for drop in read_survey(survey).drops:
         record = drop.read()
         assert record.counts is not None
-        found.append((dict(record.metadata), record.counts))
-    return found
+        records.append((dict(record.metadata), record.counts))
+    return records
 
 
 def _facts_of_record(record: tuple[dict[str, object], NDArray[np.int32]]) -> Facts:
     metadata, counts = record
     detection, identity = metadata["detection"], metadata["identity"]
-    assert isinstance(detection, dict)
-    assert isinstance(identity, dict)
     cut = detection["first_sample"], detection["trigger"]
     return *cut, identity["sampling_rate"], pack_int24(counts)
-
-
-def test_the_name_alone_does_not_tell_drops_apart_but_their_samples_do() -> None:
-    one = Fallen(0, 40, 5, 50.0, 2, 0).kept().offer
-    other = Fallen(0, 40, 5, 50.0, 2, 1).kept().offer
-    assert DropId.of(one).name == DropId.of(other).name
-    assert DropId.of(one) != DropId.of(other)
-    later = dataclasses.replace(one, earlier=True, clock_us=7)
-    assert DropId.of(one) == DropId.of(later)

@@ -69,11 +69,11 @@ def cases(draw: Any) -> Case:
         at, peak = draw(st.sampled_from(pulses))
         pulses.append((at + draw(st.floats(0.016, 0.13)), peak * draw(st.floats(0.1, 1.2))))
     when = st.floats(0.0, seconds)
-    most = draw(st.sampled_from([0, 1, 2]))
+    limit = draw(st.sampled_from([0, 1, 2]))
     times = [st.floats(*bounds) for bounds in ((0.3, 3), (0.05, 0.5), (1e-4, 0.03), (0.05, 1))]
     stays, ramps, missing, shunted = times
-    few = [
-        draw(st.lists(each, max_size=most))
+    lists = [
+        draw(st.lists(each, max_size=limit))
         for each in (
             st.tuples(when, stays, st.floats(200, 1200), ramps),
             st.tuples(when, missing),
@@ -85,7 +85,7 @@ def cases(draw: Any) -> Case:
     wrong = [{}, {}, {"channel": 1}, {"threshold": 4000}, {"hold_off": 90_000}]
     trigger, delay = draw(st.sampled_from(wrong)), draw(st.integers(0, 40))
     drift = draw(st.sampled_from([0.0, 1.0])) * draw(st.floats(-800.0, 800.0))
-    return Case(pulses, seconds + 0.5, drift, *few, slots, is_emptied, trigger, delay)
+    return Case(pulses, seconds + 0.5, drift, *lists, slots, is_emptied, trigger, delay)
 
 
 def load_of(case: Case) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -213,21 +213,21 @@ def run_session(
 
 
 def is_visible(case: Case, at: float, peak: float, load: NDArray[np.float64]) -> bool:
-    """Whether a pulse rises above the threshold, and no sample of it is hidden.
+    """Return whether a pulse rises above the threshold and no sample of it is hidden.
 
     On a load that changes, the load after or before the pulse is nearer to its peak by the change
     in half a pulse, 7.5 ms. Two pulses are apart if the load is at its base for 1 ms.
     """
-    near = np.gradient(load[max(0, round((at - 0.06) * RATE)) : round((at + 0.075) * RATE)])
-    steepest = float(np.abs(near[np.abs(near) < SHUNT_N / 2]).max(initial=0.0)) * RATE
+    slopes = np.gradient(load[max(0, round((at - 0.06) * RATE)) : round((at + 0.075) * RATE)])
+    steepest = float(np.abs(slopes[np.abs(slopes) < SHUNT_N / 2]).max(initial=0.0)) * RATE
     edges = [edge for start, length, _ in case.shunts for edge in (start, start + length)]
     hidden = [(each, each) for each in (*case.restarts, *edges)]
     hidden += [(start, start + length) for start, length in case.gaps]
-    others = [other for other, _ in case.pulses if other != at]
+    starts_of_others = [start_s for start_s, _ in case.pulses if start_s != at]
     return (
         peak > THRESHOLD + 30 + 0.008 * steepest
         and not any(end > at - 0.0005 and start < at + 0.0155 for start, end in hidden)
-        and not any(abs(other - at) < 0.016 for other in others)
+        and not any(abs(start_s - at) < 0.016 for start_s in starts_of_others)
         and at + 0.0155 < case.seconds
     )
 

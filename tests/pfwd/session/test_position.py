@@ -1,6 +1,5 @@
 """Positions from a satellite receiver: garbage, no fix, staleness, a receiver that is lost."""
 
-import os
 import socket
 import threading
 import time
@@ -32,7 +31,7 @@ SOUTH_WEST = sentence("GNGGA,101112.00,3351.650,S,07040.200,W,4,14,0.6,570.1,M,2
 NO_FIX = sentence("GPGGA,123519,,,,,0,00,99.9,,M,,M,,")
 
 
-def test_the_helper_makes_the_known_checksum() -> None:
+def test_the_helper_computes_the_published_checksum() -> None:
     assert sentence(EXAMPLE[1:-5].decode()) == EXAMPLE
 
 
@@ -75,14 +74,11 @@ def test_no_fix_is_no_position(without: bytes) -> None:
         b"\xff\x00 noise without a sentence\n",
     ],
 )
-def test_what_is_damaged_is_counted_and_costs_nothing_else(damaged: bytes) -> None:
+def test_a_damaged_sentence_is_counted_and_the_next_is_read(damaged: bytes) -> None:
     parser = NmeaParser()
-    found = parser.feed(damaged + EXAMPLE)
-    assert [fix.altitude for fix in found] == [545.4]
+    fixes = parser.feed(damaged + EXAMPLE)
+    assert [fix.altitude for fix in fixes] == [545.4]
     assert parser.refused == 1
-
-
-def test_garbage_before_a_sentence_does_not_cost_it() -> None:
     assert len(NmeaParser().feed(b"\x80\x80$GPGS" + EXAMPLE)) == 1
 
 
@@ -97,12 +93,12 @@ def test_a_line_without_end_does_not_grow() -> None:
 @given(st.lists(st.integers(0, 300), max_size=12))
 def test_it_does_not_matter_how_the_bytes_were_cut(places: list[int]) -> None:
     data = EXAMPLE + b"junk\n" + SOUTH_WEST + NO_FIX + EXAMPLE
-    parser, found = NmeaParser(lambda: 0.0), []
+    parser, fixes = NmeaParser(lambda: 0.0), []
     ends = sorted({min(place, len(data)) for place in places} | {len(data)})
     for start, end in zip([0, *ends], ends, strict=False):
-        found += parser.feed(data[start:end])
-    assert found == NmeaParser(lambda: 0.0).feed(data)
-    assert len(found) == 3
+        fixes += parser.feed(data[start:end])
+    assert fixes == NmeaParser(lambda: 0.0).feed(data)
+    assert len(fixes) == 3
 
 
 @given(st.binary(max_size=200))
@@ -150,10 +146,10 @@ def test_a_drop_gets_the_position_with_its_age() -> None:
     with receiver:
         until(receiver.latest)
         now[0] = 103.0
-        said = receiver.record()
-        assert said["latitude"] == pytest.approx(48.1173)
-        assert (said["hdop"], said["fix_quality"], said["fix"]) == (0.9, 1, "satellites")
-        assert said["age_s"] == 3.0
+        position = receiver.record()
+        assert position["latitude"] == pytest.approx(48.1173)
+        facts = {"hdop": 0.9, "fix_quality": 1, "fix": "satellites", "age_s": 3.0}
+        assert facts.items() <= position.items()
         assert receiver.warning() is None
         now[0] = 120.0
         stale = receiver.record()
@@ -164,7 +160,7 @@ def test_a_drop_gets_the_position_with_its_age() -> None:
     assert port.closed
 
 
-def test_a_poor_position_is_told() -> None:
+def test_a_poor_position_has_a_warning() -> None:
     poor = sentence("GPGGA,123519,4807.038,N,01131.000,E,1,03,9.5,545.4,M,46.9,M,,")
     with PositionReceiver("x", open_port=lambda: Port(poor)) as receiver:
         until(receiver.latest)
@@ -178,7 +174,7 @@ def test_a_receiver_that_is_lost_comes_back(monkeypatch: pytest.MonkeyPatch) -> 
         until(receiver.latest)
 
 
-def test_a_port_that_cannot_be_opened_is_told_at_once() -> None:
+def test_a_port_that_cannot_be_opened_is_an_error() -> None:
     with pytest.raises(DeviceError, match="no-such-port"):
         PositionReceiver("/dev/no-such-port").open()
 
@@ -186,35 +182,22 @@ def test_a_port_that_cannot_be_opened_is_told_at_once() -> None:
 @pytest.fixture
 def server() -> Iterator[str]:
     """A receiver on TCP, as a telephone offers one."""
-    listening = socket.create_server(("127.0.0.1", 0))
+    done = threading.Event()
+    with socket.create_server(("127.0.0.1", 0)) as listening:
 
-    def serve() -> None:
-        with listening.accept()[0] as link:
-            link.sendall(b"half a line\n" + NO_FIX + EXAMPLE)
-            time.sleep(0.5)
+        def serve() -> None:
+            with listening.accept()[0] as link:
+                link.sendall(b"half a line\n" + NO_FIX + EXAMPLE)
+                done.wait(PATIENCE)
 
-    thread = threading.Thread(target=serve, daemon=True)
-    thread.start()
-    yield f"socket://127.0.0.1:{listening.getsockname()[1]}"
-    thread.join(PATIENCE)
-    listening.close()
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        yield f"socket://127.0.0.1:{listening.getsockname()[1]}"
+        done.set()
+        thread.join(PATIENCE)
 
 
 def test_over_tcp(server: str) -> None:
     with PositionReceiver(server) as receiver:
         until(receiver.latest)
         assert receiver.record()["satellites"] == 8
-
-
-@pytest.mark.posix
-def test_over_a_serial_port() -> None:
-    import pty
-
-    theirs, ours = pty.openpty()
-    try:
-        with PositionReceiver(os.ttyname(ours)) as receiver:
-            os.write(theirs, b"\x00\xff" + EXAMPLE)
-            until(receiver.latest)
-    finally:
-        os.close(theirs)
-        os.close(ours)

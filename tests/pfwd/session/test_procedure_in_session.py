@@ -10,9 +10,7 @@ from pfwd.errors import OptionError, TraceError
 from pfwd.files.reading import read_points
 from pfwd.procedures import find_procedure
 from pfwd.session.events import DropSaved
-from pfwd.session.plan import SessionPlan
 from pfwd.session.replay import capture_feed
-from pfwd.session.session import Session
 from pfwd.session.setup_file import (
     MeasuringSetup,
     parse_setup,
@@ -20,18 +18,11 @@ from pfwd.session.setup_file import (
     with_procedure,
 )
 from pfwd_device.recording import SurveyWriter, read_survey
-from tests.pfwd.scripted_feed import (
-    Log,
-    ScriptedFeed,
-    began,
-    connected,
-    pieces,
-    stream,
-)
+from tests.pfwd.scripted_feed import Log, connected
+from tests.pfwd.session.measured import drops, record
 
-# The second one is a knock: 900 N.
 PEAKS = (8000.0, 900.0, 8000.0, 8000.0, 8000.0, 8000.0)
-COUNTS = stream(3.0 * len(PEAKS) + 1, [(1.0 + 3 * n, peak) for n, peak in enumerate(PEAKS)])
+"""N; the second one is a knock."""
 
 PROFILE = """
 pfwd-procedure = 1
@@ -53,35 +44,23 @@ class Place:
 
 
 def measured(tmp_path: Path, setup: MeasuringSetup, **plan: Any) -> tuple[Path, list[str]]:
-    log, folder = Log(), tmp_path / "survey"
-    with SurveyWriter.open(folder, publish=False) as writer:
-        feed = ScriptedFeed(connected(), began(), pieces(COUNTS))
-        Session(feed, log, SessionPlan(setup=setup, options=None, **plan), writer).run()
-    return folder, [event.saved.screening.status for event in log.of(DropSaved)]
+    log = record(tmp_path / "survey", connected(), drops(*PEAKS), setup=setup, **plan)
+    return tmp_path / "survey", statuses(log)
+
+
+def statuses(log: Log) -> list[str]:
+    return [event.saved.screening.status for event in log.of(DropSaved)]
 
 
 def test_a_rejected_drop_does_not_count_as_seating(tmp_path: Path) -> None:
     setup = with_procedure(MeasuringSetup(), find_procedure("mndot"))
     folder, kinds = measured(tmp_path, setup)
     assert kinds == ["seating", "rejected", "seating", "seating", "measured", "measured"]
-    # The same when the survey is read again.
-    (point,) = read_points(folder)
-    assert [one.status for one in screen_point(point)] == kinds
-
-
-def test_a_point_that_is_continued_counts_on(tmp_path: Path) -> None:
-    setup, folder = with_procedure(MeasuringSetup(), find_procedure("mndot")), tmp_path / "survey"
-    kinds = []
-    for run, peaks in enumerate((PEAKS[:2], PEAKS[2:]), 1):
-        counts = stream(
-            3.0 * len(peaks) + 1, [(1.0 + 3 * n, peak) for n, peak in enumerate(peaks)], seed=run
-        )
-        log = Log()
-        with SurveyWriter.open(folder, publish=False) as writer:
-            feed = ScriptedFeed(connected(), began(run), pieces(counts, run))
-            Session(feed, log, SessionPlan(setup=setup, options=None), writer).run()
-        kinds += [event.saved.screening.status for event in log.of(DropSaved)]
-    assert kinds == ["seating", "rejected", "seating", "seating", "measured", "measured"]
+    (point,) = read_points(folder)  # the same when the survey is read again
+    assert [screening.status for screening in screen_point(point)] == kinds
+    parts = [drops(*PEAKS[:2], run=1)], [drops(*PEAKS[2:], run=2)]
+    continued = [record(tmp_path / "c", connected(), *part, setup=setup) for part in parts]
+    assert [status for log in continued for status in statuses(log)] == kinds
 
 
 def test_without_a_procedure_the_numbers_count_as_ever(tmp_path: Path) -> None:
@@ -89,15 +68,15 @@ def test_without_a_procedure_the_numbers_count_as_ever(tmp_path: Path) -> None:
     assert kinds == ["seating", "rejected", "seating", "measured", "measured", "measured"]
 
 
-def test_the_survey_keeps_the_procedure_whole(tmp_path: Path) -> None:
+def test_the_survey_stores_the_text_of_the_procedure(tmp_path: Path) -> None:
     (tmp_path / "two.toml").write_text(PROFILE, encoding="utf-8")
     (tmp_path / "setup.toml").write_text('[procedure]\nfile = "two.toml"\n', encoding="utf-8")
     setup = read_setup_file(tmp_path / "setup.toml")
     folder, kinds = measured(tmp_path, setup)
     assert kinds[:4] == ["seating", "rejected", "seating", "measured"]
     survey = read_survey(folder)
-    (event,) = [one for one in survey.events if one["event"] == "procedure"]
-    assert event["details"]["text"] == PROFILE
+    (text,) = [each["details"]["text"] for each in survey.events if each["event"] == "procedure"]
+    assert text == PROFILE
     assert survey.drops[0].read().declared["procedure"] == "two"
 
 
@@ -110,19 +89,16 @@ def test_a_drop_keeps_where_and_when_it_fell(tmp_path: Path) -> None:
 
 def test_the_text_of_a_procedure_stands_in_for_its_file() -> None:
     setup = parse_setup('[procedure]\nfile = "gone.toml"\n', "recorded", PROFILE)
-    assert setup.procedure is not None
-    assert setup.declared["seating_drops"] == 2
+    assert (setup.procedure.name, setup.declared["seating_drops"]) == ("two", 2)
 
 
 def test_a_capture_is_replayed_by_the_procedure_of_the_command_line(tmp_path: Path) -> None:
     header = {"url": "x", "dialect": "pfwd", "setup_text": "", "procedure_text": PROFILE}
-    path = tmp_path / "link.pfwdc"
     with SurveyWriter.open(tmp_path / "survey", publish=False) as writer:
         path = writer.open_capture("link", header).path
         # Nothing came: what counts is how it would be read.
     _, setup, _ = capture_feed(path)
-    assert setup.procedure is not None
-    assert setup.declared["seating_drops"] == 2
+    assert (setup.procedure.name, setup.declared["seating_drops"]) == ("two", 2)
 
 
 @pytest.mark.parametrize(
@@ -138,15 +114,13 @@ def test_a_capture_is_replayed_by_the_procedure_of_the_command_line(tmp_path: Pa
         ('[procedure]\nfile = "no-such.toml"', "a readable TOML file"),
     ],
 )
-def test_faults_of_the_setup_are_told(text: str, message: str) -> None:
+def test_a_faulty_procedure_in_the_setup_is_refused(text: str, message: str) -> None:
     with pytest.raises(TraceError, match=message):
         parse_setup(text, "setup.toml")
 
 
-def test_the_number_may_be_said_twice_when_it_is_the_same() -> None:
-    setup = parse_setup('seating_drops = 3\nprocedure = "mndot"', "setup.toml")
-    assert setup.procedure is not None
-    assert setup.procedure.name == "mndot"
+def test_equal_numbers_of_setup_and_procedure_are_accepted() -> None:
+    assert parse_setup('seating_drops = 3\nprocedure = "mndot"', "s").procedure.name == "mndot"
 
 
 def test_on_the_command_line_a_contradiction_is_wrong_usage() -> None:
@@ -154,6 +128,6 @@ def test_on_the_command_line_a_contradiction_is_wrong_usage() -> None:
         with_procedure(parse_setup("seating_drops = 1", "s"), find_procedure("mndot"))
 
 
-def test_unverified_numbers_leave_the_setup_s_own() -> None:
+def test_unverified_numbers_do_not_replace_the_setup() -> None:
     setup = parse_setup('seating_drops = 1\nprocedure = "astm-e2583"', "setup.toml")
     assert setup.declared["seating_drops"] == 1

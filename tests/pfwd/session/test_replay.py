@@ -1,5 +1,7 @@
-"""What was recorded, through the same pipeline again: the same samples, the same results."""
+"""Replays of recordings: the same samples give the same results."""
 
+import copy
+import dataclasses
 import itertools
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +14,7 @@ from inversion.notices import codes
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.errors import DeviceError, SurveyError
 from pfwd.files.editing import Edit, add_events, edit_survey
+from pfwd.files.header import PointSetup
 from pfwd.files.importing import import_files
 from pfwd.files.traces import TracePoint, write_traces
 from pfwd.judging import JobRequest, job_of
@@ -21,6 +24,7 @@ from pfwd.session.feeds import Ended, ImportedDrop, RecordedDrop
 from pfwd.session.measure import replay
 from pfwd.session.plan import Ending
 from pfwd.session.replay import Pause, RecordedFeed, capture_feed, survey_feed
+from pfwd.session.setup_file import MeasuringSetup
 from pfwd_device import Drop
 from pfwd_device.acquisition.items import Gap
 from pfwd_device.recording import SurveyWriter, read_survey
@@ -36,23 +40,15 @@ from tests.pfwd.scripted_feed import (
     stream,
     with_gaps,
 )
+from tests.pfwd.session.measured import drops, record
 
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
     """A survey with drops of every kind: rebounds, gaps, saturation, by hand, cut off."""
-    counts = stream(
-        26.0,
-        [
-            *((1.0, 8000.0), (1.5, 3000.0), (1.9, 900.0)),
-            (4.0, 7900.0),
-            (7.0, 8000.0),
-            (10.0, 8000.0),
-            *((16.0, 600.0), (16.6, 8000.0)),  # a knock, then the drop
-            (20.0, 8000.0),
-            (23.0, 8000.0),
-        ],
-    )
+    pulses = [(1.0, 8000.0), (1.5, 3000.0), (1.9, 900.0), (4.0, 7900.0)]
+    pulses += [(16.0, 600.0), (16.6, 8000.0)]  # a knock, then the drop
+    counts = stream(26.0, [*pulses, *((at, 8000.0) for at in (7.0, 10.0, 20.0, 23.0))])
     counts[100_060:100_065, 1] = 2**23 - 1
     items = with_gaps(pieces(counts[:130_000]), [(39_900, 40), (70_050, 30), (15_000, 3)])
     by_hand = Event(EventKind.TRIGGER, 0)
@@ -62,15 +58,10 @@ def recording(tmp_path: Path) -> Path:
         feed = ScriptedFeed(connected(), began(), items, by_hand, later[:40], later[40:], lost())
         run(feed, Log(), writer)
         # By hand just after a drop, with a weight still on the plate.
-        again = stream(4.0, [(1.0, 8000.0)], seed=5)
-        again[11_000:, 0] += 2000
-        feed = ScriptedFeed(
-            connected(again=True),
-            began(8),
-            pieces(again[:11_500], 8),
-            by_hand,
-            pieces(again[11_500:], 8, 11_500),
-        )
+        manual = stream(4.0, [(1.0, 8000.0)], seed=5)
+        manual[11_000:, 0] += 2000
+        before, after = pieces(manual[:11_500], 8), pieces(manual[11_500:], 8, 11_500)
+        feed = ScriptedFeed(connected(again=True), began(8), before, by_hand, after)
         run(feed, Log(), writer, point="B")
     return folder
 
@@ -79,118 +70,104 @@ def traces(folder: Path) -> list[Any]:
     return [drop.read() for drop in read_survey(folder).drops]
 
 
-def test_every_drop_is_found_again_bit_for_bit(recording: Path) -> None:
-    kept = traces(recording)
-    marks = {mark["code"] for record in kept for mark in record.metadata["marks"]}
+def test_every_drop_is_reproduced_bit_for_bit(recording: Path) -> None:
+    originals = traces(recording)
+    marks = {mark["code"] for record in originals for mark in record.metadata["marks"]}
     assert {"samples-missing", "saturated", "triggered-by-operator", "cut-off"} <= marks
-    assert sum(len(record.rebounds) for record in kept) == 2
+    assert sum(len(record.rebounds) for record in originals) == 2
     log = Log()
     assert replay(recording, log) is Ending.DONE
-    told = log.of(DropSaved)
-    assert [(one.saved.point, one.saved.number) for one in told] == [
-        (record.point, record.drop.number) for record in kept
+    saved = [event.saved for event in log.of(DropSaved)]
+    assert [(each.point, each.number, codes(each.view.marks)) for each in saved] == [
+        (record.point, record.drop.number, record.metadata["marks"]) for record in originals
     ]
-    assert [one.identical for one in told] == [True] * len(kept)
-    marks = [codes(one.saved.view.marks) for one in told]
-    assert marks == [record.metadata["marks"] for record in kept]
+    assert all(event.identical for event in log.of(DropSaved))
     assert log.texts == ""
 
 
 def test_a_replay_into_another_survey_gives_the_same_drops(recording: Path, tmp_path: Path) -> None:
     log = Log()
     assert replay(recording, log, output=tmp_path / "copy") is Ending.DONE
-    assert all(one.identical for one in log.of(DropSaved))
-    kept, copied = traces(recording), traces(tmp_path / "copy")
-    assert len(kept) == len(copied) >= 8
-    for one, other in zip(kept, copied, strict=True):
-        assert (one.point, one.drop.number) == (other.point, other.drop.number)
-        assert one.metadata == other.metadata
-        assert one.declared == other.declared
-        assert one.counts.tobytes() == other.counts.tobytes()
-        assert one.drop.load.tobytes() == other.drop.load.tobytes()
-        assert [r.first_sample for r in one.rebounds] == [r.first_sample for r in other.rebounds]
-        for mine, theirs in zip(one.rebounds, other.rebounds, strict=True):
+    assert all(each.identical for each in log.of(DropSaved))
+    originals, copied = traces(recording), traces(tmp_path / "copy")
+    assert len(originals) == len(copied) >= 8
+    for each, second in zip(originals, copied, strict=True):
+        assert (each.point, each.drop.number) == (second.point, second.drop.number)
+        assert each.metadata == second.metadata
+        assert each.declared == second.declared
+        assert each.counts.tobytes() == second.counts.tobytes()
+        assert each.drop.load.tobytes() == second.drop.load.tobytes()
+        assert [r.first_sample for r in each.rebounds] == [r.first_sample for r in second.rebounds]
+        for mine, theirs in zip(each.rebounds, second.rebounds, strict=True):
             assert mine.counts.tobytes() == theirs.counts.tobytes()
     # Once more adds nothing.
     log = Log()
     assert replay(recording, log, output=tmp_path / "copy") is Ending.DONE
     assert not log.of(DropSaved)
-    assert log.texts.count("not recorded twice") == len(kept)
-    assert len(traces(tmp_path / "copy")) == len(kept)
+    assert log.texts.count("not recorded twice") == len(originals)
+    assert len(traces(tmp_path / "copy")) == len(originals)
 
 
-def test_numbers_that_are_taken_are_not_waited_for(recording: Path, tmp_path: Path) -> None:
-    with SurveyWriter.open(tmp_path / "other", publish=False) as writer:
-        counts = stream(3.0, [(1.0, 8000.0)], seed=9)
-        run(ScriptedFeed(connected(), began(99), pieces(counts, 99)), Log(), writer)
+def test_a_replay_does_not_wait_for_used_numbers(recording: Path, tmp_path: Path) -> None:
+    record(tmp_path / "other", connected(), drops(8000.0, run=99))
     log = Log()
     assert replay(recording, log, output=tmp_path / "other", drops=2) is Ending.DONE
-    assert [(one.saved.point, one.saved.number) for one in log.of(DropSaved)] == [
-        ("1", 2),
-        ("1", 3),
-    ]
+    saved = [(event.saved.point, event.saved.number) for event in log.of(DropSaved)]
+    assert saved == [("1", 2), ("1", 3)]
     assert len(traces(tmp_path / "other")[1].rebounds) == 2
 
 
 def test_the_same_seed_gives_the_same_results(tmp_path: Path) -> None:
     folder = tmp_path / "short"
-    with SurveyWriter.open(folder, publish=False) as writer:
-        counts = stream(6.0, [(1.0, 8000.0), (4.0, 7000.0)])
-        run(ScriptedFeed(connected(), began(), pieces(counts)), Log(), writer)
+    record(folder, connected(), drops(8000.0))
 
     def results() -> list[dict[str, Any]]:
         log = Log()
         options = AnalysisOptions(seed=5)
         assert replay(folder, log, options=options) is Ending.DONE
-        told = log.of(DropAnalysed)
-        assert [one.final for one in told].count(True) == 2
-        assert all(one.delay is None for one in told)
-        found = sorted(told, key=lambda one: (one.saved.number, one.full))
-        return [{**one.result.to_json(), "elapsed_s": None} for one in found]
+        analysed = log.of(DropAnalysed)
+        assert [each.final for each in analysed].count(True) == 1
+        assert all(each.delay is None for each in analysed)
+        ordered = sorted(analysed, key=lambda each: (each.saved.number, each.full))
+        return [{**each.result.to_json(), "elapsed_s": None} for each in ordered]
 
     first = results()
-    assert [one["method"] for one in first] == ["posterior", "mpga"] * 2
-    assert all(one["modulus_pa"] > 0 for one in first)
+    assert [each["method"] for each in first] == ["posterior", "mpga"]
+    assert all(each["modulus_pa"] > 0 for each in first)
     assert first == results()
 
 
-def test_imported_drops_are_handed_on_as_they_are(
+def test_imported_drops_are_replayed_unchanged(
     tmp_path: Path, make_drop: Callable[..., Drop]
 ) -> None:
-    from pfwd.files.header import PointSetup
-
     point = TracePoint("", PointSetup(plate_radius=0.15), (make_drop(), make_drop(number=2)), ())
     write_traces(tmp_path / "t.csv", point)
     list(import_files([str(tmp_path / "t.csv")], tmp_path / "survey"))
     log = Log()
     replay(tmp_path / "survey", log, output=tmp_path / "copy")
-    assert [one.saved.number for one in log.of(DropSaved)] == [1, 2]
-    assert [one.identical for one in log.of(DropSaved)] == [True, True]
+    assert [each.saved.number for each in log.of(DropSaved)] == [1, 2]
+    assert [each.identical for each in log.of(DropSaved)] == [True, True]
     assert traces(tmp_path / "copy")[1].drop.load.tobytes() == make_drop().load.tobytes()
 
 
-def test_a_drop_that_is_not_found_again_is_said(recording: Path) -> None:
-    (record,) = [one for one in traces(recording) if one.point == "B"][:1]
-    item = feed_item_of(record, "x")
-    assert isinstance(item, RecordedDrop)
+def test_a_drop_that_a_replay_does_not_detect_is_reported(recording: Path) -> None:
+    dropped = next(each for each in traces(recording) if each.point == "B")
     log = Log()
-    run(ScriptedFeed(item, live=False), log)  # its samples never come
+    run(ScriptedFeed(feed_item_of(dropped, "x"), live=False), log)  # its samples never come
     assert "replay: drop B/1 is not detected again" in log.texts
 
 
-def test_other_traces_are_not_called_the_same(recording: Path) -> None:
-    import dataclasses
-
+def test_different_traces_are_not_identical(recording: Path) -> None:
     record = traces(recording)[0]
     load = record.drop.load.copy()
     load[7] = np.nextafter(load[7], np.inf)
-    other = dataclasses.replace(record, drop=dataclasses.replace(record.drop, load=load))
-    item = feed_item_of(other, "x")
+    second = dataclasses.replace(record, drop=dataclasses.replace(record.drop, load=load))
+    item = feed_item_of(second, "x")
     assert isinstance(item, RecordedDrop)
     log = Log()
     samples = pieces(record.counts, item.stream, item.first)
     run(ScriptedFeed(item, samples, Gap(item.stream, 0, 50_000), live=False), log)
-    assert [one.identical for one in log.of(DropSaved)] == [False]
+    assert [each.identical for each in log.of(DropSaved)] == [False]
 
 
 @pytest.mark.parametrize(
@@ -205,12 +182,9 @@ def test_other_traces_are_not_called_the_same(recording: Path) -> None:
         (("detection", "at_rest"), {}),
     ],
 )
-def test_what_was_recorded_incompletely_is_a_clear_error(
+def test_incomplete_metadata_are_an_error(
     recording: Path, part: tuple[str, ...], value: Any
 ) -> None:
-    import copy
-    import dataclasses
-
     record = traces(recording)[0]
     metadata: Any = copy.deepcopy(dict(record.metadata))
     inner = metadata
@@ -231,11 +205,11 @@ def test_a_replay_in_real_time_takes_its_time_and_stays_awake(recording: Path) -
     # A second before the first drop, what went by between drops, and the samples; twice as fast.
     records = traces(recording)
     samples = sum(
-        len(one.counts) - sum(length for _, length in one.metadata["missing"])
-        + sum(len(bounce.counts) for bounce in one.rebounds)
-        for one in records
+        len(each.counts) - sum(length for _, length in each.metadata["missing"])
+        + sum(len(bounce.counts) for bounce in each.rebounds)
+        for each in records
     )  # fmt: skip
-    times = [np.datetime64(one.metadata["time_utc"][:26], "us") for one in records]
+    times = [np.datetime64(each.metadata["time_utc"][:26], "us") for each in records]
     pauses = [
         max(0.0, float((b - a) / np.timedelta64(1, "s"))) for a, b in itertools.pairwise(times)
     ]
@@ -258,22 +232,18 @@ def test_a_pause_at_a_tiny_speed_can_be_interrupted() -> None:
     assert [feed.next(0.02) for _ in range(5)] == [None] * 5
 
 
-def test_what_is_neither_survey_nor_capture_is_refused(tmp_path: Path, recording: Path) -> None:
+def test_a_file_that_is_no_recording_is_refused(tmp_path: Path, recording: Path) -> None:
     with pytest.raises(SurveyError, match="expected a survey or a capture, got none"):
         replay(tmp_path / "nothing", Log())
     text = tmp_path / "text.txt"
     text.write_text("no capture\n" * 100)
     with pytest.raises((SurveyError, DeviceError), match="capture"):
         capture_feed(text)
-    from pfwd.session.setup_file import MeasuringSetup
-
     with pytest.raises(SurveyError, match="--setup"):
         replay(recording, Log(), setup=MeasuringSetup())
 
 
 def test_an_import_without_counts_is_no_recorded_drop(recording: Path) -> None:
-    import dataclasses
-
     record = dataclasses.replace(traces(recording)[0], counts=None)
     assert isinstance(feed_item_of(record, "x"), ImportedDrop)
 

@@ -1,4 +1,4 @@
-"""What a screen needs of a session: requests from another thread, a pace, what a survey holds."""
+"""Services of a session for a screen: requests, the pace of a replay, the content of a survey."""
 
 import threading
 from dataclasses import replace
@@ -13,25 +13,20 @@ from pfwd.files.editing import Edit
 from pfwd.judging.places import Place, place_in
 from pfwd.judging.view import read_points
 from pfwd.session.events import DropSaved, Edited, PointBegan, SessionNotice, SurveyChanged
+from pfwd.session.feeds import Ended, RecordedDrop
 from pfwd.session.measure import replay
 from pfwd.session.plan import SessionPlan
-from pfwd.session.replay import Pace
+from pfwd.session.replay import Pace, Pause, RecordedFeed, survey_feed
 from pfwd.session.session import Session
 from pfwd.session.stored_drops import add_result, recorded_drop, stored_results
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.report.surveys import result_of
-from tests.pfwd.scripted_feed import (
-    Log,
-    ScriptedFeed,
-    began,
-    connected,
-    pieces,
-    stream,
-)
+from tests.pfwd.scripted_feed import Log, ScriptedFeed, connected
+from tests.pfwd.session.measured import drops
 from tests.records import read
 
-TWO_DROPS = [pieces(stream(3.0, [(1.0, 8000.0)]), 7), pieces(stream(3.0, [(1.0, 7000.0)]), 8)]
+TWO_DROPS = [drops(8000.0, run=7), drops(7000.0, run=8)]
 
 
 def measured(folder: Path, *between: Any, options: Any = None) -> tuple[Log, Session]:
@@ -40,13 +35,13 @@ def measured(folder: Path, *between: Any, options: Any = None) -> tuple[Log, Ses
     with SurveyWriter.open(folder, publish=False) as writer:
         holder: list[Session] = []
         steps = [lambda act=act: holder[0].ask(act) for act in between]
-        feed = ScriptedFeed(connected(), began(7), TWO_DROPS[0], steps, began(8), TWO_DROPS[1])
+        feed = ScriptedFeed(connected(), TWO_DROPS[0], steps, TWO_DROPS[1])
         holder.append(Session(feed, log, SessionPlan(options=options), writer))
         holder[0].run()
     return log, holder[0]
 
 
-def test_requests_are_done_in_the_thread_of_the_session(tmp_path: Path) -> None:
+def test_requests_run_in_the_thread_of_the_session(tmp_path: Path) -> None:
     threads: list[int] = []
 
     def act(session: Session) -> None:
@@ -58,7 +53,7 @@ def test_requests_are_done_in_the_thread_of_the_session(tmp_path: Path) -> None:
     log, _ = measured(tmp_path / "s", act)
     assert threads == [threading.get_ident()]
     assert log.of(PointBegan) == [PointBegan("P 2")]
-    assert [(one.what, one.number, one.point) for one in log.of(Edited)] == [
+    assert [(each.what, each.number, each.point) for each in log.of(Edited)] == [
         ("discard", 1, None),
         ("target", None, "1"),
     ]
@@ -68,9 +63,9 @@ def test_requests_are_done_in_the_thread_of_the_session(tmp_path: Path) -> None:
     assert survey.points[0].target == 45e6
 
 
-def test_what_cannot_be_done_is_told_and_ends_nothing(tmp_path: Path) -> None:
+def test_a_refused_request_is_reported_and_the_session_continues(tmp_path: Path) -> None:
     log, _ = measured(tmp_path / "s", lambda session: session.edit(Edit("note", "x"), point="no"))
-    assert any("expected one of the survey's points" in one.text for one in log.of(SessionNotice))
+    assert any("expected one of the survey's points" in each.text for each in log.of(SessionNotice))
     assert len(log.of(DropSaved)) == 2
 
 
@@ -87,39 +82,25 @@ def test_a_replay_is_not_edited(tmp_path: Path) -> None:
         def __exit__(self, *_: object) -> None: ...
 
     replay(tmp_path / "s", log, control=Asking)
-    assert any("got a replay" in one.text for one in log.of(SessionNotice))
+    assert any("got a replay" in each.text for each in log.of(SessionNotice))
 
 
 def test_a_paused_replay_waits_and_steps_drop_by_drop(tmp_path: Path) -> None:
     measured(tmp_path / "s")
     pace = Pace(paused=True)
-    log = Log()
-    seen: list[int] = []
+    feed = survey_feed(read_survey(tmp_path / "s"), pace, lambda _: None)
 
-    class Steering:
-        def __init__(self, session: Session) -> None:
-            self.session = session
-            self.thread = threading.Thread(target=self.steer)
+    def drops_before_the_pause() -> int:
+        items: list[Any] = []
+        while (item := feed.next(0.01)) is not None and not isinstance(item, Ended):
+            items.append(item)
+        return sum(isinstance(item, RecordedDrop) for item in items)
 
-        def steer(self) -> None:
-            pause = threading.Event()
-            pause.wait(0.3)
-            seen.append(len(log.of(DropSaved)))
-            pace.step()
-            pause.wait(0.7)
-            seen.append(len(log.of(DropSaved)))
-            pace.go_on()
-
-        def __enter__(self) -> None:
-            self.thread.start()
-
-        def __exit__(self, *_: object) -> None:
-            self.thread.join()
-
-    replay(tmp_path / "s", log, speed=pace, control=Steering)
-    assert seen == [0, 1]
-    assert len(log.of(DropSaved)) == 2
-    assert all(one.identical for one in log.of(DropSaved))
+    assert drops_before_the_pause() == 0
+    pace.step()
+    assert drops_before_the_pause() == 1
+    pace.go_on()
+    assert drops_before_the_pause() == 1
 
 
 def test_a_step_ends_with_its_drop() -> None:
@@ -138,9 +119,6 @@ def test_a_step_ends_with_its_drop() -> None:
 
 
 def test_the_pace_is_changed_on_the_way() -> None:
-    from pfwd.session.feeds import Ended
-    from pfwd.session.replay import Pause, RecordedFeed
-
     slept: list[float] = []
     pace = Pace(2.0)
     feed = RecordedFeed([Pause(1.0), Ended()], pace, slept.append)
@@ -152,23 +130,23 @@ def test_the_pace_is_changed_on_the_way() -> None:
     assert slept == [0.25, 0.5]
 
 
-def test_the_survey_is_told_with_its_last_result_that_counts(tmp_path: Path) -> None:
+def test_a_point_has_its_last_result_in_force(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     measured(folder)
-    whole = read(DropResult, result_of(1, 2e7))
+    complete_result = read(DropResult, result_of(1, 2e7))
     add_result(folder, 1, read(DropResult, result_of(1, 1e7)))
-    add_result(folder, 1, whole)
+    add_result(folder, 1, complete_result)
     add_result(folder, 1, DropResult(modulus_pa=5e7))  # damaged
-    add_result(folder, 1, replace(whole, modulus_pa=9e7, refit="half-space"))
+    add_result(folder, 1, replace(complete_result, modulus_pa=9e7, refit="half-space"))
     (point,) = read_points(folder)
     first, second = point.drops
     assert (first.number, first.record, len(first.source.results)) == (1, 1, 4)
-    assert first.last_result == whole
+    assert first.last_result == complete_result
     assert second.last_result is None
-    assert [one.modulus_pa for one in stored_results(folder, 1)] == [9e7, 1e7, 2e7]
+    assert [each.modulus_pa for each in stored_results(folder, 1)] == [9e7, 1e7, 2e7]
 
 
-def test_a_damaged_result_is_none(tmp_path: Path) -> None:
+def test_a_damaged_result_does_not_count(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     measured(folder)
     add_result(folder, 1, DropResult(modulus_pa=1e7))
@@ -180,12 +158,12 @@ def test_a_damaged_result_is_none(tmp_path: Path) -> None:
 def test_a_recorded_drop_comes_with_its_setup_and_its_judgement(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     measured(folder, lambda it: it.edit(Edit("declared", {"poisson_ratio": 0.4}), point="1"))
-    one = recorded_drop(folder, 2)
-    assert (one.point, one.number, one.record) == ("1", 2, 2)
-    assert one.setup.poisson_ratio == 0.4
-    assert one.screening.status == "measured"
-    assert one.view.own.peak_load == pytest.approx(7000, rel=0.01)
-    assert one.view.own.peak_deflection is not None
+    each = recorded_drop(folder, 2)
+    assert (each.point, each.number, each.record) == ("1", 2, 2)
+    assert each.setup.poisson_ratio == 0.4
+    assert each.screening.status == "measured"
+    assert each.view.own.peak_load == pytest.approx(7000, rel=0.01)
+    assert each.view.own.peak_deflection is not None
     with pytest.raises(SurveyError, match="expected drop 9"):
         recorded_drop(folder, 9)
 
@@ -199,20 +177,20 @@ def test_a_survey_that_is_written_takes_no_result_from_outside(tmp_path: Path) -
         add_result(tmp_path / "s", 1, {})
 
 
-def test_a_point_is_where_the_receiver_was_unless_somebody_said_otherwise(tmp_path: Path) -> None:
+def test_the_position_of_a_point_is_the_receiver_s_unless_it_was_edited(tmp_path: Path) -> None:
     folder = tmp_path / "s"
-    said: list[dict[str, Any]] = [
+    positions: list[dict[str, Any]] = [
         {"source": "nmea", "fault": "the receiver has no fix"},
         {"source": "nmea", "latitude": 48.2, "longitude": 11.6},
     ]
 
     class Receiver:
         def record(self) -> dict[str, Any]:
-            return said.pop(0)
+            return positions.pop(0)
 
     log = Log()
     with SurveyWriter.open(folder, publish=False) as writer:
-        feed = ScriptedFeed(connected(), began(7), TWO_DROPS[0], began(8), TWO_DROPS[1])
+        feed = ScriptedFeed(connected(), *TWO_DROPS)
         Session(feed, log, SessionPlan(options=None, position=Receiver()), writer).run()
     recorded = [event.saved.view.metadata["position"] for event in log.of(DropSaved)]
     assert list(map(place_in, recorded)) == [None, Place(48.2, 11.6)]

@@ -100,24 +100,17 @@ def test_the_drops_that_fill_its_memory_and_the_next_ones_are_all_recorded(
 def test_a_record_that_comes_later_is_acknowledged_and_not_recorded_twice(
     log: Log, tmp_path: Path, restarted: bool
 ) -> None:
-    late = buffered(COUNTS, 10_010)
-    before = [connected(), Armed(TRIGGER), began(), *pieces(COUNTS)]
-    feed = ScriptedFeed(*before, *([] if restarted else [late]))
-    with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
-        run(feed, log, writer)
-        assert len(recorded(writer)) == 1
-    if restarted:
-        feed = ScriptedFeed(connected(), Armed(TRIGGER), late)
+    before, late = [began(), *pieces(COUNTS)], [buffered(COUNTS, 10_010)]
+    for items in (before, late) if restarted else ([*before, *late],):
         with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
+            feed = ScriptedFeed(connected(), Armed(TRIGGER), items)
             run(feed, log, writer)
-    assert len(recorded(writer)) == 1
+        assert len(recorded(writer)) == 1
     assert feed.acknowledged == [(7, 10_010 - TRIGGER.before)]
     assert "drop 1 of the survey was received again" in log.texts
 
 
-def test_a_complete_record_that_comes_later_is_recorded_beside_an_incomplete_one(
-    log: Log, writer: Any
-) -> None:
+def test_a_later_complete_record_is_recorded_in_addition(log: Log, writer: Any) -> None:
     late = buffered(COUNTS, 10_010)
     items = with_gaps(pieces(COUNTS), [(10_040, 30)])
     feed = ScriptedFeed(connected(), Armed(TRIGGER), began(), items, late)
@@ -128,9 +121,9 @@ def test_a_complete_record_that_comes_later_is_recorded_beside_an_incomplete_one
 
 
 def test_it_waits_over_a_lost_link(log: Log, writer: Any) -> None:
-    again = [lost(), connected(again=True), Armed(TRIGGER), buffered(COUNTS, 10_003)]
+    later = [lost(), connected(again=True), Armed(TRIGGER), buffered(COUNTS, 10_003)]
     before = [connected(), Armed(TRIGGER), began(), *pieces(COUNTS[:10_700])]
-    run(ScriptedFeed(before, again), log, writer)
+    run(ScriptedFeed(before, later), log, writer)
     assert by_instrument(log) == [True]
 
 
@@ -142,9 +135,9 @@ def test_a_pulse_that_the_stream_only_reports_may_be_a_drop_of_the_instrument(
     run(feed, log, writer)
     assert len(recorded(writer)) == 1
     assert not [event for event in log.of(SessionNotice) if event.kind == "pulses"]
-    again = Log()
-    run(ScriptedFeed(connected(), Armed(TRIGGER), began(), *parts), again, writer)
-    assert [event.kind for event in again.of(SessionNotice) if event.serious] == ["pulses"]
+    later = Log()
+    run(ScriptedFeed(connected(), Armed(TRIGGER), began(), *parts), later, writer)
+    assert [event.kind for event in later.of(SessionNotice) if event.serious] == ["pulses"]
 
 
 @pytest.mark.parametrize("late", [0, 15])
@@ -170,11 +163,8 @@ def test_a_drop_that_the_instruments_record_cuts_is_recorded_from_the_stream(
     log: Log, writer: Any, first: int
 ) -> None:
     counts = stream(9.0, [(1.0, 8000.0), (1.028, 7000.0)])
-    items = [
-        *pieces(counts[:12_000]),
-        buffered(counts, first + 200),
-        pieces(counts[12_000:], 7, 12_000),
-    ]
+    after = pieces(counts[12_000:], 7, 12_000)
+    items = [*pieces(counts[:12_000]), buffered(counts, first + 200), after]
     run(ScriptedFeed(connected(), Armed(TRIGGER), began(), *items), log, writer)
     starts = [each.metadata["detection"]["first_sample"] for each in recorded(writer)]
     assert sorted(starts) == [pytest.approx(9800, abs=9), first]
@@ -207,11 +197,5 @@ def test_an_answer_that_differs_from_the_request_is_reported(
     armed = Armed(dataclasses.replace(TRIGGER, **answer))
     run(ScriptedFeed(connected(), armed, began(), pieces(COUNTS)), log, writer)
     warnings = [event.text for event in log.of(SessionNotice) if event.serious]
-    if text is None:
-        assert warnings == []
-    else:
-        assert warnings == [
-            f"the instrument does not detect drops as requested ({text}); missed drops are "
-            "recorded from its samples"
-        ]
+    assert [text in warning for warning in warnings] == [True] * (text is not None)
     assert len(recorded(writer)) == 1

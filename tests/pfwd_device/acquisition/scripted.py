@@ -16,21 +16,8 @@ from pfwd_device.acquisition.driver import Driver
 from pfwd_device.acquisition.items import Gap, Item, Samples
 from pfwd_device.errors import DeviceLost, PortError
 from pfwd_device.identity import ChannelIdentity, Identity
+from pfwd_device.wire import messages
 from pfwd_device.wire.binary import BinaryInstrumentEnd, encode_message
-from pfwd_device.wire.messages import (
-    Configure,
-    Event,
-    EventKind,
-    Hello,
-    HostMessage,
-    Message,
-    Refusal,
-    SampleBlock,
-    Shunt,
-    Start,
-    Status,
-    Stop,
-)
 from pfwd_plugins.quantities import Measurand
 
 CHANNELS = 3
@@ -54,8 +41,8 @@ def counts(first: int, length: int, channels: int = CHANNELS) -> NDArray[np.int3
 
 def block(
     first: int, length: int = 20, stream: int = 7, *, clock: int | None = None, shunt: bool = False
-) -> SampleBlock:
-    return SampleBlock(stream, first, clock, counts(first, length), shunt)
+) -> messages.SampleBlock:
+    return messages.SampleBlock(stream, first, clock, counts(first, length), shunt)
 
 
 class Instrument:
@@ -63,7 +50,7 @@ class Instrument:
 
     def __init__(self, serial_number: str = "SN-1", rate: float = 2000.0) -> None:
         self.identity = identity(serial_number, rate)
-        self.received: list[HostMessage] = []
+        self.received: list[messages.HostMessage] = []
         self.sampling = False
         self.stream = 100
         self.silent = False
@@ -84,7 +71,7 @@ class Instrument:
     def clock_us(self) -> int:
         return int(1e6 * (time.monotonic() - self._origin))
 
-    def say(self, message: Message) -> None:
+    def say(self, message: messages.Message) -> None:
         with self._lock:
             self._out += encode_message(message, self._sent)
             self._sent += 1
@@ -95,22 +82,22 @@ class Instrument:
                 self.received.append(message)
                 codes = self.refusals.get(type(message))
                 if codes:
-                    self.say(Refusal(codes.pop(0) if len(codes) > 1 else codes[0], "no"))
+                    self.say(messages.Refusal(codes.pop(0) if len(codes) > 1 else codes[0], "no"))
                 else:
                     self._obey(message)
 
-    def _obey(self, message: HostMessage) -> None:
+    def _obey(self, message: messages.HostMessage) -> None:
         match message:
-            case Hello():
+            case messages.Hello():
                 self.say(self.identity)
-            case Configure(rate):
+            case messages.Configure(rate):
                 self.identity = identity(self.identity.serial_number, rate)
                 self.say(self.identity)
-            case Start():
+            case messages.Start():
                 self.begin()
-            case Stop():
+            case messages.Stop():
                 self.sampling = False
-            case Shunt(on):
+            case messages.Shunt(on):
                 self._shunt = on
 
     def begin(self) -> None:
@@ -125,10 +112,10 @@ class Instrument:
             self.sampling = False
             self._origin = time.monotonic()
             if tell:
-                self.say(Event(EventKind.BOOT, 0))
+                self.say(messages.Event(messages.EventKind.BOOT, 0))
 
     def poll(self) -> bytes:
-        """What it has to say by now."""
+        """Return the bytes that are due by now."""
         with self._lock:
             if self.silent:
                 return b""
@@ -136,7 +123,7 @@ class Instrument:
             if now >= self._status_at:
                 self._status_at = now + 0.2
                 state = self.overruns, self.sampling, self.drops_waiting
-                self.say(Status(self.clock_us, 3.9, 21.0, *state))
+                self.say(messages.Status(self.clock_us, 3.9, 21.0, *state))
             rate = self.identity.sampling_rate
             while self.sampling and (now - self._began) * rate >= self._next + 20:
                 clock = self.clock_us
@@ -147,7 +134,7 @@ class Instrument:
             return data
 
     def forget(self) -> None:
-        """What was sent while nobody was connected."""
+        """Discard the bytes that were due while no program was connected."""
         with self._lock:
             self.poll()
 
@@ -183,7 +170,7 @@ class DirectTransport:
 
 
 class Socket:
-    """Where an instrument is plugged in: a factory of transports."""
+    """Factory of transports to an instrument that can be unplugged."""
 
     def __init__(self, instrument: Instrument) -> None:
         self.instrument: Instrument | None = instrument
@@ -311,7 +298,7 @@ def collect(driver: Driver, until: Callable[[list[Item]], bool]) -> list[Item]:
     raise AssertionError(f"not within 30 s; the last items were {items[-5:]}")
 
 
-def no_reader_left() -> bool:
+def is_without_reader() -> bool:
     return not [each for each in threading.enumerate() if each.name == "pfwd-reader"]
 
 

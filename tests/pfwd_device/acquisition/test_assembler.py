@@ -35,8 +35,8 @@ def assemble(blocks: Iterable[SampleBlock]) -> tuple[list[Item], Counters]:
 
 
 def ranges(items: Sequence[Item]) -> list[tuple[str, int, int]]:
-    """What was handed on, neighbours joined; the values of the samples are checked."""
-    found: list[tuple[str, int, int]] = []
+    """Return the ranges of items, neighbours joined, and check the values of the samples."""
+    joined: list[tuple[str, int, int]] = []
     for item in items:
         match item:
             case Samples():
@@ -49,11 +49,11 @@ def ranges(items: Sequence[Item]) -> list[tuple[str, int, int]]:
                 new = ("stream", item.stream, item.stream)
             case _:
                 continue
-        if found and found[-1][0] == new[0] == "samples" and found[-1][2] == new[1]:
-            found[-1] = ("samples", found[-1][1], new[2])
+        if joined and joined[-1][0] == new[0] == "samples" and joined[-1][2] == new[1]:
+            joined[-1] = ("samples", joined[-1][1], new[2])
         else:
-            found.append(new)
-    return found
+            joined.append(new)
+    return joined
 
 
 def blocks_of(lengths: Sequence[int], start: int = 0) -> list[SampleBlock]:
@@ -61,25 +61,7 @@ def blocks_of(lengths: Sequence[int], start: int = 0) -> list[SampleBlock]:
     return [block(first, length) for first, length in zip(firsts, lengths, strict=False)]
 
 
-def test_blocks_in_order() -> None:
-    items, counters = assemble(blocks_of([20, 30, 1]))
-    assert ranges(items) == [("stream", 7, 7), ("samples", 0, 51)]
-    assert (counters.samples, counters.streams) == (51, 1)
-
-
-def test_a_late_block_is_put_in_its_place() -> None:
-    one, two, three, four = blocks_of([20] * 4)
-    items, counters = assemble([one, three, four, two])
-    assert ranges(items)[1:] == [("samples", 0, 80)]
-    assert counters.samples_lost == counters.samples_repeated == 0
-
-
-def test_the_first_block_may_be_late_too() -> None:
-    one, two = blocks_of([20] * 2)
-    assert ranges(assemble([two, one])[0])[1:] == [("samples", 0, 40)]
-
-
-def test_a_gap_is_told_when_the_window_is_over() -> None:
+def test_a_gap_is_reported_at_the_end_of_the_window() -> None:
     target, counters = assembler()
     items = [*target.add(block(0), 0.0, UTC)]
     first = 40
@@ -93,7 +75,7 @@ def test_a_gap_is_told_when_the_window_is_over() -> None:
     assert (counters.samples_lost, counters.samples_repeated) == (20, 20)
 
 
-def test_an_instrument_that_pauses_leaves_nothing_waiting() -> None:
+def test_waiting_samples_are_released_in_a_pause() -> None:
     target, _ = assembler()
     target.add(block(0), 0.0, UTC)
     assert target.add(block(40), 1.0, UTC) == []
@@ -107,12 +89,12 @@ def test_overlaps_are_cut() -> None:
     assert counters.samples_repeated == 20 + 5 + 10
 
 
-def test_a_stream_joined_in_the_middle_has_no_gap_before() -> None:
+def test_a_stream_that_starts_late_has_no_gap_before() -> None:
     items, _ = assemble([block(1_000_000), block(1_000_020)])
     assert ranges(items)[1:] == [("samples", 1_000_000, 1_000_040)]
 
 
-def test_a_new_stream_begins_anew() -> None:
+def test_a_new_stream_starts_at_its_first_block() -> None:
     items, counters = assemble([block(0), block(40), block(0, 20, 8), block(20, 20, 8)])
     assert ranges(items) == [
         ("stream", 7, 7), ("samples", 0, 20), ("gap", 20, 40), ("samples", 40, 60),
@@ -121,7 +103,7 @@ def test_a_new_stream_begins_anew() -> None:
     assert counters.streams == 2
 
 
-def test_a_stray_block_of_the_old_stream_repeats_nothing() -> None:
+def test_a_stray_block_of_the_old_stream_is_dropped() -> None:
     items, counters = assemble([block(0), block(0, 20, 8), block(0), block(20, 20, 8)])
     assert [item for item in items if isinstance(item, Samples) and item.stream == 7] == items[1:2]
     assert counters.samples_repeated == 20
@@ -146,7 +128,7 @@ def assembler_after(seconds: int, ring: int = 0) -> tuple[Assembler, Counters]:
         (20_000, True, 2, True),  # a reset empties the ring
     ],
 )
-def test_a_new_run_may_have_the_number_of_the_last_one(
+def test_a_new_run_may_have_the_number_of_the_previous_run(
     ring: int, reset: bool, end_s: int, is_new: bool
 ) -> None:
     target, counters = assembler_after(end_s, ring)
@@ -157,7 +139,7 @@ def test_a_new_run_may_have_the_number_of_the_last_one(
     assert counters.samples_lost == 0
 
 
-def test_a_new_run_may_have_the_number_of_an_earlier_one() -> None:
+def test_a_new_run_may_have_the_number_of_an_earlier_run() -> None:
     target, counters = assembler_after(3)
     target.add(block(0, 20, 8), 1.0, UTC)
     target.expect_restart()
@@ -165,7 +147,7 @@ def test_a_new_run_may_have_the_number_of_an_earlier_one() -> None:
     assert counters.samples_repeated == 0
 
 
-def test_blocks_of_the_old_run_may_follow_the_request_of_a_new_one() -> None:
+def test_blocks_of_the_old_run_may_follow_the_request_of_a_restart() -> None:
     target, counters = assembler_after(1)
     target.expect_restart()
     items = [*target.add(block(10_000, 5000), 1.0, UTC), *target.add(block(0), 1.0, UTC)]
@@ -197,7 +179,7 @@ def test_a_long_gap_needs_two_blocks() -> None:
     assert counters.samples_lost == 10**9 - 20
 
 
-def test_an_absurd_index_costs_one_block_and_no_memory() -> None:
+def test_an_absurd_index_is_refused() -> None:
     """Also where it is the last one before the instrument pauses."""
     normal = blocks_of([20] * 200)
     wild = block(2**63)
@@ -221,7 +203,7 @@ def test_long_blocks_that_come_seldom() -> None:
     assert counters.blocks_refused == 0
 
 
-def test_a_block_that_comes_far_too_early_is_no_gap() -> None:
+def test_a_block_that_is_too_early_is_no_gap() -> None:
     """Neither when it comes nor when the others come near it."""
     blocks = blocks_of([20] * 300)
     early = blocks.pop(100)
@@ -258,10 +240,10 @@ def test_the_window_is_bounded_in_time(rate: float, channels: int) -> None:
 def test_each_sample_once_and_gaps_exact(lengths: list[int], lost: set[int], seed: int) -> None:
     """Lost, repeated, cut anew and shuffled within the window."""
     generator = random.Random(seed)
-    whole = blocks_of(lengths)
-    kept = [each for number, each in enumerate(whole) if number not in lost]
+    blocks = blocks_of(lengths)
+    sent_blocks = [each for number, each in enumerate(blocks) if number not in lost]
     sent = []
-    for each in kept:
+    for each in sent_blocks:
         # Later by less than half of the window than it should.
         sent.append((each.first_sample + generator.uniform(0, WINDOW / 4), each))
         if generator.random() < 0.3:
@@ -271,7 +253,7 @@ def test_each_sample_once_and_gaps_exact(lengths: list[int], lost: set[int], see
 
     expected: list[tuple[str, int, int]] = []
     position = 0
-    for each in kept:
+    for each in sent_blocks:
         end = each.first_sample + len(each.counts)
         if each.first_sample > position:
             expected.append(("gap", position, each.first_sample))

@@ -27,7 +27,7 @@ def run(
         clock.add(device + speed * float(then), begin + float(now))
 
 
-def test_nothing_is_known_at_first() -> None:
+def test_a_new_clock_has_no_speed() -> None:
     clock = DeviceClock()
     assert (clock.speed, clock.drift_ppm, clock.is_real_time) == (None, None, None)
     run(clock, 2.0)
@@ -36,7 +36,7 @@ def test_nothing_is_known_at_first() -> None:
 
 @pytest.mark.parametrize("ppm", [-80.0, 0.0, 40.0, 300.0])
 @pytest.mark.parametrize("seed", [1, 2])
-def test_drift_is_found(ppm: float, seed: int) -> None:
+def test_drift_is_estimated(ppm: float, seed: int) -> None:
     clock = DeviceClock()
     run(clock, 120.0, speed=1 + ppm / 1e6, seed=seed)
     assert clock.is_real_time
@@ -71,7 +71,7 @@ def test_a_jump_is_counted_once(jump: float) -> None:
 
 
 def test_a_slow_backward_step_is_noticed_by_its_persistence() -> None:
-    """As when the first message after it is of another kind: nothing runs backward then."""
+    """The first message after it is of another kind, so that no time runs backward."""
     clock = DeviceClock()
     run(clock, 20.0)
     for step in range(500):
@@ -107,7 +107,7 @@ def test_a_jump_is_more_than_any_delay(step: float, jumps: int) -> None:
     assert clock.jumps == jumps
 
 
-def test_drift_is_told_after_a_quarter_of_a_minute() -> None:
+def test_drift_is_reported_after_a_quarter_of_a_minute() -> None:
     clock = DeviceClock()
     run(clock, 14.0, jitter=1e-4)
     assert clock.is_real_time

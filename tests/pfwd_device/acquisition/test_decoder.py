@@ -1,4 +1,4 @@
-"""From bytes to items, live or recorded."""
+"""Items decoded from bytes, live or recorded."""
 
 import dataclasses
 import datetime
@@ -41,23 +41,23 @@ def feed(decoder: Decoder, pieces: Sequence[bytes]) -> list[Item]:
 
 def story(items: Sequence[Item]) -> list[object]:
     """Items without how samples were cut."""
-    told: list[object] = []
+    events: list[object] = []
     for item in items:
         match item:
             case Samples():
                 np.testing.assert_array_equal(item.counts, counts(item.first, len(item.counts)))
                 end = item.first + len(item.counts)
-                last = told[-1] if told else None
+                last = events[-1] if events else None
                 same = (item.stream, item.first, item.shunt)
                 if isinstance(last, tuple) and (last[0], *last[2:]) == same:
-                    told[-1] = (*last[:2], end, item.shunt)
+                    events[-1] = (*last[:2], end, item.shunt)
                 else:
-                    told.append((item.stream, item.first, end, item.shunt))
+                    events.append((item.stream, item.first, end, item.shunt))
             case Connected():
-                told.append((item.identity, item.reconnected))
+                events.append((item.identity, item.reconnected))
             case _:
-                told.append(item)
-    return told
+                events.append(item)
+    return events
 
 
 def status(overruns: int = 0, clock: int = 0, *, sampling: bool = True) -> Status:
@@ -65,11 +65,11 @@ def status(overruns: int = 0, clock: int = 0, *, sampling: bool = True) -> Statu
 
 
 def test_a_recorded_session() -> None:
-    other = identity(rate=5000.0)
-    messages = [identity(), status(), other, block(0), block(20), block(60), Refusal(4, "busy")]
+    changed = identity(rate=5000.0)
+    messages = [identity(), status(), changed, block(0), block(20), block(60), Refusal(4, "busy")]
     items = feed(Decoder(BinaryDialect(), "somewhere"), encode(messages))
     assert story(items) == [
-        status(), (other, False), StreamBegan(7), (7, 0, 40, False), Refusal(4, "busy"),
+        status(), (changed, False), StreamBegan(7), (7, 0, 40, False), Refusal(4, "busy"),
         Gap(7, 40, 20), (7, 60, 80, False),
     ]  # fmt: skip
     (connected,) = [item for item in items if isinstance(item, Connected)]
@@ -80,27 +80,17 @@ def test_a_recorded_session() -> None:
 def test_a_cut_link_that_goes_on() -> None:
     """The half frame is lost, the gap told, nothing handed on twice."""
     pieces = encode([identity(), *(block(20 * k) for k in range(10))])
-    again = encode([identity(), *(block(20 * k) for k in range(7, 100))])
+    repeated = encode([identity(), *(block(20 * k) for k in range(7, 100))])
     decoder = Decoder(BinaryDialect())
     items = feed(decoder, [*pieces[:6], pieces[6][:30]])
     items += decoder.cut()
-    items += feed(decoder, again)
+    items += feed(decoder, repeated)
     assert story(items) == [
         (identity(), False), StreamBegan(7), (7, 0, 100, False),
         (identity(), True), Gap(7, 100, 40), (7, 140, 2000, False),
     ]  # fmt: skip
     assert decoder.counters.samples_lost == 40
     assert decoder.counters.samples_repeated == 0
-
-
-def test_what_is_sent_twice_is_handed_on_once() -> None:
-    first = encode([identity(), *(block(20 * k) for k in range(10))])
-    decoder = Decoder(BinaryDialect())
-    items = feed(decoder, first)
-    items += decoder.cut()
-    items += feed(decoder, encode([identity(), *(block(20 * k) for k in range(5, 15))]))
-    assert story(items)[2:] == [(7, 0, 200, False), (identity(), True), (7, 200, 300, False)]
-    assert decoder.counters.samples_repeated == 100
 
 
 @pytest.mark.parametrize("sign", [Event(EventKind.BOOT, 0), status(sampling=False), None])
@@ -120,7 +110,7 @@ def test_a_run_with_a_used_number_is_new_after_a_sign_of_a_restart(sign: Message
 
 
 @pytest.mark.parametrize("kind", [EventKind.END, EventKind.BOOT])
-def test_before_the_end_everything_is_handed_on(kind: EventKind) -> None:
+def test_waiting_samples_are_released_before_the_end(kind: EventKind) -> None:
     decoder = Decoder(BinaryDialect())
     last = Event(kind, 0)
     items = feed(decoder, encode([identity(), block(0), block(40), last]))
@@ -144,7 +134,7 @@ def test_samples_wait_for_the_identity(monkeypatch: pytest.MonkeyPatch) -> None:
     assert story(items)[2:] == [Gap(7, 0, 160), (7, 160, 200, False)]
 
 
-def test_accepting_nothing_is_a_mistake() -> None:
+def test_accepting_without_an_identity_is_an_error() -> None:
     with pytest.raises(RuntimeError, match="identity"):
         Decoder(BinaryDialect()).accept(UTC)
 
@@ -200,8 +190,8 @@ def test_items_do_not_depend_on_how_bytes_were_cut(
     data = bytearray(b"".join(encode(messages)))
     for place, change in damage:
         data[len(data) // 2 + place % (len(data) // 2)] ^= change
-    whole, pieces = Decoder(BinaryDialect()), Decoder(BinaryDialect())
-    assert story(feed(whole, [bytes(data)])) == story(feed(pieces, cut(bytes(data), places)))
+    at_once, pieces = Decoder(BinaryDialect()), Decoder(BinaryDialect())
+    assert story(feed(at_once, [bytes(data)])) == story(feed(pieces, cut(bytes(data), places)))
 
 
 @settings(deadline=None, max_examples=60)
@@ -230,7 +220,7 @@ def test_suspended_samples_wait_for_the_next_acceptance() -> None:
     ]
 
 
-def test_a_known_stream_goes_on_without_an_identity() -> None:
+def test_a_stream_continues_without_an_identity() -> None:
     """After a cut the instrument may send blocks before it is asked who it is."""
     decoder = Decoder(BinaryDialect())
     feed(decoder, encode([identity(), block(0)]))
@@ -271,13 +261,13 @@ def test_a_wrong_sampling_rate_is_reported_by_the_clock_that_shows_it(deviation:
     assert rate_reports(started(), [1.004], clock=0.996) == []
 
 
-def test_a_simulation_at_another_speed_is_compared_with_its_own_clock_alone() -> None:
+def test_a_fast_simulation_is_compared_with_its_clock_only() -> None:
     assert rate_reports(started(real_time=False), [4.0]) == []
     (report,) = rate_reports(started(real_time=False), [4.0], clock=1.02)
     assert report.clock == "instrument"
 
 
-def test_each_run_is_compared_anew_and_reported_once() -> None:
+def test_a_deviation_is_reported_once_in_each_run() -> None:
     decoder = started()
     assert [each.deviation > 0 for each in rate_reports(decoder, [1.05, 1.05])] == [True]
     assert rate_reports(decoder, [1.0], stream=8) == []

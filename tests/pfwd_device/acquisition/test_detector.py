@@ -22,20 +22,10 @@ from pfwd_device.identity import ChannelIdentity, Identity
 from pfwd_plugins.quantities import Measurand
 
 RATE = 10_000
-# One count is 1 N: 2.0 V over 2^23 counts, and that many volts per newton.
-VOLTS_PER_COUNT = 2.0 / 2**23
-IDENTITY = Identity(
-    serial_number="T1",
-    model="test",
-    firmware="1",
-    sampling_rate=RATE,
-    adc_bits=24,
-    adc_range=2.0,
-    channels=(
-        ChannelIdentity("load", Measurand.LOAD, sensitivity=VOLTS_PER_COUNT),
-        ChannelIdentity("g0", Measurand.VELOCITY, sensitivity=1.0),
-    ),
-)
+LOAD = ChannelIdentity("load", Measurand.LOAD, sensitivity=2.0 / 2**23)
+"""Channel of which one count is 1 N: 2 V over 2^23 counts."""
+CHANNELS = LOAD, ChannelIdentity("g0", Measurand.VELOCITY, sensitivity=1.0)
+IDENTITY = Identity("T1", "test", "1", RATE, 24, 2.0, CHANNELS)
 NOW = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)
 
 
@@ -49,7 +39,7 @@ def stream(*pulses, seconds=4.0, noise=3.0, offset=120.0, seed=1):
     return load
 
 
-def begun():
+def started():
     detector = Detector(IDENTITY)
     detector.begin(7)
     return detector
@@ -70,19 +60,19 @@ def run(load, cuts=(), detector=None, **keywords):
     detector = detector or Detector(IDENTITY, DetectionSettings(**keywords))
     detector.begin(7)
     counts = counts_of(load)
-    found = []
+    detections = []
     edges = sorted({0, len(counts), *cuts})
     for a, b in itertools.pairwise(edges):
-        found += detector.feed(samples(counts[a:b], a))
-    return found
+        detections += detector.feed(samples(counts[a:b], a))
+    return detections
 
 
-def drops(found):
-    return [one for one in found if isinstance(one, RawDrop)]
+def drops(detections):
+    return [each for each in detections if isinstance(each, RawDrop)]
 
 
-def rebounds(found):
-    return [one for one in found if isinstance(one, RawRebound)]
+def rebounds(detections):
+    return [each for each in detections if isinstance(each, RawRebound)]
 
 
 def test_a_drop_is_cut_out_around_the_first_sample_above_the_threshold():
@@ -100,30 +90,22 @@ def test_a_drop_is_cut_out_around_the_first_sample_above_the_threshold():
 
 
 def test_rebounds_stay_with_their_drop():
-    found = run(stream((1.0, 8000.0), (1.45, 3000.0), (1.75, 1100.0)))
-    assert len(drops(found)) == 1
-    first, second = rebounds(found)
-    assert first.after == drops(found)[0].first + drops(found)[0].trigger
+    detections = run(stream((1.0, 8000.0), (1.45, 3000.0), (1.75, 1100.0)))
+    assert len(drops(detections)) == 1
+    first, second = rebounds(detections)
+    assert first.after == drops(detections)[0].first + drops(detections)[0].trigger
     assert first.trigger == pytest.approx(14_500, abs=12)
     assert first.peak == pytest.approx(3000, abs=15)
     assert second.trigger == pytest.approx(17_500, abs=30)
-    assert isinstance(found[-1], ReboundsOver)
-    assert sum(isinstance(one, ReboundsOver) for one in found) == 1
+    assert isinstance(detections[-1], ReboundsOver)
+    assert sum(isinstance(each, ReboundsOver) for each in detections) == 1
 
 
 def test_a_larger_pulse_soon_after_a_knock_is_the_drop():
-    found = run(stream((1.0, 700.0), (1.5, 8000.0), (1.9, 2500.0)))
-    assert [one.first + one.trigger for one in drops(found)] == pytest.approx(
-        [10_000, 15_000], abs=30
-    )
-    (rebound,) = rebounds(found)
-    assert rebound.after == drops(found)[1].first + drops(found)[1].trigger
-
-
-def test_the_same_hammer_later_is_another_drop():
-    found = run(stream((1.0, 8000.0), (3.0, 7900.0), seconds=5.0))
-    assert len(drops(found)) == 2
-    assert not rebounds(found)
+    detections = run(stream((1.0, 700.0), (1.5, 8000.0), (1.9, 2500.0)))
+    triggers = [drop.first + drop.trigger for drop in drops(detections)]
+    assert triggers == pytest.approx([10_000, 15_000], abs=30)
+    assert [rebound.after for rebound in rebounds(detections)] == triggers[1:]
 
 
 def test_a_spike_and_slow_drift_are_no_drops():
@@ -138,25 +120,23 @@ def test_noise_raises_the_threshold():
     assert len(drops(run(stream((2.0, 800.0), noise=10.0)))) == 1
 
 
-def test_a_weight_left_on_the_plate_triggers_once_and_becomes_the_new_rest():
+def test_a_weight_on_the_plate_triggers_once_and_becomes_the_new_rest():
     load = stream((6.0, 8000.0), seconds=8.0)
     load[20_000:] += 900.0
-    found = drops(run(load))
-    assert [one.first + one.trigger for one in found] == pytest.approx([20_000, 60_000], abs=30)
-    assert found[1].at_rest.load == pytest.approx(1020.0, abs=3.0)
-
-
-def test_a_load_of_the_wrong_polarity_is_found_too():
-    assert len(drops(run(stream((2.0, -8000.0))))) == 1
+    detections = drops(run(load))
+    assert [each.first + each.trigger for each in detections] == pytest.approx(
+        [20_000, 60_000], abs=30
+    )
+    assert detections[1].at_rest.load == pytest.approx(1020.0, abs=3.0)
 
 
 def test_missing_samples_are_marked_where_they_are():
     counts = counts_of(stream((2.0, 8000.0)))
-    detector = begun()
-    found = detector.feed(samples(counts[:20_050]))
-    found += detector.feed(Gap(7, 20_050, 30))
-    found += detector.feed(samples(counts[20_080:], 20_080))
-    (drop,) = drops(found)
+    detector = started()
+    detections = detector.feed(samples(counts[:20_050]))
+    detections += detector.feed(Gap(7, 20_050, 30))
+    detections += detector.feed(samples(counts[20_080:], 20_080))
+    (drop,) = drops(detections)
     start = 20_050 - drop.first
     assert drop.missing == ((start, 30),)
     assert not drop.counts[start : start + 30].any()
@@ -167,7 +147,7 @@ def test_missing_samples_are_marked_where_they_are():
 
 def test_a_gap_over_the_start_of_the_pulse_leaves_a_marked_drop():
     counts = counts_of(stream((2.0, 8000.0)))
-    detector = begun()
+    detector = started()
     detector.feed(samples(counts[:19_950]))
     detector.feed(Gap(7, 19_950, 100))
     (drop,) = drops(detector.feed(samples(counts[20_050:], 20_050)))
@@ -177,7 +157,7 @@ def test_a_gap_over_the_start_of_the_pulse_leaves_a_marked_drop():
 
 def test_a_huge_gap_costs_no_memory_and_the_drop_in_hand_ends_marked():
     counts = counts_of(stream((2.0, 8000.0)))
-    detector = begun()
+    detector = started()
     detector.feed(samples(counts[:20_100]))
     (drop,) = drops(detector.feed(Gap(7, 20_100, 10**15)))
     assert drop.missing == ((20_100 - drop.first, 1200 - (20_100 - drop.first)),)
@@ -186,8 +166,8 @@ def test_a_huge_gap_costs_no_memory_and_the_drop_in_hand_ends_marked():
     assert detector.ready
 
 
-def test_what_was_lost_with_the_link_is_marked():
-    detector = begun()
+def test_samples_lost_with_the_link_are_marked():
+    detector = started()
     detector.feed(samples(counts_of(stream((2.0, 8000.0)))[:20_600]))
     assert detector.busy
     drop, over = detector.finish("link lost")
@@ -197,18 +177,8 @@ def test_what_was_lost_with_the_link_is_marked():
     assert detector.finish("again") == []
 
 
-def test_shunt_samples_are_no_measurement():
-    counts = counts_of(stream((2.0, 8000.0)))
-    detector = begun()
-    found = detector.feed(samples(counts[:19_000]))
-    found += detector.feed(samples(counts[19_000:21_000], 19_000, shunt=True))
-    found += detector.feed(samples(counts[21_000:], 21_000))
-    assert drops(found) == []
-    assert rebounds(found) == []
-
-
 def test_the_operator_may_trigger():
-    detector = begun()
+    detector = started()
     counts = counts_of(stream())
     detector.feed(samples(counts[:20_000]))
     detector.trigger_by_operator()
@@ -221,23 +191,27 @@ def test_saturated_samples_are_counted():
     counts = counts_of(stream((2.0, 8000.0)))
     counts[20_060:20_070, 1] = 2**23 - 1
     counts[20_070:20_075, 1] = -(2**23)
-    detector = begun()
+    detector = started()
     (drop,) = drops(detector.feed(samples(counts)))
     assert drop.saturated == ((1, 15),)
 
 
-def test_a_recorded_drop_is_found_again_bit_for_bit():
+def test_a_recorded_drop_is_reproduced_bit_for_bit():
     load = stream((1.5, 6000.0), noise=20.0)
     load += 40.0 * np.sin(2 * np.pi * 0.7 * np.arange(load.size) / RATE)
     (live,) = drops(run(load))
     detector = Detector(IDENTITY)
     detector.begin(3, live.first, live.at_rest)
-    found = detector.feed(Samples(3, live.first, live.counts, False, 0.0, NOW))
-    found += detector.feed(Gap(3, live.first + len(live.counts), RATE))
-    (again,) = drops(found)
-    assert (again.first, again.trigger, again.missing) == (live.first, live.trigger, ())
-    np.testing.assert_array_equal(again.counts, live.counts)
-    assert again.at_rest == live.at_rest
+    detections = detector.feed(Samples(3, live.first, live.counts, False, 0.0, NOW))
+    detections += detector.feed(Gap(3, live.first + len(live.counts), RATE))
+    (reproduced,) = drops(detections)
+    assert (reproduced.first, reproduced.trigger, reproduced.missing) == (
+        live.first,
+        live.trigger,
+        (),
+    )
+    np.testing.assert_array_equal(reproduced.counts, live.counts)
+    assert reproduced.at_rest == live.at_rest
 
 
 @settings(max_examples=40, deadline=None)
@@ -247,18 +221,18 @@ def test_a_recorded_drop_is_found_again_bit_for_bit():
     st.floats(0.3, 2.9),
     st.floats(300.0, 20_000.0),
 )
-def test_what_is_found_does_not_depend_on_how_samples_arrive(cuts, seed, at, peak):
+def test_detection_does_not_depend_on_how_samples_arrive(cuts, seed, at, peak):
     load = stream((at, peak), (at + 0.4, peak / 3), seed=seed)
-    whole, cut = run(load), run(load, cuts)
-    assert [type(one) for one in whole] == [type(one) for one in cut]
-    for a, b in zip(whole, cut, strict=True):
+    at_once, cut = run(load), run(load, cuts)
+    assert [type(each) for each in at_once] == [type(each) for each in cut]
+    for a, b in zip(at_once, cut, strict=True):
         if isinstance(a, RawDrop | RawRebound):
             assert a.first == b.first
             np.testing.assert_array_equal(a.counts, b.counts)
 
 
 def test_a_drop_after_a_knock_is_not_lost_with_the_link():
-    detector = begun()
+    detector = started()
     counts = counts_of(stream((1.0, 700.0), (1.5, 8000.0)))
     (knock,) = drops(detector.feed(samples(counts[:15_120])))
     assert detector.busy
@@ -270,20 +244,22 @@ def test_a_drop_after_a_knock_is_not_lost_with_the_link():
     assert knock.cut_off is None
 
 
-def test_in_a_replay_nothing_goes_before_the_operator():
+def test_in_a_replay_a_manual_trigger_has_priority():
     """Whoever triggers by hand may do so with a weight on the plate."""
     load = stream()
     load[10_000:] += 900.0
-    detector = begun()
+    detector = started()
     counts = counts_of(load)
-    found = drops(detector.feed(samples(counts[:12_000])))
+    detections = drops(detector.feed(samples(counts[:12_000])))
     detector.trigger_by_operator()
     (live,) = drops(detector.feed(samples(counts[12_000:14_000], 12_000)))
-    assert len(found) == 1
-    again = Detector(IDENTITY)
-    again.begin(7, live.first, live.at_rest)
-    again.trigger_by_operator(live.first + live.trigger)
-    (replayed,) = drops(again.feed(samples(live.counts, live.first)) + again.feed(Gap(7, 0, RATE)))
+    assert len(detections) == 1
+    reproduced = Detector(IDENTITY)
+    reproduced.begin(7, live.first, live.at_rest)
+    reproduced.trigger_by_operator(live.first + live.trigger)
+    (replayed,) = drops(
+        reproduced.feed(samples(live.counts, live.first)) + reproduced.feed(Gap(7, 0, RATE))
+    )
     assert (replayed.first, replayed.trigger) == (live.first, live.trigger)
     np.testing.assert_array_equal(replayed.counts, live.counts)
     assert replayed.by_operator
@@ -292,28 +268,20 @@ def test_in_a_replay_nothing_goes_before_the_operator():
 @pytest.mark.parametrize("rate", [1e-9, 1.0, 125.0])
 def test_an_instrument_that_is_too_slow_is_refused(rate):
     slow = dataclasses.replace(IDENTITY, sampling_rate=rate)
-    with pytest.raises(
-        SetupError, match=r"expected at least 16 samples in the 0\.12 s of a record"
-    ):
+    with pytest.raises(SetupError, match="expected at least 16 samples"):
         Detector(slow)
 
 
-def test_a_pulse_longer_than_its_record_is_no_rebound_of_itself():
+def test_a_pulse_longer_than_its_record_is_no_rebound_of_itself_but_its_bounce_is():
     # Its record ends at 100 ms while the load is still far above the threshold: nothing triggers
     # again before the load was gone.
-    found = run(stream((2.0, 8000.0, 0.150)))
-    assert len(drops(found)) == 1
-    assert rebounds(found) == []
-
-
-def test_a_bounce_after_a_pulse_longer_than_its_record_is_a_rebound():
-    found = run(stream((2.0, 8000.0, 0.150), (2.5, 2500.0)))
-    assert len(drops(found)) == 1
-    assert [one.trigger for one in rebounds(found)] == pytest.approx([25_000], abs=30)
+    detections = run(stream((2.0, 8000.0, 0.150), (2.5, 2500.0)))
+    assert len(drops(detections)) == 1
+    assert [each.trigger for each in rebounds(detections)] == pytest.approx([25_000], abs=30)
 
 
 @pytest.mark.parametrize("threshold", [100.0, 400.0, 2000.0])
-def test_the_load_that_starts_a_drop_is_told_in_newtons(threshold):
+def test_the_load_that_starts_a_drop_is_in_newtons(threshold):
     quiet, rough = (Detector(IDENTITY, DetectionSettings(threshold=threshold)) for _ in range(2))
     assert quiet.drop_load == threshold
     run(stream(seconds=1.0), detector=quiet)
@@ -340,8 +308,8 @@ def test_times_are_up_to_ten_seconds_and_hysteresis_below_all():
         DetectionSettings(hysteresis=1.0)
 
 
-def test_rest_is_known_after_a_fifth_of_a_second():
-    detector = begun()
+def test_the_load_at_rest_is_estimated_after_a_fifth_of_a_second():
+    detector = started()
     counts = counts_of(stream(noise=0.0))
     assert detector.feed(samples(counts[:1999])) == []
     assert not detector.ready
@@ -360,13 +328,13 @@ def test_rest_follows_a_drift_by_three_hundredths_a_quantum():
     assert detector.at_rest.load == pytest.approx(123.0 + 0.03 * 97)
 
 
-@pytest.mark.parametrize(("length", "known"), [(9_999, True), (10_000, False)])
-def test_after_a_second_without_samples_rest_is_found_anew(length, known):
+@pytest.mark.parametrize(("length", "is_ready"), [(9_999, True), (10_000, False)])
+def test_after_a_second_without_samples_the_load_at_rest_is_unknown(length, is_ready):
     detector = Detector(IDENTITY)
     run(stream(seconds=1.0), detector=detector)
     assert detector.ready
     detector.feed(Gap(7, 10_000, length))
-    assert detector.ready is known
+    assert detector.ready is is_ready
 
 
 @pytest.mark.parametrize("length", [3 * RATE, 123_456_789, 10**12])
@@ -374,16 +342,13 @@ def test_samples_behind_a_gap_keep_their_numbers(length):
     detector = Detector(IDENTITY)
     run(stream(seconds=1.0), detector=detector)
     detector.feed(Gap(7, RATE, length))
-    (drop,) = drops(
-        detector.feed(
-            samples(counts_of(stream((1.0, 8000.0), seconds=2.0, noise=0.0)), RATE + length)
-        )
-    )
+    counts = counts_of(stream((1.0, 8000.0), seconds=2.0, noise=0.0))
+    (drop,) = drops(detector.feed(samples(counts, RATE + length)))
     assert drop.first + drop.trigger == RATE + length + 10_003
     assert drop.missing == ()
 
 
-def test_a_bounce_right_after_the_load_was_gone_is_a_rebound():
+def test_a_bounce_right_after_the_load_ended_is_a_rebound():
     # Everything within one quantum: the load leaves a long pulse, is gone for 2 ms, bounces for
     # 3 ms and is gone again.
     load = stream(noise=0.0)
@@ -394,6 +359,6 @@ def test_a_bounce_right_after_the_load_was_gone_is_a_rebound():
 
 
 def test_samples_of_another_stream_are_a_mistake():
-    detector = begun()
+    detector = started()
     with pytest.raises(ValueError, match="expected samples of stream 7, got 8"):
         detector.feed(Gap(8, 0, 10))

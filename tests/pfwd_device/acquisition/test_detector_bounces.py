@@ -1,6 +1,5 @@
 """Drops, bounces and reports of the detector, for the pulses of a weight that falls and bounces."""
 
-import datetime
 import itertools
 from dataclasses import dataclass
 
@@ -17,21 +16,10 @@ from pfwd_device.acquisition.detection import (
 )
 from pfwd_device.acquisition.detector import Detector
 from pfwd_device.acquisition.items import Gap, Samples
-from pfwd_device.identity import ChannelIdentity, Identity
-from pfwd_plugins.quantities import Measurand
+from pfwd_device.identity import Identity
+from tests.pfwd_device.acquisition.test_detector import LOAD, NOW, RATE
 
-RATE = 10_000
-IDENTITY = Identity(
-    serial_number="T1",
-    model="test",
-    firmware="1",
-    sampling_rate=RATE,
-    adc_bits=24,
-    adc_range=2.0,
-    # One count is 1 N.
-    channels=(ChannelIdentity("load", Measurand.LOAD, sensitivity=2.0 / 2**23),),
-)
-NOW = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)
+IDENTITY = Identity("T1", "test", "1", RATE, 24, 2.0, (LOAD,))
 THRESHOLD = 400.0
 PULSE = 150
 """Samples of a pulse: 15 ms."""
@@ -110,10 +98,10 @@ def weights(draw, drops=(2, 5)):
 
 
 def is_visible(pulse, present):
-    """Whether three samples in a row tell that the load is above the threshold."""
+    """Return whether three samples in a row are above the threshold."""
     shape = pulse.peak * np.sin(np.pi * np.arange(PULSE) / PULSE)
-    seen = (shape > THRESHOLD + 15) & present[pulse.start : pulse.start + PULSE]
-    return bool(np.lib.stride_tricks.sliding_window_view(seen, 3).all(axis=1).any())
+    visible = (shape > THRESHOLD + 15) & present[pulse.start : pulse.start + PULSE]
+    return bool(np.lib.stride_tricks.sliding_window_view(visible, 3).all(axis=1).any())
 
 
 def holds(pulse, index, margin=0):
@@ -122,7 +110,7 @@ def holds(pulse, index, margin=0):
 
 @settings(max_examples=25, deadline=None)
 @given(weights(), st.integers(100, 5000))
-def test_without_gaps_every_drop_is_one_and_every_bounce_is_none(weight, chunk):
+def test_without_gaps_drops_and_bounces_are_distinguished(weight, chunk):
     pulses, seconds = weight
     detections, _ = feed(stream_of(pulses, seconds), chunk=chunk)
     drops = [pulse for pulse in pulses if pulse.is_drop]
@@ -170,23 +158,13 @@ def test_no_drop_is_lost_and_no_bounce_is_a_drop_without_a_report(weight, places
             ]
 
 
-def test_of_drops_every_one_and_a_half_seconds_none_is_a_bounce():
-    pulses = pulses_at(*((1.0 + 1.4 * number, 8000.0 - 60 * (number % 5)) for number in range(30)))
-    detections, _ = feed(stream_of(pulses, 43.0))
-    assert len(triggers(detections, RawDrop)) == 30
-    assert triggers(detections, RawRebound) == []
-    assert reasons(detections) == []
-
-
 @pytest.mark.parametrize(("part", "is_drop"), [(0.68, False), (0.72, True)])
 def test_a_bounce_has_less_than_seven_tenths_of_the_pulse_before_it(part, is_drop):
-    detections, _ = feed(stream_of(pulses_at((1.0, 8000.0), (1.5, part * 8000.0)), 4.0))
-    assert len(triggers(detections, RawDrop)) == 1 + is_drop
-    detections, _ = feed(
-        stream_of(pulses_at((1.0, 8000.0), (1.5, 4000.0), (1.8, part * 4000.0)), 4.0)
-    )
-    assert len(triggers(detections, RawDrop)) == 1 + is_drop
-    assert reasons(detections) == []
+    for peaks in ((8000.0, part * 8000.0), (8000.0, 4000.0, part * 4000.0)):
+        pulses = pulses_at(*zip((1.0, 1.5, 1.8), peaks, strict=False))
+        detections, _ = feed(stream_of(pulses, 4.0))
+        assert len(triggers(detections, RawDrop)) == 1 + is_drop
+        assert reasons(detections) == []
 
 
 @pytest.mark.parametrize(("after", "is_drop"), [(0.68, False), (0.72, True)])
@@ -196,7 +174,7 @@ def test_a_bounce_comes_within_the_longest_flight(after, is_drop):
     assert reasons(detections) == []
 
 
-def test_no_bounce_prolongs_the_time_in_which_bounces_are_looked_for():
+def test_a_bounce_does_not_extend_the_window_of_bounces():
     # Each pulse has 0.65 of the one before: without an end all of them were bounces.
     pulses = pulses_at(*((1.0 + 0.6 * number, 60_000.0 * 0.65**number) for number in range(9)))
     detections, _ = feed(stream_of(pulses, 8.0))
@@ -205,7 +183,7 @@ def test_no_bounce_prolongs_the_time_in_which_bounces_are_looked_for():
     assert len(triggers(detections, RawRebound)) == 6
 
 
-def test_a_pulse_before_the_load_at_rest_is_known_is_reported():
+def test_a_pulse_with_an_unknown_load_at_rest_is_reported():
     detections, _ = feed(stream_of(pulses_at((0.1, 8000.0)), 3.0))
     (report,) = detections
     assert report.reason is PulseReason.REST_UNKNOWN
@@ -213,25 +191,23 @@ def test_a_pulse_before_the_load_at_rest_is_known_is_reported():
     assert report.peak == pytest.approx(8000, abs=100)
 
 
-@pytest.mark.parametrize("apart", [0.018, 0.02, 0.028, 0.04])
+@pytest.mark.parametrize("distance", [0.018, 0.02, 0.028, 0.04])
 @pytest.mark.parametrize("peak", [450.0, 8000.0])
-def test_each_of_two_unrecorded_pulses_has_its_own_report(apart, peak):
+def test_two_unrecorded_pulses_have_two_reports(distance, peak):
     for at in np.arange(0.05, 0.06, 0.0013):
-        detections, _ = feed(stream_of(pulses_at((at, 6000.0), (at + apart, peak)), 1.0))
-        starts = RATE * np.array([at, at + apart])
+        detections, _ = feed(stream_of(pulses_at((at, 6000.0), (at + distance, peak)), 1.0))
+        starts = RATE * np.array([at, at + distance])
         assert np.all(np.abs(triggers(detections, PulseReport) - starts - 25) <= 27)
         assert [each.peak for each in detections] == pytest.approx([6000, peak], abs=30)
 
 
 def test_a_pulse_after_a_long_gap_is_reported():
-    detections, _ = feed(stream_of(pulses_at((3.1, 8000.0)), 6.0), gaps=[(10_000, 20_500)])
-    assert reasons(detections) == [PulseReason.REST_UNKNOWN]
-    # Also where the link is lost before the load at rest is known again.
-    detections, _ = feed(stream_of(pulses_at((3.1, 8000.0)), 3.2), gaps=[(10_000, 20_500)])
-    assert reasons(detections) == [PulseReason.REST_UNKNOWN]
+    for seconds in (6.0, 3.2):  # also where the link is lost before the load at rest is known
+        counts = stream_of(pulses_at((3.1, 8000.0)), seconds)
+        assert reasons(feed(counts, gaps=[(10_000, 20_500)])[0]) == [PulseReason.REST_UNKNOWN]
 
 
-def test_drops_beside_a_person_on_the_plate_are_recorded_as_soon_as_the_load_is_steady():
+def test_drops_with_a_person_on_the_plate_are_recorded_once_the_load_is_steady():
     pulses = pulses_at((1.13, 8000.0), (1.18, 7000.0), (1.95, 8000.0), (2.5, 7000.0))
     counts = stream_of(pulses, 4.0)
     counts[10_000:30_000] += 900
@@ -246,7 +222,7 @@ def test_drops_beside_a_person_on_the_plate_are_recorded_as_soon_as_the_load_is_
 
 @pytest.mark.parametrize("drift", [-600.0, -150.0, 150.0, 600.0, 1500.0])
 @pytest.mark.parametrize("peak", [430.0, 8000.0])
-def test_a_drift_of_the_load_hides_no_pulse_and_is_none(drift, peak):
+def test_a_drift_of_the_load_hides_no_pulse(drift, peak):
     counts = stream_of(pulses_at((2.0, peak)), 4.0)
     counts[:, 0] += np.rint(drift * np.arange(len(counts)) / RATE).astype(np.int32)
     detections, _ = feed(counts)
@@ -266,8 +242,8 @@ def test_a_load_that_is_put_on_or_off_does_not_reverse_that_of_a_pulse(load, ram
     detector.feed(Samples(7, 0, counts, False, 0.0, NOW))
     detector.finish("the instrument restarted")
     detector.begin(8)
-    again = stream_of(pulses_at((0.1, 1000.0)), 1.0)
-    detections = detector.feed(Samples(8, 0, again, False, 0.0, NOW))
+    restarted = stream_of(pulses_at((0.1, 1000.0)), 1.0)
+    detections = detector.feed(Samples(8, 0, restarted, False, 0.0, NOW))
     assert reasons(detections) == [PulseReason.REST_UNKNOWN]
 
 
@@ -321,7 +297,7 @@ def test_a_missing_part_of_a_pulse_is_no_second_pulse():
     assert reasons(detections) == []
 
 
-def test_a_pulse_beside_spikes_is_no_pulse():
+def test_spikes_are_no_pulse():
     counts = stream_of([], 3.0)
     counts[15_000:15_060:30] += 5000
     counts[15_001:15_061:30] += 5000
@@ -354,16 +330,14 @@ def test_a_pulse_with_the_shunt_on_is_reported_and_its_bounce_is_no_drop(settlin
     assert {each.reason for each in bounces} <= {PulseReason.BOUNCE_OF_SHUNTED}
 
 
-@pytest.mark.parametrize("apart", [0.016, 0.02, 0.028])
-def test_each_of_two_bounces_that_are_not_recorded_has_its_own_report(apart):
-    counts = stream_of(pulses_at((1.0, 8000.0), (1.6, 500.0), (1.6 + apart, 500.0)), 3.0)
-    starts = pytest.approx([16_025, 16_025 + RATE * apart], abs=27)
+@pytest.mark.parametrize("distance", [0.016, 0.02, 0.028])
+def test_two_unrecorded_bounces_have_two_reports(distance):
+    counts = stream_of(pulses_at((1.0, 8000.0), (1.6, 500.0), (1.6 + distance, 500.0)), 3.0)
+    starts = pytest.approx([16_025, 16_025 + RATE * distance], abs=27)
     detections = feed_shunted(counts, 10_000, 15_000)
     assert triggers(detections, PulseReport)[1:] == starts
-    assert set(reasons(detections)[1:]) <= {
-        PulseReason.BOUNCE_OF_SHUNTED,
-        PulseReason.NOT_RELEASED,
-    }
+    later = set(reasons(detections)[1:])
+    assert later <= {PulseReason.BOUNCE_OF_SHUNTED, PulseReason.NOT_RELEASED}
 
 
 @pytest.mark.parametrize("settling", [1, 300, 500])
@@ -380,18 +354,12 @@ def test_a_bounce_with_the_shunt_on_belongs_to_its_drop():
     assert triggers(detections, RawRebound) == pytest.approx([18_000, 19_000], abs=30)
 
 
-def test_a_bounce_after_a_gap_in_the_drop_is_a_drop_with_a_report():
-    # Of the drop only the first 500 N are there; its bounce is larger than that.
+@pytest.mark.parametrize(("gap", "drops"), [(10_006, [10_003, 15_006]), (9_990, [15_006])])
+def test_a_bounce_after_a_gap_in_the_drop_is_a_drop_with_a_report(gap, drops):
+    # Of the drop only the first 500 N are there, which its bounce exceeds, or nothing.
     pulses = pulses_at((1.0, 8000.0), (1.5, 3000.0))
-    detections, _ = feed(stream_of(pulses, 4.0), gaps=[(10_006, 200)])
-    assert triggers(detections, RawDrop) == pytest.approx([10_003, 15_006], abs=4)
-    assert reasons(detections) == [PulseReason.MAYBE_BOUNCE]
-
-
-def test_a_bounce_of_a_drop_that_is_missing_is_a_drop_with_a_report():
-    pulses = pulses_at((1.0, 8000.0), (1.5, 3000.0))
-    detections, _ = feed(stream_of(pulses, 4.0), gaps=[(9_990, 200)])
-    assert len(triggers(detections, RawDrop)) == 1
+    detections, _ = feed(stream_of(pulses, 4.0), gaps=[(gap, 200)])
+    assert triggers(detections, RawDrop) == pytest.approx(drops, abs=4)
     assert reasons(detections) == [PulseReason.MAYBE_BOUNCE]
 
 
@@ -445,7 +413,7 @@ def test_each_of_two_bounces_that_are_cut_off_is_reported():
     assert triggers(detections, PulseReport) == pytest.approx([16_025, 16_185], abs=27)
 
 
-def test_a_pulse_with_which_the_load_at_rest_is_known_is_a_drop():
+def test_a_pulse_at_the_end_of_the_first_rest_is_a_drop():
     detections, _ = feed(stream_of(pulses_at((0.192, 8000.0)), 3.0))
     assert triggers(detections, RawDrop) == pytest.approx([1923], abs=2)
     assert reasons(detections) == [PulseReason.MAYBE_BOUNCE]

@@ -1,4 +1,4 @@
-"""What the driver takes: chunks in a queue, instruments that only talk, a reader that breaks."""
+"""Instruments that accept no command, and a reading thread that fails."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ from tests.pfwd_device.acquisition.scripted import (
     assert_each_sample_once,
     collect,
     identity,
-    no_reader_left,
+    is_without_reader,
     of,
 )
 
@@ -28,12 +28,12 @@ class Lines:
     def __init__(self) -> None:
         self._inner = BinaryDialect()
         self.counters = self._inner.counters
-        self._told = False
+        self._is_introduced = False
 
     def feed(self, data: bytes) -> list[Any]:
         blocks = [each for each in self._inner.feed(data) if hasattr(each, "counts")]
-        if blocks and not self._told:
-            self._told = True
+        if blocks and not self._is_introduced:
+            self._is_introduced = True
             return [identity(), *blocks]
         return blocks
 
@@ -41,11 +41,11 @@ class Lines:
         return b""
 
     def reset(self) -> None:
-        self._told = False
+        self._is_introduced = False
         self._inner.reset()
 
 
-def test_one_that_only_talks() -> None:
+def test_an_instrument_that_only_sends_lines() -> None:
     instrument = Instrument()
     instrument.begin()
     port = Socket(instrument)
@@ -62,10 +62,10 @@ def test_one_that_only_talks() -> None:
     assert_each_sample_once(items)
     assert len(of(items, Connected)) == 2
     assert instrument.received == []
-    assert no_reader_left()
+    assert is_without_reader()
 
 
-def test_a_reader_that_breaks_is_told() -> None:
+def test_a_failing_reader_is_reported() -> None:
     class Broken:
         url = description = "broken"
 

@@ -1,4 +1,4 @@
-"""How long the reading thread waits between two attempts to open a port."""
+"""Waits of the reading thread between two attempts to open a port, and its queue."""
 
 from typing import Any
 
@@ -13,26 +13,26 @@ from pfwd_device.wire.dialect import LinkCounters
 class Ended:
     """An event that is set after some waits, and keeps how long they were."""
 
-    def __init__(self, most: int) -> None:
+    def __init__(self, count: int) -> None:
         self.waits: list[float] = []
-        self._most = most
+        self._count = count
 
     def wait(self, seconds: float) -> bool:
         self.waits.append(seconds)
         return self.is_set()
 
     def is_set(self) -> bool:
-        return len(self.waits) >= self._most
+        return len(self.waits) >= self._count
 
     def set(self) -> None:
-        self._most = 0
+        self._count = 0
 
 
 def absent() -> Any:
     raise PortError("no such port")
 
 
-def test_a_port_that_is_not_there_is_tried_ever_more_rarely() -> None:
+def test_a_missing_port_is_tried_at_growing_intervals() -> None:
     counters = Counters(link=LinkCounters())
     queue = Queue(10_000, counters)
     link = Link(absent, queue, counters)
@@ -49,7 +49,7 @@ def test_a_port_that_is_not_there_is_tried_ever_more_rarely() -> None:
     assert ended.waits == [0.1]
 
 
-def test_a_chunk_that_is_too_much_is_thrown_away_whole_and_counted() -> None:
+def test_a_chunk_beyond_the_queue_is_dropped_and_counted() -> None:
     counters = Counters(link=LinkCounters())
     queue = Queue(1000, counters)
     chunk = Chunk(b"x" * 300, 0.0, _now())

@@ -7,9 +7,9 @@ from pfwd_device.acquisition.clock import LossWatch
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_loss_is_found_once_and_a_busy_computer_is_none(seed: int) -> None:
+def test_a_loss_is_detected_once_and_a_busy_computer_is_not_a_loss(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    watch, found = LossWatch(), []
+    watch, losses = LossWatch(), []
     arrival = 0.0
     loss = float(rng.uniform(0.06, 0.5))
     for number in range(6000):
@@ -19,8 +19,8 @@ def test_a_loss_is_found_once_and_a_busy_computer_is_none(seed: int) -> None:
             delay += 0.3 * rng.random()  # busy
         counted = sampled - (loss if sampled > 40 else 0.0)
         arrival = max(arrival, sampled + delay)  # bytes arrive in their order
-        found.append(watch.add(counted, arrival))
-    lost = [(number, each) for number, each in enumerate(found) if each is not None]
+        losses.append(watch.add(counted, arrival))
+    lost = [(number, each) for number, each in enumerate(losses) if each is not None]
     assert len(lost) == 1
     number, size = lost[0]
     assert 4000 < number < 4600

@@ -1,4 +1,4 @@
-"""Who answers at a port.
+"""Identification of the instrument at a port.
 
 On Windows the probes of instruments run over TCP; only ports in use and several at once do not.
 """
@@ -34,14 +34,14 @@ def test_an_instrument_answers() -> None:
     assert not instrument.sampling
 
 
-def test_lines_of_numbers_are_told() -> None:
+def test_lines_of_numbers_are_recognised() -> None:
     with talker(lambda k: f"{100 * k},{0.5 * k:.3f},-1e-3\r\n".encode()) as url:
         answer = ask(url, 10.0)
     assert (answer.answers, answer.identity) == ("ascii", None)
     assert "setup file" in answer.reason
 
 
-def test_others_and_nobody() -> None:
+def test_foreign_and_silent_ports_are_described() -> None:
     with talker(lambda k: b"$GPGGA,123519,4807.038,N\r\n") as url:
         answer = ask(url)
     assert answer.answers is None
@@ -52,7 +52,7 @@ def test_others_and_nobody() -> None:
 
 
 @pytest.mark.posix
-def test_a_port_in_use_and_one_that_is_not_there(tmp_path: Path) -> None:
+def test_a_port_in_use_and_a_missing_port_are_described(tmp_path: Path) -> None:
     master, slave = os.openpty()
     with contextlib.closing(open_transport(os.ttyname(slave))):
         assert "in use" in ask(os.ttyname(slave)).reason
@@ -105,7 +105,7 @@ def test_usb_numbers_show_a_logger_whose_port_is_in_use_or_silent(
     assert untested[0].reason == "DATAQ DI-1110 by its USB numbers: not tested"
 
 
-def test_a_port_that_never_opens_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_port_that_does_not_open_is_abandoned(monkeypatch: pytest.MonkeyPatch) -> None:
     release = threading.Event()
 
     def hang(*_: object) -> Probe:
@@ -133,5 +133,5 @@ def test_a_port_that_never_opens_is_given_up(monkeypatch: pytest.MonkeyPatch) ->
         (b"", False),
     ],
 )
-def test_what_lines_look_like(text: bytes, expected: bool) -> None:
+def test_lines_are_recognised_by_their_numbers(text: bytes, expected: bool) -> None:
     assert looks_like_lines(text) is expected

@@ -3,19 +3,28 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from pfwd_device.jobs import Jobs
-from pfwd_device.recording import DropRecord, SurveyWriter
+from pfwd_device.recording import DropRecord, SpareFolder
 from pfwd_device.recording.drop_file import drop_digest
-from tests.campaigns.power_loss import make_record
+from tests.pfwd_device.recording.records import open_survey, record_of
 
 
 @pytest.fixture
 def new_record() -> Callable[[int], DropRecord]:
     """Makes the n-th drop of a survey, always the same one."""
-    return lambda number: make_record(number, np.random.default_rng(number), 32)
+    return lambda number: record_of(number, 32)
+
+
+@pytest.fixture
+def survey(tmp_path: Path) -> Path:
+    """Folder of a survey, which is not there yet."""
+    return tmp_path / "survey"
+
+
+@pytest.fixture
+def spare(tmp_path: Path) -> SpareFolder:
+    return SpareFolder(tmp_path / "spare")
 
 
 @pytest.fixture
@@ -26,11 +35,8 @@ def new_survey(
 
     def make(folder: Path | None = None, drops: int = 3, *, extras: bool = True) -> dict[int, str]:
         digests = {}
-        with SurveyWriter.open(
-            folder or tmp_path / "survey",
-            jobs=Jobs(0),
-            reserve_bytes=4096,
-        ) as writer:
+        folder = folder or tmp_path / "survey"
+        with open_survey(folder, publish=True, reserve_bytes=4096) as writer:
             writer.add_point("P 1", {"plate_radius_m": 0.15})
             for number in range(1, drops + 1):
                 record = new_record(number)

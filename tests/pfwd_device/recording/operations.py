@@ -7,7 +7,7 @@ from typing import Any
 
 
 def operations(action: Callable[[], object]) -> int:
-    """How many instructions of Python's own machine an action takes, in this thread."""
+    """Return the number of bytecode instructions of an action in this thread."""
     count = 0
 
     def trace(frame: FrameType, event: str, _argument: Any) -> Any:
@@ -35,5 +35,5 @@ def growth(actions: Callable[[int], Callable[[], object]], size: int) -> float:
         Gives the action for so many things; making it is not counted.
     size : int
     """
-    few, some, many = (operations(actions(n)) for n in (size, 2 * size, 8 * size))
-    return (many - some) / 6 / (some - few)
+    first, second, eighth = (operations(actions(n)) for n in (size, 2 * size, 8 * size))
+    return (eighth - second) / 6 / (second - first)

@@ -3,12 +3,23 @@
 import errno
 import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from pfwd_device.recording import ReboundRecord, Storage, SurveyWriter, read_survey
+from pfwd_device.jobs import Jobs
+from pfwd_device.recording import (
+    DropRecord,
+    ReboundRecord,
+    SpareFolder,
+    Storage,
+    SurveyWriter,
+    check,
+    read_survey,
+    recover,
+)
 from pfwd_device.recording.drop_file import drop_digest
-from pfwd_device.recording.framing import Damage, Frame, scan
+from pfwd_device.recording.framing import Damage, Frame, RecordKind, scan
 from tests.campaigns.power_loss import make_record
 
 
@@ -25,15 +36,52 @@ def a_rebound(sample: int = 7000) -> ReboundRecord:
     return ReboundRecord(0.41, 912.5, sample, np.arange(12, dtype=np.int32).reshape(4, 3))
 
 
+def record_of(number: int, samples: int = 96) -> DropRecord:
+    """Return the n-th drop of a survey, always the same one."""
+    return make_record(number, np.random.default_rng(number), samples)
+
+
+def open_survey(folder: Path, *, publish: bool = False, **options: Any) -> SurveyWriter:
+    """Open a survey without a reserve that makes files of drops in this process, if it does."""
+    options = {"jobs": Jobs(0), "reserve_bytes": 0} | options
+    return SurveyWriter.open(folder, publish=publish, **options)
+
+
+def journal_of(survey: Path) -> Path:
+    return survey / "journal" / "0001.pfwdj"
+
+
+def flip(path: Path, at: int, bits: int = 1) -> None:
+    """Turn bits of one byte of a file."""
+    data = bytearray(path.read_bytes())
+    data[at] ^= bits
+    path.write_bytes(data)
+
+
+def frames_of(survey: Path, kind: RecordKind) -> list[Frame]:
+    """Return the intact records of a kind in a journal."""
+    frames, _ = scan_bytes(journal_of(survey).read_bytes())
+    return [frame for frame in frames if frame.kind == kind]
+
+
 def save(writer: SurveyWriter, number: int) -> str:
     """Save the drop of a number; return its digest."""
-    record = make_record(number, np.random.default_rng(number))
+    record = record_of(number)
     assert writer.save_drop(record) == number
     return drop_digest(record, 0)
 
 
 def digests(folder: Path) -> dict[int, str]:
     return {drop.number: drop_digest(drop.read(), 0) for drop in read_survey(folder).drops}
+
+
+def assert_recovered(survey: Path, spare: SpareFolder, expected: dict[int, str]) -> None:
+    """Recover a survey; each drop is in its folder then, as it was, and nothing is left to do."""
+    report = recover(survey, spare=spare)
+    assert report.ok, report.damaged
+    assert digests(survey) == expected
+    assert check(survey, spare=spare).ok
+    assert recover(survey, spare=spare).actions == ()
 
 
 class Refusing(Storage):

@@ -46,21 +46,21 @@ def described() -> DropRecord:
 
 
 @pytest.fixture(scope="module")
-def whole() -> bytes:
+def intact() -> bytes:
     return drop_file_bytes(described(), 2, SURVEY)
 
 
 def refused_or_the_same(data: bytes, before: list[Any]) -> bool:
-    """Whether the file is refused with one line; when it is not, a reader sees what he saw."""
+    """Return whether the file is refused with one line; otherwise its content is unchanged."""
     try:
         drop_from_file_bytes(data, "drop.h5")
     except RecordingError as err:
-        said = str(err)
+        text_of_error = str(err)
     else:
         assert visible(data) == before
         return False
-    assert said.startswith("drop.h5")
-    assert "\n" not in said
+    assert text_of_error.startswith("drop.h5")
+    assert "\n" not in text_of_error
     return True
 
 
@@ -72,16 +72,17 @@ def with_bit(data: bytes, bit: int) -> bytes:
 
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("step", [EVERYDAY_STEP, pytest.param(1, marks=pytest.mark.slow)])
-def test_single_bits_that_a_reader_sees_are_noticed(whole: bytes, step: int) -> None:
-    before = visible(whole)
-    found = [
-        refused_or_the_same(with_bit(whole, bit), before) for bit in range(0, 8 * len(whole), step)
+def test_single_bits_that_a_reader_sees_are_noticed(intact: bytes, step: int) -> None:
+    before = visible(intact)
+    items = [
+        refused_or_the_same(with_bit(intact, bit), before)
+        for bit in range(0, 8 * len(intact), step)
     ]
-    assert sum(found) > 10
+    assert sum(items) > 10
 
 
 def attribute_bytes(data: bytes) -> Iterator[int]:
-    """Where names and values of attributes stand."""
+    """Yield the positions of names and values of attributes."""
     with h5py.File(io.BytesIO(data), "r") as file:
         parts = {b"channel_1_offset", b"geophone", b"T. \xc3\x9cnal", b"K\xc3\xb6ln 1"}
 
@@ -101,12 +102,12 @@ def attribute_bytes(data: bytes) -> Iterator[int]:
             start = data.find(part, start + 1)
 
 
-def test_no_bit_of_an_attribute_changes_unnoticed(whole: bytes) -> None:
-    before = visible(whole)
-    places = sorted(set(attribute_bytes(whole)))
+def test_no_bit_of_an_attribute_changes_unnoticed(intact: bytes) -> None:
+    before = visible(intact)
+    places = sorted(set(attribute_bytes(intact)))
     assert len(places) > 300
     # One bit of each byte, another one from byte to byte; the slow test turns all.
-    assert sum(refused_or_the_same(with_bit(whole, 8 * p + p % 8), before) for p in places) > 300
+    assert sum(refused_or_the_same(with_bit(intact, 8 * p + p % 8), before) for p in places) > 300
 
 
 def changed(data: bytes, change: Callable[[Any], None]) -> bytes:
@@ -129,13 +130,13 @@ def text(data: bytes, **options: Any) -> Any:
     return np.array(data, h5py.string_dtype(options.get("set", "utf-8"), len(data)))
 
 
-def test_every_attribute_that_is_changed_removed_or_added_is_refused(whole: bytes) -> None:
-    def other(value: Any) -> Any:
+def test_every_attribute_that_is_changed_removed_or_added_is_refused(intact: bytes) -> None:
+    def changed_value(value: Any) -> Any:
         return text(value + b"x") if isinstance(value, bytes) else -value - 1
 
     tried = 0
-    for path in objects(whole):
-        with h5py.File(io.BytesIO(whole), "r") as file:
+    for path in objects(intact):
+        with h5py.File(io.BytesIO(intact), "r") as file:
             names = list(file[path].attrs)
 
         def add(file: Any, path: str = path) -> None:
@@ -145,7 +146,7 @@ def test_every_attribute_that_is_changed_removed_or_added_is_refused(whole: byte
         for name in names:
 
             def change(file: Any, path: str = path, name: str = name) -> None:
-                file[path].attrs[name] = other(file[path].attrs[name])
+                file[path].attrs[name] = changed_value(file[path].attrs[name])
 
             def remove(file: Any, path: str = path, name: str = name) -> None:
                 del file[path].attrs[name]
@@ -162,20 +163,26 @@ def test_every_attribute_that_is_changed_removed_or_added_is_refused(whole: byte
         for make in changes:
             tried += 1
             with pytest.raises(RecordingError, match=r"^drop\.h5.*expected .*, got ") as caught:
-                drop_from_file_bytes(changed(whole, make), "drop.h5")
+                drop_from_file_bytes(changed(intact, make), "drop.h5")
             assert "\n" not in str(caught.value)
     assert tried > 150
 
 
-def test_another_version_is_refused(whole: bytes) -> None:
-    for other, shown in ((1, "1"), (2, "2"), (4, "4"), (text(b"3"), "'3'"), (2.5, "2.5")):
+def test_another_version_is_refused(intact: bytes) -> None:
+    for changed_value, expected in (
+        (1, "1"),
+        (2, "2"),
+        (4, "4"),
+        (text(b"3"), "'3'"),
+        (2.5, "2.5"),
+    ):
 
-        def odd(file: Any, other: Any = other) -> None:
-            file.attrs["format_version"] = other
+        def odd(file: Any, changed_value: Any = changed_value) -> None:
+            file.attrs["format_version"] = changed_value
             file.attrs["something"] = np.arange(3)
 
-        with pytest.raises(RecordingError, match=f"expected format version 3 .*, got {shown}$"):
-            drop_from_file_bytes(changed(whole, odd), "drop.h5")
+        with pytest.raises(RecordingError, match=f"expected format version 3 .*, got {expected}$"):
+            drop_from_file_bytes(changed(intact, odd), "drop.h5")
 
 
 def replaced(name: str, make: Callable[[Any], None]) -> Callable[[Any], None]:
@@ -260,12 +267,12 @@ ELSEWHERE = {
 
 
 @pytest.mark.parametrize("kind", ELSEWHERE)
-def test_what_leads_elsewhere_is_refused_before_it_is_read(
-    kind: str, whole: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_reference_to_another_file_is_refused_unread(
+    kind: str, intact: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)  # names of other files are taken from here
     path = tmp_path / "drop.h5"
-    path.write_bytes(changed(whole, ELSEWHERE[kind]))
+    path.write_bytes(changed(intact, ELSEWHERE[kind]))
     for name in ("a.h5", "elsewhere.h5"):
         with h5py.File(tmp_path / name, "w") as file:
             file["load"] = np.zeros(24)
@@ -275,7 +282,7 @@ def test_what_leads_elsewhere_is_refused_before_it_is_read(
     assert "\n" not in str(caught.value)
 
 
-def test_what_is_no_drop_file_is_a_clear_line(tmp_path: Path) -> None:
+def test_a_file_that_is_no_drop_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "text").write_text("no HDF5")
     with pytest.raises(RecordingError, match="an intact drop file, got damage"):
         read_drop_file(tmp_path / "text")
@@ -285,7 +292,7 @@ def test_what_is_no_drop_file_is_a_clear_line(tmp_path: Path) -> None:
         read_drop_file(tmp_path / "none.h5")
 
 
-def test_the_digest_is_made_as_it_is_documented(whole: bytes) -> None:
+def test_the_digest_is_made_as_it_is_documented(intact: bytes) -> None:
     """Computed once more by the words of the documentation, with h5py alone."""
     import hashlib
 
@@ -299,12 +306,12 @@ def test_the_digest_is_made_as_it_is_documented(whole: bytes) -> None:
             kind, data = value.dtype.str.encode(), value.tobytes()
         return part(b"attribute") + part(name.encode()) + part(kind) + part(data)
 
-    with h5py.File(io.BytesIO(whole), "r") as file:
-        found = {"": file}
-        file.visititems(lambda name, item: found.__setitem__(f"/{name}", item))
+    with h5py.File(io.BytesIO(intact), "r") as file:
+        items = {"": file}
+        file.visititems(lambda name, item: items.__setitem__(f"/{name}", item))
         content = b""
-        for path in sorted(found, key=str.encode):
-            item = found[path]
+        for path in sorted(items, key=str.encode):
+            item = items[path]
             kind = b"dataset" if isinstance(item, h5py.Dataset) else b"group"
             content += part(kind) + part(path.encode())
             for name in sorted(set(item.attrs) - {DIGEST}):
@@ -324,7 +331,7 @@ def test_the_largest_drop_that_is_real_fits() -> None:
     assert 2 * samples * (2 * 8 + 8 * 8 + 9 * 4) <= MAX_ARRAY_BYTES
 
 
-def test_attributes_of_many_channels_end_where_a_reader_ends() -> None:
+def test_the_number_of_attributes_is_limited() -> None:
     facts = {f"fact {n}": float(n) for n in range(40)}
     metadata = {"identity": {"channels": [facts] * 100}}
     drop = Drop(1, np.arange(4.0), np.zeros(4), (Channel(0.0, "velocity", np.zeros(4)),))
@@ -337,9 +344,9 @@ def test_attributes_of_many_channels_end_where_a_reader_ends() -> None:
 
 
 def test_no_more_is_read_of_a_file_than_is_allowed(
-    whole: bytes, monkeypatch: pytest.MonkeyPatch
+    intact: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with opened(whole) as file:
+    with opened(intact) as file:
         tree = read_group(file, "drop.h5")
     sizes = {"arrays": 0, "texts": 0}
     groups: list[Any] = [tree]
@@ -352,7 +359,7 @@ def test_no_more_is_read_of_a_file_than_is_allowed(
     for short in (None, "arrays", "texts"):
         limits = {name: size - (name == short) for name, size in sizes.items()}
         reader = functools.partial(hdf5_tree._Reader, **limits)
-        with monkeypatch.context() as patch, opened(whole) as file:
+        with monkeypatch.context() as patch, opened(intact) as file:
             patch.setattr(hdf5_tree, "_Reader", reader)
             if short is None:
                 read_group(file, "drop.h5")
@@ -361,17 +368,17 @@ def test_no_more_is_read_of_a_file_than_is_allowed(
                 read_group(file, "drop.h5")
 
 
-def test_text_that_is_none_is_said(whole: bytes) -> None:
-    broken = whole.replace(b"T. \xc3\x9cnal", b"T. \xff\xffnal")
-    assert broken != whole
+def test_text_that_is_not_utf_8_is_refused(intact: bytes) -> None:
+    broken = intact.replace(b"T. \xc3\x9cnal", b"T. \xff\xffnal")
+    assert broken != intact
     with pytest.raises(RecordingError, match="expected text in UTF-8, got other bytes"):
         drop_from_file_bytes(broken, "drop.h5")
 
 
-def test_values_that_do_not_unpack_are_said(whole: bytes) -> None:
-    with h5py.File(io.BytesIO(whole), "r") as file:
+def test_values_that_do_not_unpack_are_refused(intact: bytes) -> None:
+    with h5py.File(io.BytesIO(intact), "r") as file:
         start = file["load"].id.get_chunk_info(0).byte_offset
-    broken = bytearray(whole)
+    broken = bytearray(intact)
     broken[start] ^= 0xFF  # the first byte of what gzip wrote
     with pytest.raises(RecordingError, match="expected packed values, got"):
         drop_from_file_bytes(bytes(broken), "drop.h5")

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from pfwd_device.errors import RecordingError, StorageFull
 from pfwd_device.jobs import Jobs
-from pfwd_device.recording import DropRecord, SurveyWriter, check, read_survey, recover
+from pfwd_device.recording import DropRecord, check, read_survey, recover
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.framing import RecordKind
 from tests.campaigns import noted_disk, power_loss
@@ -26,7 +26,7 @@ from tests.campaigns.power_loss import (
     replay_kills,
     replay_power_cuts,
 )
-from tests.pfwd_device.recording.records import scan_bytes
+from tests.pfwd_device.recording.records import journal_of, open_survey, scan_bytes
 
 NewRecord = Callable[[int], DropRecord]
 
@@ -37,27 +37,20 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     return record_run(tmp_path_factory.mktemp("run"), 40, seed=3)
 
 
-def test_kills_between_calls_lose_nothing(run: Recorded) -> None:
-    outcome = replay_kills(run, every=23, first=5)
+@pytest.mark.parametrize("every", [23, pytest.param(1, marks=pytest.mark.slow)])
+def test_no_drop_is_lost_by_a_kill_between_calls(run: Recorded, every: int) -> None:
+    outcome = replay_kills(run, every, first=5)
     assert outcome.states > 25
     assert (outcome.losing, outcome.unreadable) == (0, 0)
 
 
-def test_power_cuts_lose_nothing(run: Recorded) -> None:
+def test_no_drop_is_lost_by_a_power_cut(run: Recorded) -> None:
     outcome = replay_power_cuts(run, 20, seed=11)
     assert (outcome.states, outcome.losing, outcome.unreadable) == (20, 0, 0)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [3, 4])
-def test_kills_at_every_call_lose_nothing(tmp_path: Path, seed: int) -> None:
-    outcome = replay_kills(record_run(tmp_path, 40, seed))
-    assert outcome.states > 500
-    assert (outcome.losing, outcome.unreadable) == (0, 0)
-
-
-@pytest.mark.slow
-def test_two_hundred_power_cuts_lose_nothing() -> None:
+def test_no_drop_is_lost_by_two_hundred_power_cuts() -> None:
     reports: list[dict[str, Any]] = []
     assert power_loss.campaign(40, 200, 5, lambda **values: reports.append(values), every=50)
     assert [report["what"] for report in reports] == ["kill", "power loss"]
@@ -73,7 +66,7 @@ def test_a_forgotten_sync_is_noticed(tmp_path: Path, planted: type[NotingStorage
 
 @pytest.mark.parametrize("planted", [NotingStorage, NoTruncate])
 def test_a_forgotten_cut_after_a_failed_append_is_noticed(
-    tmp_path: Path, planted: type[NotingStorage]
+    tmp_path: Path, survey: Path, planted: type[NotingStorage]
 ) -> None:
     full: list[int] = []
 
@@ -84,8 +77,7 @@ def test_a_forgotten_cut_after_a_failed_append_is_noticed(
         return 900 if full[0] > 0 else OSError(errno.ENOSPC, "no space")
 
     storage = planted(tmp_path, fault)
-    survey = tmp_path / "survey"
-    with SurveyWriter.open(survey, storage=storage, publish=False, reserve_bytes=0) as writer:
+    with open_survey(survey, storage=storage) as writer:
         writer.save_drop(make_record(1, np.random.default_rng(0)))
         full.append(2)
         with pytest.raises(StorageFull):
@@ -94,11 +86,11 @@ def test_a_forgotten_cut_after_a_failed_append_is_noticed(
     assert check(survey).ok == (planted is NotingStorage)
 
 
-Seen = set[tuple[int, frozenset[tuple[str, bytes | None]]]]
+States = set[tuple[int, frozenset[tuple[str, bytes | None]]]]
 
 
-def cut_loses_nothing(
-    disk: Disk, acknowledged: int, digests: dict[int, str], path: Path, seen: Seen
+def assert_cut_is_harmless(
+    disk: Disk, acknowledged: int, digests: dict[int, str], path: Path, states: States
 ) -> None:
     """Several power cuts now; recovery finds nothing missing either.
 
@@ -108,9 +100,9 @@ def cut_loses_nothing(
     for seed in range(12):
         state = disk.power_cut(np.random.default_rng(seed))
         key = acknowledged, frozenset(state.items())
-        if key in seen:
+        if key in states:
             continue
-        seen.add(key)
+        states.add(key)
         path.mkdir()
         noted_disk.put(state, path)
         assert power_loss.lost_drops(path, acknowledged, digests) == []
@@ -119,7 +111,7 @@ def cut_loses_nothing(
 
 # In order: the journal's sync, the ledger's, that of a new ledger's draft, that of its name.
 @pytest.mark.parametrize("fails", ["01", "011", "0111", "0101", "011001", "0101101"])
-def test_a_drop_refused_late_is_not_called_lost(tmp_path: Path, fails: str) -> None:
+def test_a_drop_refused_late_is_not_called_lost(tmp_path: Path, survey: Path, fails: str) -> None:
     """Its line may have reached the ledger; then its record must be there, and no other's."""
     armed: list[str] = []
 
@@ -132,11 +124,10 @@ def test_a_drop_refused_late_is_not_called_lost(tmp_path: Path, fails: str) -> N
     rng = np.random.default_rng(0)
     record = make_record(1, rng)
     digests = {1: drop_digest(record, 0)}
-    survey = tmp_path / "survey"
-    with SurveyWriter.open(survey, storage=storage, publish=False, reserve_bytes=0) as writer:
+    with open_survey(survey, storage=storage) as writer:
         writer.save_drop(record)
         storage.mark(1)
-        begun = len(storage.notes)
+        start = len(storage.notes)
         armed += fails
         while 2 not in digests:
             record = make_record(2, rng)  # another one, after one that was given up
@@ -144,46 +135,44 @@ def test_a_drop_refused_late_is_not_called_lost(tmp_path: Path, fails: str) -> N
                 digests[writer.save_drop(record)] = drop_digest(record, 0)
         storage.mark(2)
     assert not armed
-    seen: Seen = set()
+    states: States = set()
     for index, acknowledged, disk in power_loss.follow(storage.notes):
-        if index >= begun:
-            cut_loses_nothing(disk, acknowledged, digests, tmp_path / "cut", seen)
+        if index >= start:
+            assert_cut_is_harmless(disk, acknowledged, digests, tmp_path / "cut", states)
 
 
-def test_what_a_killed_program_left_unsynced_is_synced_before_it_counts(tmp_path: Path) -> None:
+def test_unsynced_records_of_a_killed_program_are_synced_first(tmp_path: Path) -> None:
     """A record is written, the program is killed, the next one goes on, and the power goes."""
     storage = NotingStorage(tmp_path)
     rng = np.random.default_rng(0)
     first, second = make_record(1, rng), make_record(2, rng)
-    with SurveyWriter.open(
-        tmp_path / "survey", storage=storage, publish=False, reserve_bytes=0
-    ) as writer:
+    with open_survey(tmp_path / "survey", storage=storage) as writer:
         writer.save_drop(first)
         storage.mark(1)
-        begun = len(storage.notes)
+        start = len(storage.notes)
         writer.save_drop(second)
-    written = begun + 1
-    assert storage.notes[begun][:2] == ("write", "survey/journal/0001.pfwdj")
+    written = start + 1
+    assert storage.notes[start][:2] == ("write", "survey/journal/0001.pfwdj")
     *_, (_, _, disk) = power_loss.follow(storage.notes[:written])
     (tmp_path / "next").mkdir()
     noted_disk.put(disk.killed(), tmp_path / "next")
     after = NotingStorage(tmp_path / "next")
     recover(tmp_path / "next" / "survey", after, jobs=Jobs(0))
     digests = {1: drop_digest(first, 0), 2: drop_digest(second, 0)}
-    seen: Seen = set()
+    states: States = set()
     for note in after.notes:
         disk.follow(note)
-        cut_loses_nothing(disk, 1, digests, tmp_path / "cut", seen)
+        assert_cut_is_harmless(disk, 1, digests, tmp_path / "cut", states)
 
 
 @pytest.mark.parametrize("every", [7, pytest.param(1, marks=pytest.mark.slow)])
-def test_recovery_cut_off_anywhere_is_done_again(
+def test_an_interrupted_recovery_is_repeated(
     tmp_path: Path, new_survey: Callable[..., dict[int, str]], every: int
 ) -> None:
     """Torn end, damaged record, damaged ledger, missing and damaged files; then the power goes."""
     survey = tmp_path / "run" / "survey"
     digests = new_survey(survey, drops=6)
-    journal = survey / "journal" / "0001.pfwdj"
+    journal = journal_of(survey)
     data = bytearray(journal.read_bytes())
     drops = [frame for frame in scan_bytes(bytes(data))[0] if frame.kind == RecordKind.DROP]
     data[drops[2].offset + 200] ^= 1
@@ -219,7 +208,7 @@ def test_the_checker_compares_content(run: Recorded, tmp_path: Path) -> None:
     assert power_loss.lost_drops(tmp_path, 40, wrong) == [7]
 
 
-def test_power_cuts_keep_what_was_synced_and_tear_the_rest() -> None:
+def test_power_cuts_preserve_synced_bytes_and_tear_the_rest() -> None:
     disk = Disk()
     for note in [
         ("make_directory", "d"),
@@ -270,7 +259,7 @@ RELAXED = settings(deadline=None, suppress_health_check=[HealthCheck.function_sc
 
 @settings(RELAXED, max_examples=15)
 @given(faults=FAULTS, short=SHORT, step=STEPS)
-def test_whatever_fails_acknowledged_drops_are_there(
+def test_acknowledged_drops_survive_any_failure(
     tmp_path_factory: pytest.TempPathFactory, faults: Any, short: int | None, step: int
 ) -> None:
     check_faults(tmp_path_factory.mktemp("faults"), faults, short, step)
@@ -301,9 +290,7 @@ def check_faults(folder: Path, faults: Any, short: int | None, step: int) -> Non
     acknowledged = 0
     for _ in range(3):  # the program is started again after whatever happened
         try:
-            writer = SurveyWriter.open(
-                folder / "survey", storage=storage, publish=False, reserve_bytes=1024
-            )
+            writer = open_survey(folder / "survey", storage=storage, reserve_bytes=1024)
         except RecordingError:
             continue
         with writer:
@@ -344,16 +331,14 @@ def test_the_reserve_saves_the_drop_in_hand(tmp_path: Path, new_record: NewRecor
         return None
 
     storage = NotingStorage(tmp_path, fault)
-    with SurveyWriter.open(
-        tmp_path / "survey", storage=storage, publish=False, reserve_bytes=1024
-    ) as writer:
+    with open_survey(tmp_path / "survey", storage=storage, reserve_bytes=1024) as writer:
         full = True
         assert writer.save_drop(new_record(1)) == 1
     assert not (tmp_path / "survey" / "reserve").exists()
     assert check(tmp_path / "survey").ok
 
 
-def test_a_failed_sync_is_never_tried_again(tmp_path: Path, new_record: NewRecord) -> None:
+def test_a_failed_sync_is_not_retried(tmp_path: Path, survey: Path, new_record: NewRecord) -> None:
     fail = 0
 
     def fault(call: str, _: int) -> OSError | int | None:
@@ -364,8 +349,7 @@ def test_a_failed_sync_is_never_tried_again(tmp_path: Path, new_record: NewRecor
         return None
 
     storage = NotingStorage(tmp_path, fault)
-    survey = tmp_path / "survey"
-    with SurveyWriter.open(survey, storage=storage, publish=False, reserve_bytes=0) as writer:
+    with open_survey(survey, storage=storage) as writer:
         writer.save_drop(new_record(1))
         fail = 1
         assert writer.save_drop(new_record(2)) == 2
@@ -390,18 +374,17 @@ class BrokenLedger(NotingStorage):
         return super().pwrite(descriptor, data, offset)
 
 
-def test_what_the_ledger_did_not_take_is_not_in_the_journal(
-    tmp_path: Path, new_record: NewRecord
+def test_a_record_that_the_ledger_refused_is_not_in_the_journal(
+    tmp_path: Path, survey: Path, new_record: NewRecord
 ) -> None:
     storage = BrokenLedger(tmp_path)
-    survey = tmp_path / "survey"
-    with SurveyWriter.open(survey, storage=storage, publish=False, reserve_bytes=0) as writer:
+    with open_survey(survey, storage=storage) as writer:
         writer.save_drop(new_record(1))
-        size = (survey / "journal" / "0001.pfwdj").stat().st_size
+        size = (journal_of(survey)).stat().st_size
         storage.failures = 1
         with pytest.raises(RecordingError, match="got 'planted'"):
             writer.save_drop(new_record(2))
-        assert (survey / "journal" / "0001.pfwdj").stat().st_size == size
+        assert (journal_of(survey)).stat().st_size == size
         assert writer.drops_acknowledged == 1
         assert writer.save_drop(new_record(2)) == 2
     lines = (survey / "acknowledged.txt").read_bytes().splitlines()[1:]
@@ -411,24 +394,23 @@ def test_what_the_ledger_did_not_take_is_not_in_the_journal(
 
 @pytest.mark.parametrize("call", ["write", "sync"])
 @pytest.mark.parametrize("later", range(3))
-def test_an_interrupt_in_the_middle_leaves_whole_books(
-    tmp_path: Path, new_record: NewRecord, call: str, later: int
+def test_an_interrupt_leaves_journal_and_ledger_intact(
+    tmp_path: Path, survey: Path, new_record: NewRecord, call: str, later: int
 ) -> None:
-    left: list[int] = []
+    remaining: list[int] = []
 
     def fault(name: str, _: int) -> OSError | int | None:
-        if left and name == call:
-            left[0] -= 1
-            if left[0] < 0:
-                left.clear()
+        if remaining and name == call:
+            remaining[0] -= 1
+            if remaining[0] < 0:
+                remaining.clear()
                 raise KeyboardInterrupt
         return None
 
-    survey = tmp_path / "survey"
     storage = NotingStorage(tmp_path, fault)
-    with SurveyWriter.open(survey, storage=storage, publish=False, reserve_bytes=0) as writer:
+    with open_survey(survey, storage=storage) as writer:
         writer.save_drop(new_record(1))
-        left.append(later)
+        remaining.append(later)
         for _ in range(2):
             try:
                 writer.save_drop(new_record(2))

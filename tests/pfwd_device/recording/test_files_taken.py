@@ -30,14 +30,20 @@ from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.storage import MAX_TRUSTED_WRITE_S
 from tests.campaigns import noted_disk, power_loss
 from tests.campaigns.noted_disk import NotingStorage
-from tests.campaigns.power_loss import make_record
-from tests.pfwd_device.recording.records import digests, save
+from tests.pfwd_device.recording.records import (
+    assert_recovered,
+    digests,
+    journal_of,
+    open_survey,
+    record_of,
+    save,
+)
 
 pytestmark = pytest.mark.posix  # Windows refuses to delete, rename or replace a file that is open
 
 
 def replace_by_copy(path: Path) -> None:
-    """As programs that synchronise folders do, restores and editors: a copy, renamed over it."""
+    """Rename a copy over a file, as editors, restores and synchronising programs do."""
     copy = path.with_name("copy")
     shutil.copy2(path, copy)
     os.replace(copy, path)
@@ -72,21 +78,19 @@ ATTACKS: dict[str, Callable[[Path], None]] = {
     "folder deleted": delete,
     "folder moved away": lambda survey: os.rename(survey, survey.with_name("moved")),
     "folder replaced by its copy": replace_folder_by_copy,
-    "journal replaced": lambda survey: replace_by_copy(survey / "journal" / "0001.pfwdj"),
-    "journal deleted": lambda survey: (survey / "journal" / "0001.pfwdj").unlink(),
+    "journal replaced": lambda survey: replace_by_copy(journal_of(survey)),
+    "journal deleted": lambda survey: (journal_of(survey)).unlink(),
     "journal's folder deleted": lambda survey: delete(survey / "journal"),
     "ledger replaced": lambda survey: replace_by_copy(survey / "acknowledged.txt"),
     "ledger deleted": lambda survey: (survey / "acknowledged.txt").unlink(),
     "lock deleted": lambda survey: (survey / "survey.lock").unlink(),
     "lock replaced": lambda survey: replace_by_copy(survey / "survey.lock"),
-    "journal cut": lambda survey: os.truncate(survey / "journal" / "0001.pfwdj", 1000),
-    "journal emptied": lambda survey: os.truncate(survey / "journal" / "0001.pfwdj", 0),
+    "journal cut": lambda survey: os.truncate(journal_of(survey), 1000),
+    "journal emptied": lambda survey: os.truncate(journal_of(survey), 0),
     "ledger cut": lambda survey: os.truncate(survey / "acknowledged.txt", 60),
-    "journal written to": lambda survey: append(survey / "journal" / "0001.pfwdj", b"x" * 500),
-    "journal written over": lambda survey: write_over(survey / "journal" / "0001.pfwdj", 1000, 300),
-    "journal's first record written over": (
-        lambda survey: write_over(survey / "journal" / "0001.pfwdj", 0, 60)
-    ),
+    "journal written to": lambda survey: append(journal_of(survey), b"x" * 500),
+    "journal written over": lambda survey: write_over(journal_of(survey), 1000, 300),
+    "journal's first record written over": (lambda survey: write_over(journal_of(survey), 0, 60)),
     "ledger written over": lambda survey: write_over(survey / "acknowledged.txt", 70, 20),
     "ledger written to": lambda survey: append(survey / "acknowledged.txt", b"1 2 3\n"),
     "drop files deleted": lambda survey: shutil.rmtree(survey / "drops", ignore_errors=True),
@@ -99,7 +103,7 @@ def append(path: Path, data: bytes) -> None:
 
 
 def open_writer(folder: Path, spare: SpareFolder | None = None) -> SurveyWriter:
-    return SurveyWriter.open(folder, jobs=Jobs(0), reserve_bytes=0, spare=spare)
+    return open_survey(folder, spare=spare, publish=True)
 
 
 def everywhere(survey: Path, spare: SpareFolder) -> dict[int, str]:
@@ -114,26 +118,20 @@ def everywhere(survey: Path, spare: SpareFolder) -> dict[int, str]:
 
 
 def kill(writer: SurveyWriter) -> None:
-    """As the system does it: files and locks are released, and nothing is written any more."""
+    """Release files and locks without writing, as the system does it."""
     writer._records.close()
 
 
-@pytest.fixture
-def spare(tmp_path: Path) -> SpareFolder:
-    return SpareFolder(tmp_path / "spare")
-
-
 REPAIRED = ("drop files deleted", "lock deleted", "lock replaced")
-"""What endangers no record: the files of drops are made again, and a new lock is locked."""
+"""Attacks that endanger no record: drop files are remade, and a new lock is locked."""
 
 
 @pytest.mark.parametrize("killed", [False, True], ids=["closed", "killed"])
 @pytest.mark.parametrize("attack", ATTACKS)
 @pytest.mark.parametrize("publish", [False, True], ids=["journal", "files"])
-def test_nothing_acknowledged_is_lost(
-    tmp_path: Path, spare: SpareFolder, attack: str, publish: bool, killed: bool
+def test_no_acknowledged_drop_is_lost(
+    tmp_path: Path, survey: Path, spare: SpareFolder, attack: str, publish: bool, killed: bool
 ) -> None:
-    survey = tmp_path / "survey"
     expected = {}
     with open_writer(survey, spare) as writer:
         for number in range(1, 9):
@@ -155,14 +153,9 @@ def test_nothing_acknowledged_is_lost(
     reports = [report for report in writer.take_reports() if isinstance(report, SurveyNotSafe)]
     assert bool(reports) == (attack not in REPAIRED)
     assert all("NOT SAFE" in report.text and not report.lost for report in reports)
-    recovered = recover(survey, spare=spare)
-    assert recovered.ok, recovered.damaged
-    assert check(survey, spare=spare).ok
-    assert digests(survey) == expected
-    assert read_survey(survey).drops[0].notes == ("wet",)
-    assert len(read_survey(survey).drops[0].results) == 1
-    again = recover(survey, spare=spare)
-    assert (again.ok, again.actions) == (True, ())
+    assert_recovered(survey, spare, expected)
+    first = read_survey(survey).drops[0]
+    assert (first.notes, len(first.results)) == (("wet",), 1)
 
 
 def read_all(writer: SurveyWriter) -> dict[int, str]:
@@ -170,26 +163,21 @@ def read_all(writer: SurveyWriter) -> dict[int, str]:
 
 
 @pytest.mark.parametrize("attack", ["folder deleted", "journal replaced", "journal cut"])
-def test_what_is_taken_away_is_in_the_spare_folder_before_the_next_drop(
-    tmp_path: Path, spare: SpareFolder, attack: str
+def test_deleted_drops_are_in_the_spare_folder_before_the_next_drop(
+    survey: Path, spare: SpareFolder, attack: str
 ) -> None:
-    survey = tmp_path / "survey"
     with open_writer(survey, spare) as writer:
         expected = {number: save(writer, number) for number in (1, 2, 3)}
         ATTACKS[attack](survey)
         writer.maintain()
         (report,) = writer.take_reports()
-        assert isinstance(report, SurveyNotSafe)
         assert report.drops == (0 if attack == "journal replaced" else 3)  # the copy is intact
         assert everywhere(survey, spare) == expected
         writer.maintain()
         assert writer.take_reports() == []
 
 
-def test_what_is_taken_away_later_is_in_the_spare_folder_too(
-    tmp_path: Path, spare: SpareFolder
-) -> None:
-    survey = tmp_path / "survey"
+def test_drops_deleted_later_are_in_the_spare_folder_too(survey: Path, spare: SpareFolder) -> None:
     with open_writer(survey, spare) as writer:
         expected = {number: save(writer, number) for number in (1, 2, 3)}
         ATTACKS["journal replaced"](survey)
@@ -201,20 +189,16 @@ def test_what_is_taken_away_later_is_in_the_spare_folder_too(
 
 
 @pytest.mark.parametrize("attack", ["folder deleted", "journal written over"])
-def test_without_a_spare_folder_no_drop_is_acknowledged_any_more(
-    tmp_path: Path, attack: str
-) -> None:
-    survey = tmp_path / "survey"
+def test_without_a_spare_folder_no_drop_is_acknowledged_any_more(survey: Path, attack: str) -> None:
     with open_writer(survey) as writer:
         save(writer, 1)
         ATTACKS[attack](survey)
         for _ in range(2):
             writer.maintain()
         (report,) = writer.take_reports()
-        assert isinstance(report, SurveyNotSafe)
         assert report.spare is None
         with pytest.raises(RecordingError, match=f"{survey}: "):
-            writer.save_drop(make_record(2, np.random.default_rng(2)))
+            writer.save_drop(record_of(2))
         assert writer.drops_acknowledged == 1
 
 
@@ -238,9 +222,8 @@ class CoarseStorage(Storage):
 
 
 @pytest.mark.parametrize("storage", [TickingStorage(), CoarseStorage()])
-def test_times_of_files_alone_raise_no_alarm(tmp_path: Path, storage: Storage) -> None:
-    survey = tmp_path / "survey"
-    with SurveyWriter.open(survey, storage=storage, jobs=Jobs(0), reserve_bytes=0) as writer:
+def test_times_of_files_alone_raise_no_alarm(survey: Path, storage: Storage) -> None:
+    with open_survey(survey, storage=storage, publish=True) as writer:
         for number in range(1, 6):
             save(writer, number)
             writer.publish(number)
@@ -250,11 +233,10 @@ def test_times_of_files_alone_raise_no_alarm(tmp_path: Path, storage: Storage) -
     assert len(list((survey / "journal").iterdir())) == 1
 
 
-def test_what_changes_times_and_no_bytes_raises_no_alarm(tmp_path: Path) -> None:
-    survey = tmp_path / "survey"
+def test_changed_times_of_unchanged_bytes_raise_no_alarm(survey: Path) -> None:
     with open_writer(survey) as writer:
         save(writer, 1)
-        for path in (survey / "journal" / "0001.pfwdj", survey / "acknowledged.txt"):
+        for path in (journal_of(survey), survey / "acknowledged.txt"):
             os.utime(path, (1, 1))
             writer.maintain()
             path.chmod(0o600)
@@ -267,14 +249,13 @@ def test_what_changes_times_and_no_bytes_raises_no_alarm(tmp_path: Path) -> None
     assert len(list((survey / "journal").iterdir())) == 1
 
 
-def test_what_was_lost_before_raises_no_alarm(tmp_path: Path) -> None:
+def test_records_lost_before_raise_no_alarm(survey: Path) -> None:
     """Records that nobody could restore are named by every check, not by every drop."""
-    survey = tmp_path / "survey"
     with open_writer(survey) as writer:
         for number in (1, 2, 3):
             save(writer, number)
         shutil.rmtree(survey / "drops")
-    journal = survey / "journal" / "0001.pfwdj"
+    journal = journal_of(survey)
     for path in (survey / "drops").glob("*.h5"):
         path.unlink()
     data = bytearray(journal.read_bytes())
@@ -288,45 +269,40 @@ def test_what_was_lost_before_raises_no_alarm(tmp_path: Path) -> None:
         assert writer.take_reports() == []
 
 
-def test_a_record_of_an_earlier_day_that_is_written_over_is_told(
-    tmp_path: Path, spare: SpareFolder
+def test_an_overwritten_record_of_an_earlier_day_is_reported(
+    survey: Path, spare: SpareFolder
 ) -> None:
     """It is not in memory any more: what cannot be read is named at once."""
-    survey = tmp_path / "survey"
     with open_writer(survey) as writer:
         for number in (1, 2, 3):
             save(writer, number)
     with open_writer(survey, spare) as writer:
-        write_over(survey / "journal" / "0001.pfwdj", 1000, 300)
+        write_over(journal_of(survey), 1000, 300)
         save(writer, 4)
         (report,) = writer.take_reports()
-        assert isinstance(report, SurveyNotSafe)
         assert "overwritten by another program" in report.text
         assert report.lost == ("drop P 1/1",)
     assert recover(survey, spare=spare).ok  # from its file
     assert check(survey, spare=spare).ok
 
 
-def test_what_is_taken_after_the_last_drop_is_noticed_by_the_close(
-    tmp_path: Path, spare: SpareFolder
+def test_files_deleted_after_the_last_drop_are_detected_at_the_close(
+    survey: Path, spare: SpareFolder
 ) -> None:
-    survey = tmp_path / "survey"
     with open_writer(survey, spare) as writer:
         expected = {1: save(writer, 1)}
         writer.save_result(1, {"modulus_pa": 45e6})
         shutil.rmtree(survey)
     assert not survey.exists()
     assert everywhere(survey, spare) == expected
-    assert recover(survey, spare=spare).ok
-    assert check(survey, spare=spare).ok
+    assert_recovered(survey, spare, expected)
     assert len(read_survey(survey).drops[0].results) == 1
 
 
 def test_older_copies_of_journal_and_ledger_are_completed(
-    tmp_path: Path, spare: SpareFolder
+    tmp_path: Path, survey: Path, spare: SpareFolder
 ) -> None:
-    """As a restore of a backup does; the records after it must not be believed to be whole."""
-    survey = tmp_path / "survey"
+    """A restored backup; the records after it must not be believed to be intact."""
     with open_writer(survey, spare) as writer:
         expected = {1: save(writer, 1)}
         shutil.copytree(survey, tmp_path / "backup")
@@ -342,45 +318,41 @@ def test_older_copies_of_journal_and_ledger_are_completed(
 
 
 def test_a_cut_journal_is_copied_from_memory(
-    tmp_path: Path, spare: SpareFolder, monkeypatch: pytest.MonkeyPatch
+    survey: Path, spare: SpareFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Beyond what memory holds, what cannot be read is named at once, not later."""
     from pfwd_device.recording import record_log
 
-    survey = tmp_path / "survey"
     monkeypatch.setattr(record_log, "RECENT_BYTES", 12_000)
     with open_writer(survey, spare) as writer:
         for number in range(1, 11):
             save(writer, number)
-        os.truncate(survey / "journal" / "0001.pfwdj", 0)
+        os.truncate(journal_of(survey), 0)
         writer.maintain()
         (report,) = writer.take_reports()
-        assert isinstance(report, SurveyNotSafe)
-        there = set(everywhere(survey, spare))
-        assert {3, 10} & there == {10}
-        named = {f"drop P 1/{number}" for number in range(1, 11) if number not in there}
+        present = set(everywhere(survey, spare))
+        assert {3, 10} & present == {10}
+        named = {f"drop P 1/{number}" for number in range(1, 11) if number not in present}
         assert named <= set(report.lost)
 
 
 def test_another_survey_in_the_place_is_not_written_to(tmp_path: Path, spare: SpareFolder) -> None:
-    survey, other = tmp_path / "survey", tmp_path / "other"
-    with open_writer(other) as writer:
+    survey, stranger = tmp_path / "survey", tmp_path / "other"
+    with open_writer(stranger) as writer:
         theirs = {1: save(writer, 1)}
     with open_writer(survey, spare) as writer:
         expected = {1: save(writer, 1)}
         os.rename(survey, tmp_path / "moved")
-        os.rename(other, survey)
-        before = (survey / "journal" / "0001.pfwdj").read_bytes()
+        os.rename(stranger, survey)
+        before = (journal_of(survey)).read_bytes()
         expected[2] = save(writer, 2)
-        assert (survey / "journal" / "0001.pfwdj").read_bytes() == before
+        assert (journal_of(survey)).read_bytes() == before
     assert digests(survey) == theirs
     assert check(survey, spare=spare).ok
-    assert recover(tmp_path / "moved", spare=spare).ok
-    assert digests(tmp_path / "moved") == expected
+    assert_recovered(tmp_path / "moved", spare, expected)
 
 
-def test_a_second_writer_is_kept_out_though_the_lock_is_gone(tmp_path: Path) -> None:
-    survey = tmp_path / "survey"
+def test_a_second_writer_is_refused_without_the_lock_file(survey: Path) -> None:
     with open_writer(survey) as writer:
         expected = {1: save(writer, 1)}
         (survey / "survey.lock").unlink()
@@ -396,8 +368,6 @@ def test_a_second_writer_is_kept_out_though_the_lock_is_gone(tmp_path: Path) -> 
 SECOND = """
 import sys
 import numpy as np
-from tests.campaigns import noted_disk, power_loss
-from tests.campaigns.noted_disk import NotingStorage
 from tests.campaigns.power_loss import make_record
 from pfwd_device.recording import SurveyWriter
 with SurveyWriter.open(sys.argv[1], publish=False, reserve_bytes=0) as writer:
@@ -406,50 +376,39 @@ with SurveyWriter.open(sys.argv[1], publish=False, reserve_bytes=0) as writer:
 """
 
 
-def test_the_first_writer_goes_to_the_spare_folder_where_a_second_one_goes_on(
-    tmp_path: Path, spare: SpareFolder
+def test_the_first_writer_moves_to_the_spare_folder_if_a_second_writes(
+    survey: Path, spare: SpareFolder
 ) -> None:
     """Lock and journal replaced: nothing keeps the second one out, and it is not written over."""
-    survey = tmp_path / "survey"
     with open_writer(survey, spare) as writer:
         expected = {1: save(writer, 1)}
-        replace_by_copy(survey / "journal" / "0001.pfwdj")
+        replace_by_copy(journal_of(survey))
         (survey / "survey.lock").unlink()
-        with subprocess.Popen(
-            [sys.executable, "-c", SECOND, str(survey)],
-            cwd=Path(__file__).parents[3],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        ) as second:
-            assert second.stdout is not None
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+        command = [sys.executable, "-c", SECOND, str(survey)]
+        with subprocess.Popen(command, cwd=Path(__file__).parents[3], **pipes) as second:
             assert second.stdout.readline() == "2\n"
             expected[3] = save(writer, 2)
             second.communicate("\n")
-    expected[2] = drop_digest(make_record(9, np.random.default_rng(9)), 0)
-    assert recover(survey, spare=spare).ok
-    assert digests(survey) == expected
+    expected[2] = drop_digest(record_of(9), 0)
+    assert_recovered(survey, spare, expected)
 
 
-def test_a_journal_that_others_have_written_to_is_left_alone(
-    tmp_path: Path, spare: SpareFolder
-) -> None:
-    survey = tmp_path / "survey"
+def test_a_journal_with_foreign_bytes_is_not_written(survey: Path, spare: SpareFolder) -> None:
     with open_writer(survey, spare) as writer:
         save(writer, 1)
-        append(survey / "journal" / "0001.pfwdj", b"somebody's")
-        before = (survey / "journal" / "0001.pfwdj").read_bytes()
+        append(journal_of(survey), b"somebody's")
+        before = (journal_of(survey)).read_bytes()
         save(writer, 2)
-        assert (survey / "journal" / "0001.pfwdj").read_bytes() == before
+        assert (journal_of(survey)).read_bytes() == before
         assert writer.spare_folder_of(2) is not None
 
 
-def test_a_journal_with_a_second_name_is_not_appended_to(tmp_path: Path) -> None:
+def test_a_journal_with_a_second_name_is_not_appended_to(tmp_path: Path, survey: Path) -> None:
     """A backup made of links has the journal's own file: it must stay as it was made."""
-    survey = tmp_path / "survey"
     with open_writer(survey) as writer:
         save(writer, 1)
-        os.link(survey / "journal" / "0001.pfwdj", tmp_path / "backup")
+        os.link(journal_of(survey), tmp_path / "backup")
         before = (tmp_path / "backup").read_bytes()
         save(writer, 2)
         assert writer.take_reports() == []
@@ -465,75 +424,65 @@ def test_a_descriptor_that_cannot_be_closed_leaves_no_lock(tmp_path: Path) -> No
                 raise OSError(5, "input/output error")
 
     failing: list[bool] = []
-    writer = SurveyWriter.open(tmp_path / "s", storage=Failing(), publish=False, reserve_bytes=0)
+    writer = open_survey(tmp_path / "s", storage=Failing())
     save(writer, 1)
     failing.append(True)
     writer.close()
     failing.clear()
-    with SurveyWriter.open(tmp_path / "s", publish=False, reserve_bytes=0) as again:
-        assert again.drops_acknowledged == 1
+    with open_survey(tmp_path / "s") as second:
+        assert second.drops_acknowledged == 1
 
 
-def test_a_journal_that_is_cut_while_a_record_is_written(
-    tmp_path: Path, spare: SpareFolder
-) -> None:
-    survey = tmp_path / "survey"
+def test_a_journal_that_is_cut_while_a_record_is_written(survey: Path, spare: SpareFolder) -> None:
 
     class Cut(Storage):
         def sync(self, descriptor: int) -> None:
             super().sync(descriptor)
             if cuts and os.fstat(descriptor).st_size > 2000:
                 cuts.pop()
-                os.truncate(survey / "journal" / "0001.pfwdj", 0)
+                os.truncate(journal_of(survey), 0)
 
     cuts: list[bool] = []
-    with SurveyWriter.open(
-        survey, storage=Cut(), publish=False, reserve_bytes=0, spare=spare
-    ) as writer:
+    with open_survey(survey, storage=Cut(), spare=spare) as writer:
         expected = {1: save(writer, 1)}
         cuts.append(True)
         expected[2] = save(writer, 2)
         assert cuts == []
         assert everywhere(survey, spare) == expected
-    assert recover(survey, spare=spare).ok
-    assert digests(survey) == expected
+    assert_recovered(survey, spare, expected)
 
 
 def test_bytes_that_are_written_over_while_a_record_is_written(
-    tmp_path: Path, spare: SpareFolder
+    survey: Path, spare: SpareFolder
 ) -> None:
     """The times of the file after the own write do not show the write of the other program."""
-    survey = tmp_path / "survey"
 
     class Meanwhile(Storage):
         def pwrite(self, descriptor: int, data: memoryview, offset: int) -> int:
             if attacks:
                 attacks.pop()
-                write_over(survey / "journal" / "0001.pfwdj", 1000, 300)
+                write_over(journal_of(survey), 1000, 300)
                 time.sleep(2 * MAX_TRUSTED_WRITE_S)
             return super().pwrite(descriptor, data, offset)
 
     attacks: list[bool] = []
-    with SurveyWriter.open(
-        survey, storage=Meanwhile(), publish=False, reserve_bytes=0, spare=spare
-    ) as writer:
+    with open_survey(survey, storage=Meanwhile(), spare=spare) as writer:
         expected = {1: save(writer, 1)}
         attacks.append(True)
         expected[2] = save(writer, 2)
         assert everywhere(survey, spare) == expected
-    assert recover(survey, spare=spare).ok
-    assert digests(survey) == expected
+    assert_recovered(survey, spare, expected)
 
 
 @pytest.mark.parametrize("every", [9, pytest.param(1, marks=pytest.mark.slow)])
-def test_a_recovery_from_the_spare_folder_that_is_cut_off_is_done_again(
+def test_an_interrupted_recovery_from_the_spare_folder_is_repeated(
     tmp_path: Path, every: int
 ) -> None:
     run, survey = tmp_path / "run", tmp_path / "run" / "survey"
     spare = SpareFolder(run / "spare")
-    with SurveyWriter.open(survey, publish=False, reserve_bytes=0, spare=spare) as writer:
+    with open_survey(survey, spare=spare) as writer:
         expected = {number: save(writer, number) for number in (1, 2, 3, 4)}
-        os.truncate(survey / "journal" / "0001.pfwdj", 9000)
+        os.truncate(journal_of(survey), 9000)
         expected[5] = save(writer, 5)
     before = noted_disk.take(run)
     storage = NotingStorage(run)
@@ -545,20 +494,19 @@ def test_a_recovery_from_the_spare_folder_that_is_cut_off_is_done_again(
                 folder = tmp_path / f"{index}-{number}"
                 folder.mkdir()
                 noted_disk.put(state, folder)
-                again = SpareFolder(folder / "spare")
-                assert recover(folder / "survey", jobs=Jobs(0), spare=again).ok
+                second = SpareFolder(folder / "spare")
+                assert recover(folder / "survey", jobs=Jobs(0), spare=second).ok
                 assert digests(folder / "survey") == expected
-                assert check(folder / "survey", spare=again).ok
+                assert check(folder / "survey", spare=second).ok
                 shutil.rmtree(folder)
     assert len(storage.notes) > 40
 
 
 @pytest.mark.parametrize("number", [errno.EIO, errno.ESTALE])
-def test_a_file_that_cannot_be_looked_at_is_refused_in_words(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+def test_a_file_that_cannot_be_accessed_is_an_error_of_recording(
+    survey: Path, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
-    """What the system says of a failing disk ends no measurement: it is an error of recording."""
-    survey = tmp_path / "survey"
+    """An error of the system is an error of recording, which does not end a measurement."""
     exists = Path.exists
 
     def failing(path: Path) -> bool:
@@ -600,16 +548,15 @@ def test_a_lock_that_cannot_be_released_is_no_error(
     assert recover(tmp_path / "survey").ok
 
 
-def test_everything_said_of_a_drop_is_read_in_the_spare_folder(
-    tmp_path: Path, spare: SpareFolder
+def test_events_and_rebounds_of_a_drop_are_read_in_the_spare_folder(
+    survey: Path, spare: SpareFolder
 ) -> None:
     """Its record stands elsewhere there than in the journal that was deleted."""
-    survey = tmp_path / "survey"
     with open_writer(survey, spare) as writer:
         save(writer, 1)
         writer.note_event("gap", {"samples": 7})
         writer.save_rebound(1, ReboundRecord(0.4, 900.0, 4242, np.ones((4, 3), np.int32)))
-        (survey / "journal" / "0001.pfwdj").unlink()
+        (journal_of(survey)).unlink()
         save(writer, 2)
         writer.save_rebound(2, ReboundRecord(0.4, 900.0, 4242, np.ones((4, 3), np.int32)))
         contents = writer.contents()
@@ -622,28 +569,28 @@ def test_everything_said_of_a_drop_is_read_in_the_spare_folder(
             assert [rebound.first_sample for rebound in record.rebounds] == [4242]
 
 
-def test_an_earlier_segment_is_held_open_too(tmp_path: Path, spare: SpareFolder) -> None:
+def test_an_earlier_segment_is_held_open_too(
+    tmp_path: Path, survey: Path, spare: SpareFolder
+) -> None:
     """It was written by a program before, so that nothing of it is in memory."""
-    survey = tmp_path / "survey"
     with open_writer(survey) as writer:
         expected = {1: save(writer, 1)}
-    os.link(survey / "journal" / "0001.pfwdj", tmp_path / "backup")
+    os.link(journal_of(survey), tmp_path / "backup")
     with open_writer(survey) as writer:
         expected[2] = save(writer, 2)
     assert (survey / "journal" / "0002.pfwdj").exists()
     with open_writer(survey, spare) as writer:
         (tmp_path / "backup").unlink()
-        (survey / "journal" / "0001.pfwdj").unlink()
+        (journal_of(survey)).unlink()
         expected[3] = save(writer, 3)
         (survey / "journal" / "0002.pfwdj").unlink()
         expected[4] = save(writer, 4)
         assert everywhere(survey, spare) == expected
-    assert recover(survey, spare=spare).ok
-    assert digests(survey) == expected
+    assert_recovered(survey, spare, expected)
 
 
 @pytest.mark.parametrize("is_last", [True, False], ids=["by the close", "by the check"])
-def test_a_survey_that_is_moved_away_at_the_end_is_not_begun_anew(
+def test_a_survey_that_is_moved_at_the_end_is_not_recreated(
     tmp_path: Path, spare: SpareFolder, is_last: bool
 ) -> None:
     survey, moved = tmp_path / "survey", tmp_path / "moved"
@@ -657,5 +604,4 @@ def test_a_survey_that_is_moved_away_at_the_end_is_not_begun_anew(
     (report,) = writer.take_reports()
     assert "was deleted or moved" in report.text
     assert not survey.exists()
-    assert recover(moved, spare=spare).ok
-    assert digests(moved) == expected
+    assert_recovered(moved, spare, expected)

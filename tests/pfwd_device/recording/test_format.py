@@ -22,11 +22,10 @@ RECORDING = TOP / "tests" / "data" / "recording"
 
 def test_the_example_of_the_documentation_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     text = (TOP / "docs" / "recording.md").read_text(encoding="utf-8")
-    found = re.search(r"<!-- example -->\n```python\n(.*?)```", text, re.S)
-    assert found is not None
+    example = re.search(r"<!-- example -->\n```python\n(.*?)```", text, re.S)
     monkeypatch.chdir(RECORDING)
     names: dict[str, np.ndarray] = {}
-    exec(compile(found[1], "recording.md", "exec"), names)
+    exec(compile(example[1], "recording.md", "exec"), names)
     np.testing.assert_array_equal(names["load"], 1000.0 + np.arange(24))
     np.testing.assert_array_equal(names["time"], (np.arange(24) - 4) / 8192.0)
     assert np.isnan(names["velocity"][5])
@@ -36,13 +35,13 @@ def test_the_recording_opens() -> None:
     survey = read_survey(RECORDING)
     (point,) = survey.points
     assert (point.name, point.declared) == ("Köln 1", {"plate_radius_m": 0.15})
-    one, two = point.drops
-    assert (one.notes, one.discarded, two.discarded) == (("nass",), False, True)
+    first, two = point.drops
+    assert (first.notes, first.discarded, two.discarded) == (("nass",), False, True)
     assert [event["event"] for event in survey.events] == ["gap"]
     assert survey.checks[0]["details"] == {"zero": 0.5}
-    assert one.results[0].name == "drop-000001-1.json"
+    assert first.results[0].name == "drop-000001-1.json"
     step = np.arange(24)
-    for number, drop in ((1, one), (2, two)):
+    for number, drop in ((1, first), (2, two)):
         assert drop.file is not None
         for record in (drop.read(), read_drop_file(drop.file)):
             assert record.declared["bedrock_depth_m"] == np.inf
@@ -59,7 +58,7 @@ def test_the_recording_opens() -> None:
     assert [item.data for item in CaptureReader(capture)] == [b"\x00\x01"]
 
 
-def test_the_recording_is_whole_and_needs_no_recovery(tmp_path: Path) -> None:
+def test_the_recording_is_intact_and_requires_no_recovery(tmp_path: Path) -> None:
     copy = tmp_path / "copy"
     shutil.copytree(RECORDING, copy)
     report = check(copy)

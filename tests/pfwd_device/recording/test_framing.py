@@ -29,7 +29,7 @@ def journal(payloads: list[bytes]) -> bytes:
 
 
 @given(PAYLOADS)
-def test_what_is_written_is_read(payloads: list[bytes]) -> None:
+def test_written_records_are_read(payloads: list[bytes]) -> None:
     frames, damage = scan_bytes(journal(payloads))
     assert [frame.payload for frame in frames] == payloads
     assert [frame.sequence for frame in frames] == list(range(1, len(payloads) + 1))
@@ -49,7 +49,7 @@ def test_any_bytes_are_covered_by_records_and_damage(data: bytes) -> None:
 
 
 @given(PAYLOADS, st.binary(min_size=1, max_size=60), PAYLOADS)
-def test_records_behind_garbage_are_found(
+def test_records_behind_garbage_are_read(
     before: list[bytes], garbage: bytes, after: list[bytes]
 ) -> None:
     head, tail = journal(before), journal(after)
@@ -83,7 +83,9 @@ def test_a_file_cut_anywhere_keeps_the_records_before() -> None:
         assert all(d.at_end for d in damage)
 
 
-def test_a_magic_across_the_border_of_two_chunks_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_magic_across_the_border_of_two_chunks_is_detected(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(framing, "_SCAN_BYTES", 16)
     for garbage in range(1, 40):
         frames, _ = scan_bytes(b"\x89" * garbage + journal([b"x"]))
@@ -98,13 +100,13 @@ def test_a_payload_that_is_too_long_is_refused(monkeypatch: pytest.MonkeyPatch) 
 
 def test_headers_that_promise_much_cost_neither_memory_nor_hours() -> None:
     # 4,000 crafted headers, each with a valid checksum and a long payload of the others.
-    one = encode_frame(3, ME, 1, bytes(2**20))[: HEADER.size]
-    data = one * 4000 + bytes(2**20)
+    header = encode_frame(3, ME, 1, bytes(2**20))[: HEADER.size]
+    data = header * 4000 + bytes(2**20)
     tracemalloc.start()
-    found = list(scan(io.BytesIO(data)))
+    items = list(scan(io.BytesIO(data)))
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert [type(item) for item in found] == [Damage]
+    assert [type(item) for item in items] == [Damage]
     assert peak < 8 * 2**20
 
 

@@ -14,9 +14,10 @@ from pathlib import Path
 import pytest
 
 from pfwd_device.jobs import Jobs
-from pfwd_device.recording import SurveyWriter, check, read_survey, recover
+from pfwd_device.recording import check, read_survey, recover
 from pfwd_device.recording.drop_file import drop_digest
-from tests.campaigns.power_loss import lost_drops, make_record
+from tests.campaigns.power_loss import lost_drops
+from tests.pfwd_device.recording.records import journal_of, open_survey, record_of
 
 TOP = Path(__file__).resolve().parents[3]
 
@@ -40,12 +41,8 @@ with SurveyWriter.open(sys.argv[1], publish=sys.argv[2] == "publish") as writer:
 
 
 def digests(count: int) -> dict[int, str]:
-    import numpy as np
 
-    return {
-        number: drop_digest(make_record(number, np.random.default_rng(number), 4096), 0)
-        for number in range(1, count + 1)
-    }
+    return {number: drop_digest(record_of(number, 4096), 0) for number in range(1, count + 1)}
 
 
 def start(code: str, *arguments: str) -> subprocess.Popen[str]:
@@ -57,7 +54,6 @@ def start(code: str, *arguments: str) -> subprocess.Popen[str]:
 def run_and_kill(survey: Path, delay: float, publish: bool) -> int:
     """The last drop that was acknowledged before the kill."""
     with start(WRITER, str(survey), "publish" if publish else "no") as child:
-        assert child.stdout is not None
         assert child.stdout.readline() == "open\n"
         time.sleep(delay)
         child.kill()
@@ -66,7 +62,7 @@ def run_and_kill(survey: Path, delay: float, publish: bool) -> int:
 
 
 @pytest.mark.parametrize("kills", [5, pytest.param(100, marks=pytest.mark.slow)])
-def test_a_killed_program_loses_nothing(tmp_path: Path, kills: int) -> None:
+def test_a_killed_program_loses_no_drop(tmp_path: Path, kills: int) -> None:
     chance = random.Random(kills)
     acknowledged = 0
     for kill in range(kills):
@@ -85,14 +81,11 @@ def test_a_killed_program_loses_nothing(tmp_path: Path, kills: int) -> None:
 
 
 @pytest.mark.parametrize("kills", [3, pytest.param(40, marks=pytest.mark.slow)])
-def test_a_killed_recovery_is_done_again(tmp_path: Path, kills: int) -> None:
-    survey = tmp_path / "survey"
-    with SurveyWriter.open(survey, publish=False, reserve_bytes=0) as writer:
-        import numpy as np
-
+def test_a_killed_recovery_is_repeated(tmp_path: Path, survey: Path, kills: int) -> None:
+    with open_survey(survey) as writer:
         for number in range(1, 31):
-            writer.save_drop(make_record(number, np.random.default_rng(number), 4096))
-    with (survey / "journal" / "0001.pfwdj").open("ab") as stream:
+            writer.save_drop(record_of(number, 4096))
+    with (journal_of(survey)).open("ab") as stream:
         stream.write(b"torn" * 100)
     (survey / "acknowledged.txt").write_bytes((survey / "acknowledged.txt").read_bytes()[:700])
     chance = random.Random(kills)
@@ -103,7 +96,6 @@ def test_a_killed_recovery_is_done_again(tmp_path: Path, kills: int) -> None:
     )
     for _ in range(kills):
         with start(code, str(survey)) as child:
-            assert child.stdout is not None
             child.stdout.readline()
             time.sleep(chance.uniform(0.0, 0.4))
             child.kill()
@@ -145,7 +137,6 @@ with SurveyWriter.open(sys.argv[1], publish=False, reserve_bytes=100_000) as wri
 @pytest.mark.parametrize("limit", [400_000, 700_007])
 def test_the_longest_file_of_the_system_is_survived(tmp_path: Path, limit: int) -> None:
     with start(LIMITED, str(tmp_path / "survey"), str(limit)) as child:
-        assert child.stdout is not None
         lines = child.stdout.read().split()
     assert child.returncode == 0
     assert lines == [str(number) for number in range(1, 31)]
@@ -172,7 +163,6 @@ def test_a_full_disk_is_survived(tmp_path: Path) -> None:
 
 
 def fill_and_free(disk: Path) -> None:
-    import numpy as np
 
     from pfwd_device.errors import StorageFull
 
@@ -180,9 +170,9 @@ def fill_and_free(disk: Path) -> None:
     ballast.write_bytes(bytes(700_000))
     refused = 0
     number = 1
-    with SurveyWriter.open(disk / "survey", jobs=Jobs(0), reserve_bytes=300_000) as writer:
+    with open_survey(disk / "survey", reserve_bytes=300_000, publish=True) as writer:
         while number <= 12:
-            record = make_record(number, np.random.default_rng(number), 4096)
+            record = record_of(number, 4096)
             try:
                 assert writer.save_drop(record) == number
                 writer.publish(number)
@@ -210,7 +200,6 @@ def test_the_lock_is_free_after_a_kill(tmp_path: Path) -> None:
 @pytest.mark.posix
 def test_an_interrupt_ends_the_writer_in_order(tmp_path: Path) -> None:
     with start(WRITER, str(tmp_path / "survey"), "publish") as child:
-        assert child.stdout is not None
         for _ in range(4):
             child.stdout.readline()
         child.send_signal(signal.SIGINT)

@@ -3,14 +3,13 @@
 import zlib
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from pfwd_device.errors import StorageFull
 from pfwd_device.jobs import Jobs
-from pfwd_device.recording import SurveyWriter, check, ledger, read_survey, recover
+from pfwd_device.recording import check, ledger, read_survey, recover
 from pfwd_device.recording.framing import RecordKind
 from pfwd_device.recording.ledger import (
     MAX_LEDGER_BYTES,
@@ -22,7 +21,7 @@ from pfwd_device.recording.ledger import (
     read_ledger,
 )
 from tests.campaigns.noted_disk import NotingStorage
-from tests.campaigns.power_loss import make_record
+from tests.pfwd_device.recording.records import open_survey, record_of
 
 ME = bytes(range(16))
 ENTRIES = [
@@ -32,15 +31,15 @@ ENTRIES = [
 
 
 def test_lines_come_back() -> None:
-    found = parse_ledger(ledger_bytes(ME, ENTRIES))
-    assert found.survey == ME
-    assert list(found.entries) == ENTRIES
-    assert found.damaged == ()
-    assert found.entries[1].drop == (1, "A ü/1", 1)
-    assert found.entries[0].drop is None
+    parsed = parse_ledger(ledger_bytes(ME, ENTRIES))
+    assert parsed.survey == ME
+    assert list(parsed.entries) == ENTRIES
+    assert parsed.damaged == ()
+    assert parsed.entries[1].drop == (1, "A ü/1", 1)
+    assert parsed.entries[0].drop is None
 
 
-def test_every_flipped_bit_is_seen() -> None:
+def test_every_flipped_bit_is_detected() -> None:
     data = ledger_bytes(ME, ENTRIES)
     for bit in range(8 * len(data)):
         broken = bytearray(data)
@@ -48,12 +47,12 @@ def test_every_flipped_bit_is_seen() -> None:
         assert parse_ledger(bytes(broken)).damaged
 
 
-def test_a_cut_within_a_line_is_seen() -> None:
+def test_a_cut_within_a_line_is_detected() -> None:
     data = ledger_bytes(ME, ENTRIES)
     ends = [0, *(index + 1 for index, byte in enumerate(data) if byte == 10)]
     for size in range(len(data)):
-        found = parse_ledger(data[:size])
-        assert bool(found.damaged) == (size not in ends[1:])
+        parsed = parse_ledger(data[:size])
+        assert bool(parsed.damaged) == (size not in ends[1:])
 
 
 @given(st.binary(max_size=300))
@@ -61,7 +60,7 @@ def test_any_bytes_are_read(data: bytes) -> None:
     parse_ledger(data)
 
 
-def test_a_missing_ledger_is_told(tmp_path: Path) -> None:
+def test_a_missing_ledger_is_reported(tmp_path: Path) -> None:
     assert read_ledger(tmp_path / "none").missing
     assert read_ledger(tmp_path).damaged == (1,)
 
@@ -83,7 +82,7 @@ NUMBERS = st.from_regex(r"0{0,2}[0-9]{1,12}", fullmatch=True)
     about=st.sampled_from(["-", "1:A/1", "", "a b", "\x7f", "~" * 1000]),
     seal=st.booleans(),
 )
-def test_a_line_counts_when_it_is_what_its_entry_writes(
+def test_a_line_is_accepted_if_its_entry_writes_the_same(
     numbers: list[str], check: str, about: str, seal: bool
 ) -> None:
     text = f"{' '.join(numbers)} {check} {about}"
@@ -96,7 +95,7 @@ def test_a_line_counts_when_it_is_what_its_entry_writes(
 
 
 @pytest.mark.parametrize("call", ["write", "sync"])
-def test_after_a_failure_the_next_line_follows_a_whole_ledger(tmp_path: Path, call: str) -> None:
+def test_after_a_failure_the_next_line_follows_an_intact_ledger(tmp_path: Path, call: str) -> None:
     failing = False
     writes = 0
 
@@ -124,18 +123,18 @@ def test_after_a_failure_the_next_line_follows_a_whole_ledger(tmp_path: Path, ca
     assert path.read_bytes() == ledger_bytes(ME, ENTRIES)
 
 
-def test_a_torn_long_line_leaves_nothing_behind_a_short_one(tmp_path: Path) -> None:
-    left: list[int] = []
+def test_a_torn_long_line_leaves_no_bytes_behind_a_short_line(tmp_path: Path) -> None:
+    remaining: list[int] = []
 
     def fault(name: str, _: int) -> OSError | int | None:
-        if not left or name != "write":
+        if not remaining or name != "write":
             return None
-        return left.pop() or OSError(28, "no space")
+        return remaining.pop() or OSError(28, "no space")
 
     path = tmp_path / "acknowledged.txt"
     writer = LedgerWriter(path, ME, [], NotingStorage(tmp_path, fault))
     writer.append(ENTRIES[0])
-    left.extend([0, 45])  # 45 bytes, then nothing
+    remaining.extend([0, 45])  # 45 bytes, then nothing
     with pytest.raises(OSError, match="no space"):
         writer.append(ENTRIES[1])
     assert path.read_bytes() == ledger_bytes(ME, ENTRIES[:1])
@@ -145,16 +144,15 @@ def test_a_torn_long_line_leaves_nothing_behind_a_short_one(tmp_path: Path) -> N
 
 
 def test_a_ledger_that_is_no_ledger_of_ours_is_not_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    survey: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Longer than any that a survey of ours has, whatever is in it: recovery makes it anew."""
     assert ledger.MAX_LEDGER_BYTES == 24 * 2**20  # ten times that of a survey of 10,000 drops
-    survey = tmp_path / "survey"
-    with SurveyWriter.open(survey, jobs=Jobs(0), reserve_bytes=0) as writer:
-        writer.save_drop(make_record(1, np.random.default_rng(1)))
+    with open_survey(survey, publish=True) as writer:
+        writer.save_drop(record_of(1))
     path = survey / "acknowledged.txt"
-    whole = path.read_bytes()
-    path.write_bytes(whole + b"x" * 100_000)
+    intact = path.read_bytes()
+    path.write_bytes(intact + b"x" * 100_000)
     monkeypatch.setattr(ledger, "MAX_LEDGER_BYTES", 10_000)
     read: list[Path] = []
     of = Path.read_bytes
@@ -169,28 +167,24 @@ def test_a_ledger_that_is_no_ledger_of_ours_is_not_read(
     assert recover(survey, jobs=Jobs(0)).ok
     assert path not in [each for each in read if each.stat().st_size > 10_000]
     monkeypatch.undo()
-    assert path.read_bytes().startswith(whole[:-30])
+    assert path.read_bytes().startswith(intact[:-30])
     assert check(survey).ok
 
 
-def test_a_full_ledger_takes_no_line_that_would_not_be_read_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    survey = tmp_path / "survey"
-    with SurveyWriter.open(survey, jobs=Jobs(0), publish=False, reserve_bytes=0) as writer:
-        writer.save_drop(make_record(1, np.random.default_rng(1)))
+def test_a_full_ledger_accepts_no_line(survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with open_survey(survey) as writer:
+        writer.save_drop(record_of(1))
         size = (survey / "acknowledged.txt").stat().st_size
         monkeypatch.setattr(ledger, "MAX_LEDGER_BYTES", size + 10)
         with pytest.raises(StorageFull, match="begin another survey"):
-            writer.save_drop(make_record(2, np.random.default_rng(2)))
+            writer.save_drop(record_of(2))
         monkeypatch.undo()
-        assert writer.save_drop(make_record(2, np.random.default_rng(2))) == 2
+        assert writer.save_drop(record_of(2)) == 2
     assert check(survey).ok
 
 
-def test_very_many_lost_records_are_told_in_a_line(tmp_path: Path) -> None:
-    survey = tmp_path / "survey"
-    with SurveyWriter.open(survey, publish=False, reserve_bytes=0) as writer:
+def test_a_thousand_lost_records_are_reported_in_a_line(survey: Path) -> None:
+    with open_survey(survey) as writer:
         identity = bytes.fromhex(writer.survey_id)
     path = survey / "acknowledged.txt"
     more = [Entry(n, RecordKind.EDIT, 1, 10**6 + n, 50, 7) for n in range(10, 1100)]
@@ -222,7 +216,7 @@ def test_a_ledger_that_is_in_place_is_appended_to(tmp_path: Path) -> None:
     assert [note[0] for note in storage.notes] == ["write", "sync"], "nothing is written anew"
 
 
-def test_a_ledger_that_says_something_else_is_written_anew(tmp_path: Path) -> None:
+def test_a_ledger_with_different_lines_is_rewritten(tmp_path: Path) -> None:
     path = tmp_path / "acknowledged.txt"
     ledger, storage = writer(path, ENTRIES)
     path.write_bytes(ledger_bytes(ME, ENTRIES[:1]) + b"1 2 3\n")
@@ -233,22 +227,24 @@ def test_a_ledger_that_says_something_else_is_written_anew(tmp_path: Path) -> No
     assert "replace" in [note[0] for note in storage.notes]
 
 
-def test_what_is_forgotten_stands_in_no_line_any_more(tmp_path: Path) -> None:
+def test_a_forgotten_record_has_no_line(tmp_path: Path) -> None:
     path = tmp_path / "acknowledged.txt"
     ledger, _ = writer(path, [*ENTRIES, NEXT])
     ledger.forget(2)
     assert ledger.entries == (ENTRIES[0],)
     assert ledger.problem() is None
-    again = Entry(2, 3, 2, 0, 500, 7)
-    ledger.append(again)
-    assert read_ledger(path).entries == (ENTRIES[0], again)
+    second = Entry(2, 3, 2, 0, 500, 7)
+    ledger.append(second)
+    assert read_ledger(path).entries == (ENTRIES[0], second)
     assert ledger.problem() is None
     path.write_bytes(b"")
     assert ledger.problem() is not None, "others do not find the lines"
     ledger.close()
 
 
-def test_a_ledger_beyond_the_limit_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_ledger_beyond_the_limit_is_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "acknowledged.txt"
     path.write_bytes(ledger_bytes(ME, ENTRIES))
     assert MAX_LEDGER_BYTES == 24 * 2**20

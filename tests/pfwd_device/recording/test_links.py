@@ -5,12 +5,11 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import SurveyWriter, check, read_survey, recover
-from tests.campaigns.power_loss import make_record
+from tests.pfwd_device.recording.records import journal_of, open_survey, record_of
 
 pytestmark = pytest.mark.posix  # making links needs rights on Windows that tests do not have
 
@@ -50,7 +49,7 @@ def unchanged(outside: Path) -> bool:
 
 def tear(survey: Path) -> None:
     """Give recovery something to do in every folder."""
-    with (survey / "journal" / "0001.pfwdj").open("ab") as stream:
+    with (journal_of(survey)).open("ab") as stream:
         stream.write(b"torn")
     (survey / "results" / "drop-000001-1.json").unlink(missing_ok=True)
 
@@ -84,7 +83,7 @@ def test_a_file_that_is_a_link_is_refused(
 
 @pytest.mark.parametrize("name", ["journal/0001.pfwdj", "acknowledged.txt", "drops/drop-000001.h5"])
 @pytest.mark.parametrize("action", [check, read_survey, recover, SurveyWriter.open])
-def test_what_is_no_file_does_not_hold_a_reader_up(
+def test_a_named_pipe_does_not_block_a_reader(
     survey: Path, name: str, action: Callable[[Path], object]
 ) -> None:
     """Whoever opens a named pipe to read waits for a writer, for ever."""
@@ -97,11 +96,11 @@ def test_what_is_no_file_does_not_hold_a_reader_up(
 def test_a_folder_replaced_by_a_link_meanwhile_is_not_written_through(
     survey: Path, outside: Path
 ) -> None:
-    with SurveyWriter.open(survey, publish=False, reserve_bytes=0) as writer:
+    with open_survey(survey) as writer:
         shutil.rmtree(survey / "journal")
         (survey / "journal").symlink_to(outside, target_is_directory=True)
         with pytest.raises(RecordingError, match="was deleted"):
-            writer.save_drop(make_record(4, np.random.default_rng(4)))
+            writer.save_drop(record_of(4))
         assert unchanged(outside)
 
 
@@ -109,8 +108,8 @@ def test_a_survey_reached_by_a_link_is_the_will_of_whoever_named_it(
     tmp_path: Path, survey: Path
 ) -> None:
     (tmp_path / "link").symlink_to(survey, target_is_directory=True)
-    with SurveyWriter.open(tmp_path / "link", publish=False) as writer:
-        assert writer.save_drop(make_record(4, np.random.default_rng(4))) == 4
+    with open_survey(tmp_path / "link") as writer:
+        assert writer.save_drop(record_of(4)) == 4
     assert len(read_survey(survey).drops) == 4
     (survey / "acknowledged.txt").rename(tmp_path / "ledger")
     (survey / "acknowledged.txt").symlink_to(tmp_path / "ledger")

@@ -3,24 +3,24 @@
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from pfwd_device.errors import SurveyLocked
 from pfwd_device.recording import SurveyWriter, check, read_survey, recover
-from tests.campaigns.power_loss import make_record
+from tests.pfwd_device.recording.records import open_survey, record_of
 
 TOP = Path(__file__).resolve().parents[3]
 
-READER = """
+N_READ_DROPS = 20
+READER = f"""
 import sys
 from pfwd_device.recording import check, read_survey
-last = looks = 0
-while last < 60:
+last = 0
+while last < {N_READ_DROPS}:
     survey = read_survey(sys.argv[1])
     drops = survey.drops
     assert len(drops) >= last, (len(drops), last)
@@ -30,31 +30,28 @@ while last < 60:
         report = check(sys.argv[1])
         assert report.ok, report.damaged
     last = len(drops)
-    looks += 1
-print(looks)
+    print(last, flush=True)
 """
 
 
 def test_a_second_writer_learns_who_is_first(tmp_path: Path) -> None:
-    with SurveyWriter.open(tmp_path, publish=False, reserve_bytes=0):
+    with open_survey(tmp_path):
         for action in (SurveyWriter.open, recover):
-            with pytest.raises(
-                SurveyLocked, match=rf"got another: pid {os.getpid()}, host .*since"
-            ):
+            with pytest.raises(SurveyLocked, match=f"pid {os.getpid()}, host .*since"):
                 action(tmp_path)
-    with SurveyWriter.open(tmp_path, publish=False):
+    with open_survey(tmp_path):
         pass
 
 
-def test_a_stale_name_locks_nothing(tmp_path: Path, new_survey: Callable[..., object]) -> None:
+def test_a_stale_name_does_not_lock(tmp_path: Path, new_survey: Callable[..., object]) -> None:
     new_survey()
     (tmp_path / "survey" / "writer.txt").write_text("pid 1\nhost other\nsince ever\n")
-    with SurveyWriter.open(tmp_path / "survey", publish=False) as writer:
+    with open_survey(tmp_path / "survey") as writer:
         assert writer.drops_acknowledged == 3
 
 
 def test_a_hostile_name_is_made_harmless(tmp_path: Path) -> None:
-    with SurveyWriter.open(tmp_path, publish=False, reserve_bytes=0):
+    with open_survey(tmp_path):
         (tmp_path / "writer.txt").write_bytes(b"pid \x1b]0;OWNED\x07" + b"x" * 5000)
         with pytest.raises(SurveyLocked) as caught:
             SurveyWriter.open(tmp_path)
@@ -66,17 +63,17 @@ def test_a_hostile_name_is_made_harmless(tmp_path: Path) -> None:
 
 
 def test_a_check_meanwhile_names_no_damage(tmp_path: Path) -> None:
-    with SurveyWriter.open(tmp_path, publish=False, reserve_bytes=0) as writer:
-        writer.save_drop(make_record(1, np.random.default_rng(1)))
+    with open_survey(tmp_path) as writer:
+        writer.save_drop(record_of(1))
         report = check(tmp_path)
         assert report.ok
         assert "a program is writing the survey" in report.notes
-        writer.save_drop(make_record(2, np.random.default_rng(2)))
+        writer.save_drop(record_of(2))
 
 
 def test_a_line_that_is_being_written_is_no_damage(tmp_path: Path) -> None:
-    with SurveyWriter.open(tmp_path, publish=False, reserve_bytes=0) as writer:
-        writer.save_drop(make_record(1, np.random.default_rng(1)))
+    with open_survey(tmp_path) as writer:
+        writer.save_drop(record_of(1))
         with (tmp_path / "acknowledged.txt").open("ab") as stream:
             stream.write(b"4 2 1")
         report = check(tmp_path)
@@ -91,35 +88,32 @@ def test_recovery_waits_for_the_publisher_of_a_killed_program(
     new_survey()
     code = (
         "import sys, time; from filelock import FileLock; lock = FileLock(sys.argv[1]); "
-        "lock.acquire(); print('held', flush=True); time.sleep(0.5)"
+        "lock.acquire(); print('held', flush=True); sys.stdin.readline()"
     )
     lock = str(tmp_path / "survey" / "publish.lock")
-    with subprocess.Popen(
-        [sys.executable, "-c", code, lock], stdout=subprocess.PIPE, text=True
-    ) as holder:
-        assert holder.stdout is not None
+    command = [sys.executable, "-c", code, lock]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, **pipes) as holder, ThreadPoolExecutor() as pool:
         holder.stdout.readline()
-        begun = time.monotonic()
-        assert recover(tmp_path / "survey").ok
-        assert time.monotonic() - begun > 0.3
+        recovery = pool.submit(recover, tmp_path / "survey")
+        with pytest.raises(TimeoutError):
+            recovery.result(0.3)
+        holder.communicate("\n")
+        assert recovery.result(60).ok
 
 
-def test_two_programs_read_while_one_writes(tmp_path: Path) -> None:
+def test_two_programs_read_during_writing(tmp_path: Path) -> None:
+    """Each program reads at least once after every drop."""
     with SurveyWriter.open(tmp_path / "survey", reserve_bytes=0) as writer:
+        command = [sys.executable, "-c", READER, str(tmp_path / "survey")]
         readers = [
-            subprocess.Popen(
-                [sys.executable, "-c", READER, str(tmp_path / "survey")],
-                cwd=TOP,
-                stdout=subprocess.PIPE,
-                text=True,
-            )
-            for _ in range(2)
+            subprocess.Popen(command, cwd=TOP, stdout=subprocess.PIPE, text=True) for _ in range(2)
         ]
-        for number in range(1, 61):
-            saved = writer.save_drop(make_record(number, np.random.default_rng(number)))
-            writer.publish(saved)
-            time.sleep(0.02)
-        looks = [reader.communicate(timeout=60)[0] for reader in readers]
+        for number in range(1, N_READ_DROPS + 1):
+            writer.publish(writer.save_drop(record_of(number)))
+            for reader in readers:
+                reader.stdout.readline()
+        for reader in readers:
+            reader.communicate(timeout=60)
     assert [reader.returncode for reader in readers] == [0, 0]
-    assert all(int(text) >= 3 for text in looks)
-    assert len(read_survey(tmp_path / "survey").drops) == 60
+    assert len(read_survey(tmp_path / "survey").drops) == N_READ_DROPS

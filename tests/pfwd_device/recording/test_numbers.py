@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pfwd_device.recording import DropRecord, SurveyWriter
+from pfwd_device.recording import DropRecord
 from pfwd_device.recording.framing import RecordKind
 from pfwd_device.recording.index import DropEntry, Index
 from pfwd_device.recording.ledger import Entry, about_drop
+from tests.pfwd_device.recording.records import open_survey
 
 POINTS = ("A", "B")
 
@@ -35,17 +36,17 @@ def index_of(drops: list[tuple[int, str, int]], lost: list[tuple[int, str, int]]
 
 
 @given(drops=DROPS, lost=DROPS)
-def test_numbers_are_those_of_a_look_at_every_drop(
+def test_numbers_agree_with_a_scan_of_every_drop(
     drops: list[tuple[int, str, int]], lost: list[tuple[int, str, int]]
 ) -> None:
     index = index_of(drops, lost)
     assert index.next_number() == max([0, *index.drops, *index.lost_drops]) + 1
     for point in (*POINTS, "C"):
-        taken = [drop for _, name, drop in drops if name == point]
-        gone = [drop for name, drop in index.lost_drops.values() if name == point]
-        assert index.next_drop(point) == max([0, *taken, *gone]) + 1
+        used = [drop for _, name, drop in drops if name == point]
+        lost_numbers = [drop for name, drop in index.lost_drops.values() if name == point]
+        assert index.next_drop(point) == max([0, *used, *lost_numbers]) + 1
         for drop in range(8):
-            assert index.is_used(point, drop) == (drop in taken)
+            assert index.is_used(point, drop) == (drop in used)
 
 
 class CountingDrops(dict[int, DropEntry]):
@@ -62,10 +63,10 @@ class CountingDrops(dict[int, DropEntry]):
         return super().values()
 
 
-def test_a_drop_is_saved_without_a_look_at_all_others(
+def test_a_drop_is_saved_without_a_scan_of_all_drops(
     tmp_path: Path, new_record: Callable[[int], DropRecord], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with SurveyWriter.open(tmp_path, publish=False, reserve_bytes=0) as writer:
+    with open_survey(tmp_path) as writer:
         drops = CountingDrops()
         monkeypatch.setattr(writer._index, "drops", drops)
         for number in range(1, 21):

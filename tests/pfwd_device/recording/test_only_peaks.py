@@ -22,6 +22,7 @@ from pfwd_device.recording import (
 from pfwd_device.recording.drop_file import drop_digest, drop_file_bytes, drop_from_file_bytes
 from pfwd_device.recording.drop_payload import drop_from_parts, drop_parts
 from pfwd_device.signals import trace_peaks
+from tests.pfwd_device.recording.records import open_survey
 
 PEAKS = Peaks(50e3, ((-0.3, 2e-4), (0.0, 5e-4), (0.9, -1e-6)))
 
@@ -39,23 +40,23 @@ def test_a_drop_of_peaks_has_no_samples() -> None:
     assert PEAKS.centre == 5e-4
 
 
-def test_peaks_that_are_none_are_refused() -> None:
+def test_invalid_peaks_are_refused() -> None:
     with pytest.raises(ValueError, match="expected finite peaks"):
         Drop.of_peaks(1, Peaks(float("nan"), ((0.0, 1e-4),)))
     with pytest.raises(ValueError, match="expected finite peaks"):
         Drop.of_peaks(1, Peaks(1.0, ((0.0, float("inf")),)))
-    none = np.empty(0)
+    empty = np.empty(0)
     with pytest.raises(ValueError, match="peaks at the offsets of its channels and no samples"):
-        Drop(1, none, none, (Channel(0.5, "displacement", none),), Peaks(1.0, ((0.0, 1e-4),)))
+        Drop(1, empty, empty, (Channel(0.5, "displacement", empty),), Peaks(1.0, ((0.0, 1e-4),)))
     two = np.zeros(2)
     with pytest.raises(ValueError, match="peaks at the offsets of its channels and no samples"):
         Drop(1, two, two, (), Peaks(1.0, ()))
     with pytest.raises(ValueError, match="at least 2 samples"):
-        Drop(1, none, none, ())
+        Drop(1, empty, empty, ())
 
 
 def test_equal_peaks_at_another_point_are_no_copy(tmp_path: Path) -> None:
-    with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
+    with open_survey(tmp_path / "s") as writer:
         writer.save_drop(record())
         assert "copy_of" not in writer.with_copy_mark(replace(record(), point="km 2")).metadata
 
@@ -64,11 +65,11 @@ def test_record_and_file_give_it_back() -> None:
     data, arrays = drop_parts(record())
     assert arrays == {}
     assert drop_from_parts(data, arrays).drop.only_peaks == PEAKS
-    found, number, survey = drop_from_file_bytes(drop_file_bytes(record(), 7, b"s" * 16), "a.h5")
-    assert (found.drop.only_peaks, number, survey) == (PEAKS, 7, b"s" * 16)
-    assert drop_digest(found, 7) == drop_digest(record(), 7)
-    other = record(peaks=Peaks(50e3, ((-0.3, 2e-4), (0.0, 5e-4), (0.9, -2e-6))))
-    assert drop_digest(other, 7) != drop_digest(record(), 7)
+    decoded, number, survey = drop_from_file_bytes(drop_file_bytes(record(), 7, b"s" * 16), "a.h5")
+    assert (decoded.drop.only_peaks, number, survey) == (PEAKS, 7, b"s" * 16)
+    assert drop_digest(decoded, 7) == drop_digest(record(), 7)
+    changed = record(peaks=Peaks(50e3, ((-0.3, 2e-4), (0.0, 5e-4), (0.9, -2e-6))))
+    assert drop_digest(changed, 7) != drop_digest(record(), 7)
 
 
 @pytest.mark.parametrize(
@@ -81,7 +82,7 @@ def test_record_and_file_give_it_back() -> None:
         [],
     ],
 )
-def test_a_record_that_is_none_is_refused(peaks: object) -> None:
+def test_an_invalid_record_of_peaks_is_refused(peaks: object) -> None:
     data, arrays = drop_parts(record())
     with pytest.raises(RecordingError, match="expected the data of a drop"):
         drop_from_parts({**data, "only_peaks": peaks}, arrays)
@@ -97,7 +98,6 @@ def test_a_survey_holds_both_kinds(tmp_path: Path) -> None:
     survey = read_survey(tmp_path / "s")
     assert [drop.read().drop.only_peaks for drop in survey.drops] == [PEAKS, None, PEAKS]
     facts = survey.drops[0].read_facts()
-    assert facts.drop is not None
     assert facts.drop.only_peaks == PEAKS
     path = survey.drops[0].file
     assert path is not None

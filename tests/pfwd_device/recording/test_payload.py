@@ -42,8 +42,8 @@ FLOATS = hnp.arrays(np.uint64, 7).map(lambda bits: bits.view(np.float64))
 COUNTS = st.integers(0, 4).flatmap(lambda k: hnp.arrays(np.int32, (7, k)))
 
 
-def same_json(one: Any, other: Any) -> bool:
-    return json.dumps(one, sort_keys=True) == json.dumps(other, sort_keys=True)
+def same_json(first: Any, second: Any) -> bool:
+    return json.dumps(first, sort_keys=True) == json.dumps(second, sort_keys=True)
 
 
 @given(OBJECTS, FLOATS, COUNTS, st.booleans())
@@ -51,14 +51,14 @@ def test_data_and_arrays_come_back_bit_by_bit(
     data: dict[str, Any], floats: Any, counts: Any, pack: bool
 ) -> None:
     payload = encode_payload(data, {"floats": floats, "counts": counts}, pack=pack)
-    found, arrays = decode_payload(payload)
-    assert same_json(found, data)
+    decoded, arrays = decode_payload(payload)
+    assert same_json(decoded, data)
     assert same_json(payload_data(payload), data)
     assert arrays["floats"].tobytes() == floats.tobytes()
     assert arrays["counts"].shape == counts.shape
     assert arrays["counts"].dtype == np.int32
     assert arrays["counts"].tobytes() == counts.tobytes()
-    assert encode_payload(found, arrays, pack=pack) == payload
+    assert encode_payload(decoded, arrays, pack=pack) == payload
 
 
 @st.composite
@@ -88,12 +88,12 @@ def bits(record: DropRecord) -> bytes:
 @given(records())
 def test_a_drop_comes_back_from_its_record(record: DropRecord) -> None:
     data, arrays = decode_payload(encode_payload(*drop_parts(record)))
-    found = drop_from_parts(data, arrays)
-    assert bits(found) == bits(record)
-    assert found.drop.load.tobytes() == record.drop.load.tobytes()
-    assert (found.counts is None) == (record.counts is None)
-    assert [c.quantity for c in found.drop.channels] == [c.quantity for c in record.drop.channels]
-    assert [r.counts.tobytes() for r in found.rebounds] == [
+    decoded = drop_from_parts(data, arrays)
+    assert bits(decoded) == bits(record)
+    assert decoded.drop.load.tobytes() == record.drop.load.tobytes()
+    assert (decoded.counts is None) == (record.counts is None)
+    assert [c.quantity for c in decoded.drop.channels] == [c.quantity for c in record.drop.channels]
+    assert [r.counts.tobytes() for r in decoded.rebounds] == [
         r.counts.tobytes() for r in record.rebounds
     ]
 
@@ -101,19 +101,19 @@ def test_a_drop_comes_back_from_its_record(record: DropRecord) -> None:
 @given(records())
 def test_a_drop_comes_back_from_its_file(record: DropRecord) -> None:
     data = drop_file_bytes(record, 17, bytes(range(16)))
-    found, number, survey = drop_from_file_bytes(data, "file")
+    decoded, number, survey = drop_from_file_bytes(data, "file")
     assert (number, survey) == (17, bytes(range(16)))
-    assert bits(found) == bits(record)
-    assert found.point == record.point
+    assert bits(decoded) == bits(record)
+    assert decoded.point == record.point
 
 
 def test_a_rebound_comes_back_and_is_joined_once() -> None:
     rebound = ReboundRecord(0.4, 900.0, 77, np.ones((5, 2), np.int32))
-    found = rebound_from_payload(rebound_payload(3, rebound))
-    assert (found.delay, found.peak_load, found.first_sample) == (0.4, 900.0, 77)
+    decoded = rebound_from_payload(rebound_payload(3, rebound))
+    assert (decoded.delay, decoded.peak_load, decoded.first_sample) == (0.4, 900.0, 77)
     base = DropRecord("P", Drop(1, np.arange(4.0), np.zeros(4), ()))
-    once = with_rebounds(base, (found,))
-    assert with_rebounds(once, (found,)).rebounds == once.rebounds
+    once = with_rebounds(base, (decoded,))
+    assert with_rebounds(once, (decoded,)).rebounds == once.rebounds
     assert len(once.rebounds) == 1
 
 
@@ -160,7 +160,7 @@ def test_crafted_payloads_are_refused(payload: bytes, match: str) -> None:
         decode_payload(payload)
 
 
-def test_what_json_does_not_know_is_refused_before_it_is_written() -> None:
+def test_data_that_json_cannot_hold_are_refused() -> None:
     for data in ({"a": object()}, {1: 2, "b": 3}, {"a": {1, 2}}):
         with pytest.raises(RecordingError, match="expected texts, numbers"):
             encode_payload(data)  # type: ignore[arg-type]
@@ -168,7 +168,7 @@ def test_what_json_does_not_know_is_refused_before_it_is_written() -> None:
         encode_payload({}, {"a": np.zeros(2, np.float32)})
 
 
-def test_numbers_of_numpy_and_infinity_are_kept() -> None:
+def test_numbers_of_numpy_and_infinity_are_stored() -> None:
     data = {"a": np.float64(0.1), "b": np.int64(3), "c": np.arange(2), "d": math.inf}
     assert payload_data(encode_payload(data)) == {"a": 0.1, "b": 3, "c": [0, 1], "d": math.inf}
 
@@ -183,24 +183,23 @@ def test_records_are_validated_and_read_only() -> None:
         DropRecord("P", drop, np.zeros((4, 1)))  # type: ignore[arg-type]
     with pytest.raises(RecordingError, match="expected counts of 32 bits"):
         DropRecord("P", drop, np.full((4, 1), 2**40))
-    given = np.zeros((4, 1), np.int32)
-    record = DropRecord("P", drop, given)
-    given[0] = 1
-    assert record.counts is not None
+    counts = np.zeros((4, 1), np.int32)
+    record = DropRecord("P", drop, counts)
+    counts[0] = 1
     assert record.counts[0] == 0
     with pytest.raises(ValueError, match="read-only"):
         record.counts[0] = 2
 
 
 @pytest.mark.parametrize("pack", [True, False])
-def test_arrays_that_nobody_wants_are_left_packed(pack: bool) -> None:
+def test_unrequested_arrays_are_not_unpacked(pack: bool) -> None:
     arrays = {name: np.arange(500.0) + n for n, name in enumerate("abcd")}
     payload = encode_payload({"said": 1}, arrays, pack=pack)
-    for wanted in ("", "a", "ac", "d", "abcd"):
-        data, found = decode_payload(payload, wanted.__contains__)
+    for names in ("", "a", "ac", "d", "abcd"):
+        data, decoded = decode_payload(payload, names.__contains__)
         assert data == {"said": 1}
-        assert list(found) == list(wanted)
-        assert all(np.array_equal(found[name], arrays[name]) for name in wanted)
+        assert list(decoded) == list(names)
+        assert all(np.array_equal(decoded[name], arrays[name]) for name in names)
     with pytest.raises(RecordingError, match=r"expected (compressed )?arrays"):
         decode_payload(payload[: -len(payload) // 2], "abc".__contains__)
 

@@ -26,6 +26,7 @@ from pfwd_device.recording import (
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.lock import file_locked
 from pfwd_device.recording.publishing import publish, publishing_process, result_of
+from tests.pfwd_device.recording.records import open_survey
 
 TOP = Path(__file__).resolve().parents[3]
 NewRecord = Callable[[int], DropRecord]
@@ -47,13 +48,8 @@ assert check(sys.argv[1]).drops_published == 2
 assert len(read_survey(sys.argv[1]).drops[1].read().drop.time) == 50
 print(*({"h5py", "scipy", "textual", "inversion", "simulators"} & set(sys.modules)))
 """
-    run = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path / "s")],
-        cwd=TOP,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    command = [sys.executable, "-c", code, str(tmp_path / "s")]
+    run = subprocess.run(command, cwd=TOP, capture_output=True, text=True, check=True)
     assert (run.stdout, run.stderr) == ("\n", "")
 
 
@@ -66,13 +62,13 @@ def test_a_failed_unlock_does_not_keep_the_next_file_waiting(
     real = fcntl.flock
     refused: list[int] = []
 
-    def flock(descriptor: int, what: int) -> None:
-        if what == fcntl.LOCK_UN:
+    def flock(descriptor: int, operation: int) -> None:
+        if operation == fcntl.LOCK_UN:
             refused.append(descriptor)
             raise OSError(errno.EIO, "Input/output error")
-        real(descriptor, what)
+        real(descriptor, operation)
 
-    with SurveyWriter.open(tmp_path, publish=False, jobs=Jobs(0), reserve_bytes=0) as writer:
+    with open_survey(tmp_path) as writer:
         for number in (1, 2):
             writer.save_drop(new_record(number))
     monkeypatch.setattr(fcntl, "flock", flock)
@@ -105,21 +101,15 @@ def test_the_child_publishes_and_compares(tmp_path: Path, new_record: NewRecord)
         assert file.attrs["key"] == b"7/1/1"
         units = {}
 
-        def look(name: str, item: Any) -> None:
+        def note(name: str, item: Any) -> None:
             if isinstance(item, h5py.Dataset):
                 units[name] = item.attrs["units"].decode()
                 assert item.fletcher32 or item.shape == ()
 
-        file.visititems(look)
-    assert units == {
-        "time": "s",
-        "load": "N",
-        "counts": "counts",
-        "sensors/1/values": "m/s",
-        "sensors/2/values": "m/s",
-        "declared": "JSON",
-        "metadata": "JSON",
-    }
+        file.visititems(note)
+    sensors = {f"sensors/{number}/values": "m/s" for number in (1, 2)}
+    texts = {"declared": "JSON", "metadata": "JSON"}
+    assert units == {"time": "s", "load": "N", "counts": "counts", **sensors, **texts}
     assert path.read_bytes()[8] == 0  # version of the superblock: the oldest readers open it
 
 
@@ -130,7 +120,7 @@ def test_a_failed_drop_is_published_later(tmp_path: Path, new_record: NewRecord)
                 raise OSError(errno.EIO, "planted")
             super().write_draft(draft, data)
 
-    with SurveyWriter.open(tmp_path, storage=Failing(), jobs=Jobs(0), reserve_bytes=0) as writer:
+    with open_survey(tmp_path, storage=Failing(), publish=True) as writer:
         for number in (1, 2):
             writer.publish(writer.save_drop(new_record(number)))
         writer.close()
@@ -140,7 +130,7 @@ def test_a_failed_drop_is_published_later(tmp_path: Path, new_record: NewRecord)
     assert report.ok
     assert (report.drops_acknowledged, report.drops_published) == (2, 1)
     assert report.notes == ("drop P 1/1 has no file yet: run pfwd recover",)
-    with SurveyWriter.open(tmp_path, jobs=Jobs(0), reserve_bytes=0) as writer:
+    with open_survey(tmp_path, publish=True) as writer:
         assert writer.recovery.recovered == 1
     assert check(tmp_path).drops_published == 2
 
@@ -148,12 +138,12 @@ def test_a_failed_drop_is_published_later(tmp_path: Path, new_record: NewRecord)
 def test_a_file_that_takes_long_holds_up_nobody(tmp_path: Path, new_record: NewRecord) -> None:
     writer = SurveyWriter.open(tmp_path, reserve_bytes=0)
     with file_locked(Layout(tmp_path).publish_lock, 0.0, Storage()):
-        begun = time.monotonic()
+        start = time.monotonic()
         for number in (1, 2):
             writer.publish(writer.save_drop(new_record(number)))
-        assert time.monotonic() - begun < 1.0
+        assert time.monotonic() - start < 1.0
         writer.close(timeout=0.2)
-        assert time.monotonic() - begun < 3.0
+        assert time.monotonic() - start < 3.0
     assert sorted(report.number for report in writer.take_reports()) == [1, 2]
     assert check(tmp_path).ok
     assert len(read_survey(tmp_path).drops) == 2
@@ -162,7 +152,7 @@ def test_a_file_that_takes_long_holds_up_nobody(tmp_path: Path, new_record: NewR
 def test_a_process_that_fails_or_is_silent_is_replaced(
     tmp_path: Path, new_record: NewRecord, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with SurveyWriter.open(tmp_path, publish=False, reserve_bytes=0) as writer:
+    with open_survey(tmp_path) as writer:
         writer.save_drop(new_record(1))
     layout, storage = Layout(tmp_path), Storage()
     with publishing_process() as jobs:
@@ -178,14 +168,14 @@ def test_a_process_that_fails_or_is_silent_is_replaced(
     assert recover(tmp_path).drops_published == 1
 
 
-def test_what_the_disk_gives_back_is_compared(tmp_path: Path, new_record: NewRecord) -> None:
+def test_a_written_file_is_compared_with_its_content(tmp_path: Path, new_record: NewRecord) -> None:
     class Lying(Storage):
         def write_at(self, descriptor: int, data: bytes, offset: int) -> None:
             if data.startswith(b"\x89HDF"):
                 data = data[:3000] + bytes([data[3000] ^ 1]) + data[3001:]
             super().write_at(descriptor, data, offset)
 
-    with SurveyWriter.open(tmp_path, storage=Lying(), jobs=Jobs(0), reserve_bytes=0) as writer:
+    with open_survey(tmp_path, storage=Lying(), publish=True) as writer:
         writer.save_drop(new_record(1))
         writer.close()
         (report,) = writer.take_reports()
@@ -193,10 +183,8 @@ def test_what_the_disk_gives_back_is_compared(tmp_path: Path, new_record: NewRec
     assert not (tmp_path / "drops" / "drop-000001.h5").exists()
 
 
-def test_a_file_of_another_drop_is_not_taken_for_this_one(
-    tmp_path: Path, new_record: NewRecord
-) -> None:
-    with SurveyWriter.open(tmp_path, jobs=Jobs(0), reserve_bytes=0) as writer:
+def test_a_file_of_another_drop_is_replaced(tmp_path: Path, new_record: NewRecord) -> None:
+    with open_survey(tmp_path, publish=True) as writer:
         for number in (1, 2):
             writer.save_drop(new_record(number))
     drops = tmp_path / "drops"

@@ -6,19 +6,16 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from benchmarks.scale import UnsyncedStorage
 from pfwd_device.errors import RecordingError
-from pfwd_device.jobs import Jobs
 from pfwd_device.recording import (
     DropRecord,
     Survey,
     SurveyPoint,
-    SurveyWriter,
     check,
     read_drop_file,
     read_survey,
@@ -29,25 +26,19 @@ from pfwd_device.recording.index import Index, build_index, read_index
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import ledger_bytes
 from pfwd_device.recording.recovery import lost_texts, recover
-from tests.campaigns.power_loss import make_record
 from tests.pfwd_device.recording.operations import growth, operations
+from tests.pfwd_device.recording.records import journal_of, open_survey, record_of
 
 FLAT = 1.2
-"""How much more a drop may cost among many; the square would be 4 or more."""
+"""Largest growth of the cost of a drop among many; a square would be 4 or more."""
 
 
 def record(folder: Path, drops: int, *, publish: bool = False, per_point: int = 2) -> Path:
     """A survey of small drops, with what is said of points and drops later."""
     storage = UnsyncedStorage()
-    with SurveyWriter.open(
-        folder,
-        storage=storage,
-        publish=publish,
-        jobs=Jobs(0),
-        reserve_bytes=0,
-    ) as writer:
+    with open_survey(folder, storage=storage, publish=publish) as writer:
         for number in range(1, drops + 1):
-            made = make_record(number, np.random.default_rng(number), 4)
+            made = record_of(number, 4)
             drop = type(made.drop)(
                 (number - 1) % per_point + 1, made.drop.time, made.drop.load, made.drop.channels
             )
@@ -94,11 +85,11 @@ def test_a_survey_is_read_at_the_same_cost_for_each_drop(tmp_path: Path) -> None
 def test_a_survey_whose_journal_is_lost_is_read_at_the_same_cost_for_each_drop(
     tmp_path: Path,
 ) -> None:
-    kept = read_drop_file(record(tmp_path / "kept", 1, publish=True) / "drops/drop-000001.h5")
+    stored = read_drop_file(record(tmp_path / "kept", 1, publish=True) / "drops/drop-000001.h5")
 
     def joining(drops: int) -> Callable[[], object]:
         folder = record(tmp_path / str(drops), drops)
-        (folder / "journal" / "0001.pfwdj").unlink()
+        (journal_of(folder)).unlink()
         layout = Layout(folder)
         index = build_index(layout)
         assert len(index.lost_drops) == drops
@@ -108,7 +99,7 @@ def test_a_survey_whose_journal_is_lost_is_read_at_the_same_cost_for_each_drop(
         """Every drop has a file, without the time that HDF5 takes."""
 
         def _from_file(self, number: int) -> DropRecord | None:
-            return replace(kept, point=f"P {number // 2}")
+            return replace(stored, point=f"P {number // 2}")
 
     assert growth(joining, 50) < FLAT
 
@@ -118,22 +109,24 @@ def plain_points(survey: Survey) -> list[tuple[Any, ...]]:
     index = survey._index
     drops = {entry.number: survey._drop(entry) for entry in index.drops.values()}
     for number in sorted({*index.lost_drops, *survey._layout.drop_files()} - set(drops)):
-        kept = survey._from_file(number)
-        if kept is not None:
-            drops[number] = survey._drop_of_file(number, kept)
-    known = dict(index.points)
+        stored = survey._from_file(number)
+        if stored is not None:
+            drops[number] = survey._drop_of_file(number, stored)
+    points = dict(index.points)
     for drop in drops.values():
-        known.setdefault(drop.point, {"name": drop.point, "order": len(known) + 1, "declared": {}})
-    ordered = sorted(known.values(), key=lambda point: int(point["order"]))
+        points.setdefault(
+            drop.point, {"name": drop.point, "order": len(points) + 1, "declared": {}}
+        )
+    ordered = sorted(points.values(), key=lambda point: int(point["order"]))
     return [
-        said(survey._point(point, tuple(d for _, d in sorted(drops.items()) if d.point == name)))
+        content(survey._point(point, tuple(d for _, d in sorted(drops.items()) if d.point == name)))
         for point in ordered
         for name in [point["name"]]
     ]
 
 
 def plain_damage(survey: Survey) -> tuple[str, ...]:
-    """What is lost and in no file, by a look at every drop for every text."""
+    """Return the losses that no file restores, by a scan of every drop for every text."""
     return tuple(
         text
         for text in lost_texts(survey._index)
@@ -145,7 +138,7 @@ def plain_damage(survey: Survey) -> tuple[str, ...]:
     )
 
 
-def said(point: SurveyPoint) -> tuple[Any, ...]:
+def content(point: SurveyPoint) -> tuple[Any, ...]:
     """Everything that a point says of itself and its drops."""
     drops = [
         (
@@ -178,7 +171,7 @@ def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
         max_size=4,
     )
 )
-def test_a_damaged_survey_is_what_a_plain_look_makes_of_it(
+def test_a_damaged_survey_agrees_with_a_plain_reader(
     published: Path, tmp_path: Path, damage: list[tuple[str, float, str]]
 ) -> None:
     folder = tmp_path / "copy"
@@ -202,34 +195,36 @@ def test_a_damaged_survey_is_what_a_plain_look_makes_of_it(
         return  # nothing of a survey is left
     survey = read_survey(folder)
     layout = Layout(folder)
-    looked = Survey(layout, build_index(layout))
-    assert [said(point) for point in survey.points] == [said(point) for point in looked.points]
-    assert (survey.damage, survey.info) == (looked.damage, looked.info)
-    assert (survey.survey_id, survey.captures) == (looked.survey_id, looked.captures)
-    assert (survey.events, survey.checks) == (looked.events, looked.checks)
-    assert [said(point) for point in survey.points] == plain_points(survey)
+    indexed = Survey(layout, build_index(layout))
+    assert [content(point) for point in survey.points] == [
+        content(point) for point in indexed.points
+    ]
+    assert (survey.damage, survey.info) == (indexed.damage, indexed.info)
+    assert (survey.survey_id, survey.captures) == (indexed.survey_id, indexed.captures)
+    assert (survey.events, survey.checks) == (indexed.events, indexed.checks)
+    assert [content(point) for point in survey.points] == plain_points(survey)
     assert survey.damage == plain_damage(survey)
     numbers = [drop.number for drop in survey.drops]
     assert numbers == sorted(drop.number for point in survey.points for drop in point.drops)
 
 
-def shown(index: Index) -> dict[str, object]:
+def index_content(index: Index) -> dict[str, object]:
     """All that an index says, but for what is not read of drops where ledger and journal agree."""
     drops = {n: replace(d, key=None, restored_from=None) for n, d in index.drops.items()}
-    left_out = ("drops", "keys", "drops_by_peaks", "has_all_keys", "settled")
+    omitted = ("drops", "keys", "drops_by_peaks", "has_all_keys", "settled")
     rest = {each.name: getattr(index, each.name) for each in fields(index)}
-    return {"drops": drops, **{name: rest[name] for name in rest if name not in left_out}}
+    return {"drops": drops, **{name: rest[name] for name in rest if name not in omitted}}
 
 
-def test_where_ledger_and_journal_agree_drops_are_not_taken_apart(
+def test_drops_are_not_decoded_if_ledger_and_journal_agree(
     published: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     layout = Layout(published)
     kinds: list[int] = []
-    taken_apart = index_module.payload_data
+    decode = index_module.payload_data
 
     def noted(payload: bytes) -> dict[str, object]:
-        data = taken_apart(payload)
+        data = decode(payload)
         kinds.append(RecordKind.DROP if "sensors" in data else 0)
         return data
 
@@ -238,7 +233,7 @@ def test_where_ledger_and_journal_agree_drops_are_not_taken_apart(
     assert RecordKind.DROP not in kinds
     full = build_index(layout)
     assert kinds.count(RecordKind.DROP) == len(full.drops) == 6
-    assert shown(quick) == shown(full)
+    assert index_content(quick) == index_content(full)
     keys = [drop.key for drop in Survey(layout, quick).drops]
     assert keys == [full.drops[number].key for number in sorted(full.drops)]
     assert None not in keys
@@ -248,12 +243,12 @@ def test_a_survey_is_read_while_its_ledger_is_behind(published: Path, tmp_path: 
     folder = tmp_path / "copy"
     shutil.copytree(published, folder)
     lines = (folder / "acknowledged.txt").read_bytes().splitlines(keepends=True)
-    for kept in range(len(lines) + 1):
-        (folder / "acknowledged.txt").write_bytes(b"".join(lines[:kept]))
+    for stored in range(len(lines) + 1):
+        (folder / "acknowledged.txt").write_bytes(b"".join(lines[:stored]))
         layout = Layout(folder)
         quick, full = read_index(layout), build_index(layout)
-        assert shown(quick) == shown(full)
-        assert len(quick.unacknowledged) == len(lines) - max(kept, 1)
+        assert index_content(quick) == index_content(full)
+        assert len(quick.unacknowledged) == len(lines) - max(stored, 1)
 
 
 def test_a_line_that_names_another_drop_does_not_give_its_samples(
@@ -283,11 +278,11 @@ def test_a_line_that_names_another_drop_does_not_give_its_samples(
     assert not check(folder).ok
 
 
-def test_the_last_of_many_results_is_the_one_written_last(
+def test_the_last_of_eleven_results_is_the_latest(
     tmp_path: Path, new_survey: Callable[..., dict[int, str]]
 ) -> None:
     new_survey(tmp_path / "s", extras=False)
-    with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
+    with open_survey(tmp_path / "s") as writer:
         for seed in range(1, 12):
             writer.save_result(1, {"seed": seed})
     first, second, _ = read_survey(tmp_path / "s").drops
@@ -303,7 +298,7 @@ def test_a_changed_result_does_not_count_and_is_reported_once(
     tmp_path: Path, new_survey: Callable[..., dict[int, str]], change: bytes | None
 ) -> None:
     new_survey(tmp_path / "s", extras=False)
-    with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
+    with open_survey(tmp_path / "s") as writer:
         path = [writer.save_result(1, {"seed": seed}) for seed in (1, 2)][-1]
         diagnosis = writer.save_result(1, {"seed": 2}, "diagnosis")
     content = path.read_bytes()

@@ -1,4 +1,4 @@
-"""What a drop's record says of its peaks, and when it is taken."""
+"""Peaks stored in the record of a drop, and the conditions for using them."""
 
 import re
 from pathlib import Path
@@ -9,7 +9,7 @@ import pytest
 
 from pfwd_device import Channel, Drop
 from pfwd_device.drop import Peaks
-from pfwd_device.recording import DropRecord, SurveyWriter, check, read_survey, survey_writer
+from pfwd_device.recording import DropRecord, check, read_survey, survey_writer
 from pfwd_device.recording.drop_payload import (
     TRACE_PEAKS_VERSION,
     drop_parts,
@@ -19,6 +19,7 @@ from pfwd_device.recording.drop_payload import (
 )
 from pfwd_device.recording.payload import encode_payload
 from pfwd_device.signals import trace_peaks
+from tests.pfwd_device.recording.records import open_survey
 
 TIME = np.arange(-8, 24) / 1024
 
@@ -39,12 +40,12 @@ def record_data(**changed: Any) -> dict[str, Any]:
     return {"sensors": sensors, "peaks": {**peaks, **changed}}
 
 
-def test_these_numbers_change_only_with_the_version() -> None:
+def test_peaks_change_only_with_the_version() -> None:
     """Whoever changes what peaks are has to raise the version, else old records are taken."""
-    found = trace_peaks(a_drop())
-    assert (TRACE_PEAKS_VERSION, found.load) == (1, 23 * 64.0)
+    peaks = trace_peaks(a_drop())
+    assert (TRACE_PEAKS_VERSION, peaks.load) == (1, 23 * 64.0)
     # Half a metre a second, from rest through one step of half that, then 22 whole ones.
-    assert found.displacements == ((0.0, 22.5 * 0.5 / 1024), (-0.5, 23 * 64.0 / 2**20))
+    assert peaks.displacements == ((0.0, 22.5 * 0.5 / 1024), (-0.5, 23 * 64.0 / 2**20))
     assert peaks_data(a_drop()) == {
         "version": 1,
         "load": 1472.0,
@@ -70,23 +71,23 @@ def test_peaks_come_back_bit_by_bit() -> None:
         {"displacements": 0.1},
     ],
 )
-def test_other_peaks_than_this_version_writes_are_left(changed: dict[str, Any]) -> None:
+def test_peaks_of_another_version_are_ignored(changed: dict[str, Any]) -> None:
     assert recorded_peaks(record_data(**changed)) is None
 
 
-@pytest.mark.parametrize("said", [None, [], "8000 N", 3])
-def test_a_record_without_peaks_has_none(said: object) -> None:
-    assert recorded_peaks({**record_data(), "peaks": said}) is None
+@pytest.mark.parametrize("stored", [None, [], "8000 N", 3])
+def test_a_record_without_peaks_is_accepted(stored: object) -> None:
+    assert recorded_peaks({**record_data(), "peaks": stored}) is None
     assert recorded_peaks({"sensors": []}) is None
 
 
-def test_sensors_that_are_none_leave_the_peaks() -> None:
+def test_peaks_of_invalid_sensors_are_ignored() -> None:
     assert recorded_peaks({**record_data(), "sensors": [1, 2]}) is None
     assert recorded_peaks({**record_data(), "sensors": [["0", "velocity"], [0, "x"]]}) is None
 
 
 @pytest.mark.parametrize("strange", [np.nan, np.inf])
-def test_missing_samples_are_left_to_readers(strange: float) -> None:
+def test_a_drop_with_missing_samples_has_no_stored_peaks(strange: float) -> None:
     values = a_drop().load.copy()
     values[-1] = strange
     assert peaks_data(a_drop(load=values)) is None
@@ -95,17 +96,17 @@ def test_missing_samples_are_left_to_readers(strange: float) -> None:
     assert Peaks(1.0, ()).centre is None
 
 
-def payload(drop: Drop, said: dict[str, Any] | None) -> bytes:
+def payload(drop: Drop, stored: dict[str, Any] | None) -> bytes:
     data, arrays = drop_parts(DropRecord("P", drop))
-    return encode_payload({**data, "number": 1, "peaks": said}, arrays)
+    return encode_payload({**data, "number": 1, "peaks": stored}, arrays)
 
 
 def test_peaks_are_compared_with_the_traces() -> None:
-    said = peaks_data(a_drop())
-    assert said is not None
-    assert peaks_problem(payload(a_drop(), said)) is None
+    stored = peaks_data(a_drop())
+    assert stored is not None
+    assert peaks_problem(payload(a_drop(), stored)) is None
     assert peaks_problem(payload(a_drop(), None)) is None
-    assert peaks_problem(payload(a_drop(), {**said, "version": 2, "load": 1.0})) is None
+    assert peaks_problem(payload(a_drop(), {**stored, "version": 2, "load": 1.0})) is None
 
 
 @pytest.mark.parametrize(
@@ -118,27 +119,26 @@ def test_peaks_are_compared_with_the_traces() -> None:
         ({"displacements": [0.010986328125, 0.0014039]}, "of sensor 2 of .*, got 0.0014039 m"),
     ],
 )
-def test_other_peaks_than_those_of_the_traces_are_told(
+def test_peaks_that_differ_from_the_traces_are_reported(
     changed: dict[str, Any], problem: str
 ) -> None:
-    said = peaks_data(a_drop())
-    assert said is not None
-    assert re.search(problem, str(peaks_problem(payload(a_drop(), {**said, **changed}))))
+    stored = peaks_data(a_drop())
+    assert stored is not None
+    assert re.search(problem, str(peaks_problem(payload(a_drop(), {**stored, **changed}))))
 
 
 def test_another_processor_may_add_up_in_another_order() -> None:
-    said = peaks_data(a_drop())
-    assert said is not None
+    stored = peaks_data(a_drop())
     for factor in (1 - 5e-10, 1 + 5e-10):
-        near = {**said, "load": said["load"] * factor}
-        assert peaks_problem(payload(a_drop(), near)) is None
+        similar = {**stored, "load": stored["load"] * factor}
+        assert peaks_problem(payload(a_drop(), similar)) is None
 
 
-def test_peaks_beside_missing_samples_are_told() -> None:
+def test_peaks_of_missing_samples_are_reported() -> None:
     values = a_drop().load.copy()
     values[-1] = np.nan
-    said = peaks_data(a_drop())
-    assert "traces are missing" in str(peaks_problem(payload(a_drop(load=values), said)))
+    stored = peaks_data(a_drop())
+    assert "traces are missing" in str(peaks_problem(payload(a_drop(load=values), stored)))
 
 
 def test_a_check_compares_the_peaks_of_a_journal(
@@ -146,7 +146,7 @@ def test_a_check_compares_the_peaks_of_a_journal(
 ) -> None:
     wrong = {"version": 1, "load": 9000.0, "displacements": [0.010986328125, 0.00140380859375]}
     monkeypatch.setattr(survey_writer, "peaks_data", lambda drop: wrong)
-    with SurveyWriter.open(tmp_path, publish=False, reserve_bytes=0) as writer:
+    with open_survey(tmp_path) as writer:
         writer.save_drop(DropRecord("P", a_drop()))
     monkeypatch.undo()
     assert read_survey(tmp_path).drops[0].read_facts().peaks is not None

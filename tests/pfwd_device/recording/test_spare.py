@@ -10,18 +10,25 @@ import numpy as np
 import pytest
 
 from pfwd_device.errors import RecordingError, StorageFull
-from pfwd_device.jobs import Jobs
 from pfwd_device.recording import (
     SpareFolder,
     Storage,
-    SurveyNotSafe,
     SurveyWriter,
     check,
     read_survey,
     recover,
 )
 from tests.campaigns.power_loss import make_record
-from tests.pfwd_device.recording.records import Refusing, a_rebound, digests, save
+from tests.pfwd_device.recording.records import (
+    Refusing,
+    a_rebound,
+    assert_recovered,
+    digests,
+    journal_of,
+    open_survey,
+    record_of,
+    save,
+)
 
 
 @pytest.fixture
@@ -30,17 +37,12 @@ def survey(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def spare(tmp_path: Path) -> SpareFolder:
-    return SpareFolder(tmp_path / "spare")
-
-
-@pytest.fixture
 def disk(survey: Path) -> Refusing:
     return Refusing(survey)
 
 
 def open_writer(survey: Path, disk: Storage, spare: SpareFolder | None) -> SurveyWriter:
-    return SurveyWriter.open(survey, storage=disk, jobs=Jobs(0), reserve_bytes=0, spare=spare)
+    return open_survey(survey, storage=disk, spare=spare, publish=True)
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO, errno.EROFS])
@@ -57,29 +59,21 @@ def test_a_drop_that_home_refuses_is_in_the_spare_folder_at_once(
     assert writer.spare_folder_of(2) == part
     assert part.name == f"site-1-{writer.survey_id}"
     assert digests(part) == {n: expected[n] for n in (2, 3)}
-    (told,) = writer.take_reports()
-    assert isinstance(told, SurveyNotSafe)
-    assert f"NOT SAFE: {survey}" in told.text
-    assert str(part) in told.text
+    (report,) = writer.take_reports()
+    assert f"NOT SAFE: {survey}" in report.text
+    assert str(part) in report.text
     writer.close()
     assert digests(survey) == {1: expected[1]}
-    report = check(survey, spare=spare)
-    assert not report.ok
-    assert [text for text in report.damaged if "P 1/2 is only in the spare folder" in text]
+    damaged = check(survey, spare=spare).damaged
+    assert [text for text in damaged if "P 1/2 is only in the spare folder" in text]
     disk.refuse(False)
-    home = recover(survey, spare=spare)
-    assert home.ok, home.damaged
-    assert f"2 drops moved to the survey from the spare folder {part}" in home.actions
-    assert digests(survey) == expected
-    assert check(survey, spare=spare).ok
-    assert sorted(path.name for path in (survey / "drops").iterdir()) == [
-        f"drop-00000{n}.h5" for n in (1, 2, 3)
-    ]
-    again = recover(survey, spare=spare)
-    assert (again.ok, again.actions) == (True, ())
+    assert any("2 drops" in text for text in recover(survey, spare=spare).actions)
+    assert_recovered(survey, spare, expected)
+    files = sorted(path.name for path in (survey / "drops").iterdir())
+    assert files == [f"drop-00000{n}.h5" for n in (1, 2, 3)]
 
 
-def test_everything_said_of_a_drop_comes_home_with_it(
+def test_edits_and_results_of_a_drop_are_merged_with_it(
     survey: Path, spare: SpareFolder, disk: Refusing
 ) -> None:
     with open_writer(survey, disk, spare) as writer:
@@ -93,16 +87,16 @@ def test_everything_said_of_a_drop_comes_home_with_it(
         writer.add_point("P 9", {"plate_radius_m": 0.1})
     disk.refuse(False)
     assert recover(survey, spare=spare).ok
-    (_, second) = read_survey(survey).drops
-    assert len(second.read().rebounds) == 1
-    assert second.notes == ("a stone",)
-    assert [path.read_text() for path in second.results] == ['{"modulus_pa":45000000.0}\n']
-    assert read_survey(survey).points[-1].name == "P 9"
-    assert [event["event"] for event in read_survey(survey).events] == ["gap"]
+    content = read_survey(survey)
+    second = content.drops[1]
+    assert (len(second.read().rebounds), second.notes) == (1, ("a stone",))
+    assert second.read_results() == ({"modulus_pa": 45e6},)
+    assert content.points[-1].name == "P 9"
+    assert [event["event"] for event in content.events] == ["gap"]
     assert check(survey, spare=spare).ok
 
 
-def test_home_is_not_written_again_until_the_next_start(
+def test_the_survey_folder_is_not_written_until_the_next_start(
     survey: Path, spare: SpareFolder, disk: Refusing
 ) -> None:
     with open_writer(survey, disk, spare) as writer:
@@ -124,7 +118,7 @@ def test_home_is_not_written_again_until_the_next_start(
     assert check(survey, spare=spare).ok
 
 
-def test_a_new_survey_at_the_path_of_a_deleted_one_gets_none_of_its_drops(
+def test_a_new_survey_at_the_path_of_a_deleted_survey_gets_no_drop_of_it(
     tmp_path: Path, survey: Path, spare: SpareFolder, disk: Refusing
 ) -> None:
     with open_writer(survey, disk, spare) as writer:
@@ -137,9 +131,9 @@ def test_a_new_survey_at_the_path_of_a_deleted_one_gets_none_of_its_drops(
     new = {}
     for number in (1, 2):  # the second time the survey is continued
         with open_writer(survey, disk, spare) as writer:
-            said = [text for text in writer.recovery.actions if str(part) in text]
+            texts = [text for text in writer.recovery.actions if str(part) in text]
             new[number] = save(writer, number)
-        assert len(said) == (number == 1)
+        assert len(texts) == (number == 1)
     assert digests(survey) == new
     assert read_survey(survey).survey_id not in part.name
     report = recover(survey, spare=spare)
@@ -167,22 +161,20 @@ def test_a_survey_that_went_on_without_its_spare_part_gets_new_numbers(
         writer.save_rebound(2, a_rebound())
         writer.edit("note", "the first", number=2)
     disk.refuse(False)
-    other = make_record(7, np.random.default_rng(7))
+    stranger = record_of(7)
     with open_writer(survey, disk, None) as writer:  # another computer: no spare folder there
-        assert writer.save_drop(other) == 2
+        assert writer.save_drop(stranger) == 2
         writer.edit("note", "the other", number=2)
     assert recover(survey, spare=spare).ok
-    drops = {drop.number: drop for drop in read_survey(survey).drops}
-    assert drops[2].notes == ("the other",)
-    assert drops[3].notes == ("the first",)
-    assert (drops[3].point, drops[3].drop) == ("P 1", 2)
-    assert len(drops[3].read().rebounds) == 1
+    _, second, third = read_survey(survey).drops
+    assert (second.number, second.notes) == (2, ("the other",))
+    assert (third.number, third.notes, len(third.read().rebounds)) == (3, ("the first",), 1)
+    assert (third.point, third.drop) == ("P 1", 2)
     assert check(survey, spare=spare).ok
     assert recover(survey, spare=spare).actions == ()
-    assert len(read_survey(survey).drops) == 3
 
 
-def test_what_is_left_out_when_numbers_change_leaves_no_gap(
+def test_omitted_records_leave_no_gap_when_numbers_change(
     survey: Path, spare: SpareFolder, disk: Refusing, tmp_path: Path
 ) -> None:
     """The record of a result's file means nothing under another number; it is listed again."""
@@ -196,14 +188,12 @@ def test_what_is_left_out_when_numbers_change_leaves_no_gap(
         writer.note_event("gap")
     disk.refuse(False)
     with open_writer(survey, disk, None) as writer:
-        assert writer.save_drop(make_record(7, np.random.default_rng(7))) == 2
+        assert writer.save_drop(record_of(7)) == 2
         shutil.copytree(survey, tmp_path / "killed")
     shutil.rmtree(survey)
     os.rename(tmp_path / "killed", survey)
-    report = recover(survey, spare=spare)
-    assert report.ok, report.damaged
-    found = check(survey, spare=spare)
-    assert found.ok, found.damaged
+    assert recover(survey, spare=spare).ok
+    assert check(survey, spare=spare).ok
     drops = {drop.number: drop for drop in read_survey(survey).drops}
     assert [drops[number].notes for number in (3, 4, 5, 6)] == [(f"of {n}",) for n in (2, 3, 4, 5)]
     assert [event["event"] for event in read_survey(survey).events if event["event"] == "gap"]
@@ -235,28 +225,28 @@ def test_a_record_that_the_spare_folder_did_not_keep_leaves_its_number_free(
     assert check(survey, spare=spare).ok
 
 
-def test_a_point_that_only_the_spare_part_knows_comes_home_behind_the_others(
+def test_a_point_of_the_spare_folder_is_appended(
     survey: Path, spare: SpareFolder, disk: Refusing
 ) -> None:
     with open_writer(survey, disk, spare) as writer:
         save(writer, 1)
         disk.refuse()
-        assert writer.save_drop(make_record(21, np.random.default_rng(21))) == 2
+        assert writer.save_drop(record_of(21)) == 2
     disk.refuse(False)
     with open_writer(survey, disk, None) as writer:
-        assert writer.save_drop(make_record(11, np.random.default_rng(11))) == 2
+        assert writer.save_drop(record_of(11)) == 2
     assert recover(survey, spare=spare).ok
     points = [(point.name, len(point.drops)) for point in read_survey(survey).points]
     assert points == [("P 1", 1), ("P 2", 1), ("P 3", 1)]
 
 
-@pytest.mark.parametrize(("free", "kept"), [(16_383, False), (16_384, True)])
-def test_a_reserve_is_kept_where_four_of_them_are_free(
-    survey: Path, disk: Refusing, free: int, kept: bool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("free", "is_reserved"), [(16_383, False), (16_384, True)])
+def test_a_reserve_is_made_if_four_times_its_size_is_free(
+    survey: Path, disk: Refusing, free: int, is_reserved: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(disk, "free_bytes", lambda _: free)
-    with SurveyWriter.open(survey, storage=disk, publish=False, reserve_bytes=4096):
-        assert (survey / "reserve").exists() is kept
+    with open_survey(survey, storage=disk, reserve_bytes=4096):
+        assert (survey / "reserve").exists() is is_reserved
 
 
 def test_the_same_point_and_drop_number_become_the_next(
@@ -276,7 +266,7 @@ def test_the_same_point_and_drop_number_become_the_next(
     assert names == [(1, "P 1", 1), (2, "P 1", 2), (3, "P 1", 3)]
 
 
-def test_a_drop_that_was_recorded_again_comes_home_once(
+def test_a_drop_that_was_recorded_twice_is_merged_once(
     survey: Path, spare: SpareFolder, disk: Refusing
 ) -> None:
     with open_writer(survey, disk, spare) as writer:
@@ -290,10 +280,10 @@ def test_a_drop_that_was_recorded_again_comes_home_once(
 
 
 @pytest.mark.posix
-def test_a_survey_that_is_gone_comes_back_from_the_spare_folder(
+def test_a_deleted_survey_is_restored_from_the_spare_folder(
     tmp_path: Path, survey: Path, spare: SpareFolder
 ) -> None:
-    """Of several deleted surveys at a path, the last one."""
+    """The last of several deleted surveys at a path."""
     for count in (1, 2, 3):
         with open_writer(survey, Storage(), spare) as writer:
             expected = {n: save(writer, n) for n in range(1, count + 1)}
@@ -309,7 +299,7 @@ def test_a_survey_that_is_gone_comes_back_from_the_spare_folder(
 
 
 @pytest.mark.posix
-def test_a_spare_folder_that_is_taken_away_too_is_begun_anew(
+def test_a_deleted_spare_folder_is_recreated(
     survey: Path, spare: SpareFolder, disk: Refusing
 ) -> None:
     with open_writer(survey, disk, spare) as writer:
@@ -319,13 +309,11 @@ def test_a_spare_folder_that_is_taken_away_too_is_begun_anew(
         expected[2] = save(writer, 2)
         (part,) = spare.root.iterdir()
         assert digests(part) == expected
-        (part / "journal" / "0001.pfwdj").unlink()
+        (journal_of(part)).unlink()
         writer.maintain()
         assert digests(part) == expected
     disk.refuse(False)
-    assert recover(survey, spare=spare).ok
-    assert digests(survey) == expected
-    assert check(survey, spare=spare).ok
+    assert_recovered(survey, spare, expected)
 
 
 def test_two_places_that_refuse_leave_the_drop_with_the_caller(tmp_path: Path) -> None:
@@ -335,7 +323,7 @@ def test_two_places_that_refuse_leave_the_drop_with_the_caller(tmp_path: Path) -
     with open_writer(survey, disk, spare) as writer:
         expected = {1: save(writer, 1)}
         disk.refuse()
-        record = make_record(2, np.random.default_rng(2))
+        record = record_of(2)
         with pytest.raises(StorageFull, match=r"survey: .*; the spare folder refuses it too: ref"):
             writer.save_drop(record)
         assert writer.drops_acknowledged == 1
@@ -356,7 +344,6 @@ def test_a_spare_folder_that_refuses_is_named_once(tmp_path: Path) -> None:
         for _ in range(3):
             writer.maintain()
         (report,) = writer.take_reports()
-        assert isinstance(report, SurveyNotSafe)
         assert report.text.count("the spare folder refuses it too") == 1
         disk.refuse(False)
         expected[2] = save(writer, 2)
@@ -368,14 +355,6 @@ def test_a_spare_folder_that_refuses_is_named_once(tmp_path: Path) -> None:
         disk.refuse(False)
         writer.maintain()
         assert digests(writer.drops_in_spare()[1]) == expected
-
-
-def test_without_a_spare_folder_nothing_else_happens(survey: Path, disk: Refusing) -> None:
-    with open_writer(survey, disk, None) as writer:
-        disk.refuse()
-        with pytest.raises(StorageFull, match="expected free space on the disk"):
-            writer.save_drop(make_record(1, np.random.default_rng(1)))
-        disk.refuse(False)
 
 
 def test_a_part_of_the_spare_folder_is_no_survey_to_go_on_with(
@@ -412,11 +391,10 @@ def test_a_killed_program_leaves_its_drops_in_the_spare_folder(
     # As killed: the locks are gone, and nothing was closed.
     shutil.copytree(survey, tmp_path / "killed", ignore=shutil.ignore_patterns("*.lock"))
     (part,) = spare.root.iterdir()
-    with (part / "journal" / "0001.pfwdj").open("ab") as stream:
+    with (journal_of(part)).open("ab") as stream:
         stream.write(b"torn")
     writer.close()
     shutil.rmtree(survey)
     shutil.copytree(tmp_path / "killed", survey)
     disk.refuse(False)
-    assert recover(survey, spare=spare).ok
-    assert digests(survey) == expected
+    assert_recovered(survey, spare, expected)

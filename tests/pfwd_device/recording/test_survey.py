@@ -52,14 +52,14 @@ def test_everything_comes_back(tmp_path: Path, new_record: NewRecord) -> None:
     assert numbers == [1, 2, 3]
     survey = read_survey(folder)
     assert [point.name for point in survey.points] == ["P 1", "P 2"]
-    one = survey.points[0]
-    assert one.declared == {"plate_radius_m": 0.15, "operator": "ü"}
-    assert one.target == "D1"
-    assert [(d.number, d.drop, d.discarded, d.notes) for d in one.drops] == [
+    first = survey.points[0]
+    assert first.declared == {"plate_radius_m": 0.15, "operator": "ü"}
+    assert first.target == "D1"
+    assert [(d.number, d.drop, d.discarded, d.notes) for d in first.drops] == [
         (1, 1, False, ()),
         (2, 2, True, ("wet",)),
     ]
-    assert one.drops[1].results == tuple(results)
+    assert first.drops[1].results == tuple(results)
     assert [path.name for path in results] == ["drop-000002-1.json", "drop-000002-2.json"]
     assert [event["details"] for event in survey.events] == [{"samples": 12}]
     assert [entry["details"] for entry in survey.checks] == [{"zero": 3}]
@@ -67,10 +67,10 @@ def test_everything_comes_back(tmp_path: Path, new_record: NewRecord) -> None:
     for drop, original in zip(survey.drops, (1, 2, 11), strict=True):
         record = drop.read()
         saved = new_record(original)
-        whole = DropRecord(
+        complete = DropRecord(
             saved.point, saved.drop, saved.counts, saved.declared, saved.metadata, record.rebounds
         )
-        assert drop_digest(record, 0) == drop_digest(whole, 0)
+        assert drop_digest(record, 0) == drop_digest(complete, 0)
         assert drop.file is not None
         assert drop_digest(read_drop_file(drop.file), 0) == drop_digest(record, 0)
     assert [r.first_sample for r in survey.drops[0].read().rebounds] == [7000, 9000]
@@ -135,15 +135,14 @@ def test_sensors_and_counts_may_be_missing(tmp_path: Path) -> None:
     with opened(tmp_path) as writer:
         writer.save_drop(bare)
         writer.save_drop(no_channel)
-    one, two = (drop.read() for drop in read_survey(tmp_path).drops)
-    assert one.point == "Ω/../\\x"
-    assert one.counts is None
-    assert two.counts is not None
+    first, two = (drop.read() for drop in read_survey(tmp_path).drops)
+    assert first.point == "Ω/../\\x"
+    assert first.counts is None
     assert two.counts.shape == (20, 0)
     assert check(tmp_path).drops_published == 2
 
 
-def test_what_is_not_there_is_refused(tmp_path: Path, new_record: NewRecord) -> None:
+def test_missing_drops_and_points_are_refused(tmp_path: Path, new_record: NewRecord) -> None:
     with opened(tmp_path) as writer:
         writer.save_drop(new_record(1))
         with pytest.raises(RecordingError, match="recorded drop, got 9"):

@@ -27,10 +27,10 @@ def usb(device: str, adapter: Adapter | None = FTDI, description: str = "USB ser
 
 @pytest.fixture
 def plugged(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """What is plugged in."""
-    there: list[Any] = []
-    monkeypatch.setattr(ports._serial_ports, "comports", lambda: list(there))
-    return there
+    """Ports that are connected."""
+    connected: list[Any] = []
+    monkeypatch.setattr(ports._serial_ports, "comports", lambda: list(connected))
+    return connected
 
 
 def test_listing_is_by_name_and_harmless(plugged: list[Any]) -> None:
@@ -56,9 +56,9 @@ def test_a_link_is_the_port_it_points_to(plugged: list[Any], tmp_path: Path) -> 
     assert candidate_urls(str(link), FTDI) == [str(link)]
 
 
-def test_the_adapter_is_found_under_another_name(plugged: list[Any]) -> None:
-    other = Adapter(0x0403, 0x6001, "OTHER")
-    plugged += [usb("/dev/ttyUSB0", other), usb("/dev/ttyUSB3")]
+def test_the_adapter_is_identified_under_another_name(plugged: list[Any]) -> None:
+    second = Adapter(0x0403, 0x6001, "OTHER")
+    plugged += [usb("/dev/ttyUSB0", second), usb("/dev/ttyUSB3")]
     assert candidate_urls("/dev/ttyUSB0", FTDI) == ["/dev/ttyUSB3"]
 
 
@@ -100,7 +100,7 @@ def test_equal_adapters_are_all_candidates_the_old_name_first(plugged: list[Any]
     assert candidate_urls("/dev/ttyUSB1", cheap) == ["/dev/ttyUSB1", "/dev/ttyUSB0"]
 
 
-def test_what_is_not_listed_is_tried_by_name(plugged: list[Any]) -> None:
+def test_an_unlisted_port_is_tried_by_name(plugged: list[Any]) -> None:
     assert candidate_urls("/dev/pts/3", None) == ["/dev/pts/3"]
     assert candidate_urls("/dev/ttyUSB0", FTDI) == ["/dev/ttyUSB0"]
 

@@ -92,7 +92,7 @@ def test_silence_is_no_loss(pty: Pty) -> None:
 
 
 @pytest.mark.posix
-def test_bytes_that_came_before_the_unplug_are_delivered(pty: Pty) -> None:
+def test_bytes_before_the_unplug_are_delivered(pty: Pty) -> None:
     """A read of a fixed size throws away what it holds when the device goes."""
     transport = open_transport(pty.name)
     got, lost = [], threading.Event()
@@ -133,7 +133,7 @@ def test_every_call_after_an_unplug_is_a_lost_device(pty: Pty) -> None:
 
 
 @pytest.mark.posix
-def test_what_pyserial_raises_after_an_unplug_is_caught(pty: Pty) -> None:
+def test_errors_of_pyserial_after_an_unplug_are_caught(pty: Pty) -> None:
     """The errors themselves, so that a new version of pyserial that raises others is noticed."""
     import termios
 
@@ -202,7 +202,7 @@ class DyingPort(TornPort):
 
     def __init__(self) -> None:
         super().__init__(OSError(errno.EIO, "gone"))
-        self._left = [b"a"]
+        self._bytes = [b"a"]
         self._counted = 0
 
     @property
@@ -213,7 +213,7 @@ class DyingPort(TornPort):
         return 0
 
     def read(self, size: int) -> bytes:
-        return self._left.pop()
+        return self._bytes.pop()
 
 
 def test_a_byte_read_is_not_lost_with_the_device() -> None:
@@ -226,7 +226,7 @@ def test_a_byte_read_is_not_lost_with_the_device() -> None:
 
 @pytest.mark.posix
 def test_a_second_open_is_refused(pty: Pty) -> None:
-    """Without the lock it succeeds, and the two steal each other's bytes."""
+    """It would succeed without the lock, and the two would take bytes from each other."""
     first = open_transport(pty.name)
     with contextlib.closing(first), pytest.raises(PortError, match="in use by another program"):
         open_transport(pty.name)
@@ -234,7 +234,9 @@ def test_a_second_open_is_refused(pty: Pty) -> None:
 
 
 @pytest.mark.posix
-def test_a_port_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_port_lists_the_connected_ports(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     adapters = [
         Port("/dev/ttyUSB0", "USB2.0-Serial", Adapter(0x1A86, 0x7523, None)),
         Port("/dev/ttyS0", "/dev/ttyS0"),
@@ -254,7 +256,7 @@ def test_a_port_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.posix
 @pytest.mark.parametrize("kind", ["file", "folder"])
-def test_what_is_no_port(tmp_path: Path, kind: str) -> None:
+def test_a_path_that_is_no_port_is_refused(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "not-a-port"
     if kind == "file":
         path.write_bytes(b"")
@@ -264,7 +266,7 @@ def test_what_is_no_port(tmp_path: Path, kind: str) -> None:
         open_transport(str(path))
 
 
-def test_what_is_no_url() -> None:
+def test_an_invalid_url_is_refused() -> None:
     with pytest.raises(PortError, match=r"foo.*Check the spelling"):
         open_transport("foo://bar")
 
@@ -306,7 +308,7 @@ def test_who_does_not_read_blocks_nobody_for_long(pty: Pty) -> None:
 
 
 @pytest.mark.posix
-def test_what_was_sent_before_the_open_is_gone(pty: Pty) -> None:
+def test_bytes_before_the_open_are_discarded(pty: Pty) -> None:
     """Hence the instrument greets on request, not when it starts."""
     os.write(pty.master, b"greeting")
     with contextlib.closing(open_transport(pty.name)) as transport:
@@ -322,7 +324,7 @@ def test_loop_url() -> None:
         assert transport.read(0.01) == b""
 
 
-def test_an_open_port_is_taken_as_it_is() -> None:
+def test_an_open_port_is_used_unchanged() -> None:
     with contextlib.closing(serial.serial_for_url("loop://")) as port:
         transport = open_transport(port)
         transport.write(b"hello")

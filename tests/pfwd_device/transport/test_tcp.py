@@ -71,7 +71,7 @@ def test_an_unplugged_cable_is_detected_on_macos_too(
 
 
 def test_end_of_the_connection(server: socket.socket) -> None:
-    """What came before is delivered; the first write after it "succeeds"."""
+    """Bytes before it are delivered; the first write after it "succeeds"."""
     with connected(server) as (transport, peer):
         peer.sendall(bytes(1000))
         peer.close()
@@ -103,7 +103,7 @@ def test_nobody_listens(server: socket.socket) -> None:
 @pytest.mark.parametrize(
     "url", ["socket://", "tcp://host", "tcp://:5", "tcp://host:99999", "tcp://[::1", "tcp://h:x"]
 )
-def test_what_is_no_address(url: str) -> None:
+def test_an_invalid_address_is_refused(url: str) -> None:
     with pytest.raises(PortError, match="host:port"):
         open_transport(url)
 

@@ -115,7 +115,7 @@ IDENTITY = (
 ROWS = [[0, -1], [1000, -70000], [8388607, -8388608]]
 NAME = u(0x1234ABCD, 4) + u(300, 8)
 TRIGGER = u(1, 1) + u(0, 1) + u(2622, 4) + u(3, 2) + u(200, 4) + u(1000, 4) + u(15000, 4)
-KEPT = b"".join(u(value, 3) for row in ROWS for value in row)
+COUNTS = b"".join(u(value, 3) for row in ROWS for value in row)
 OFFER = (
     NAME
     + u(1_029_900, 8)
@@ -124,7 +124,7 @@ OFFER = (
     + u(2, 1)
     + u(0, 1)
     + u(40, 2)
-    + u(crc32(KEPT), 4)
+    + u(crc32(COUNTS), 4)
     + f64(10_000.0)
 )
 EXAMPLES = {
@@ -157,7 +157,7 @@ EXAMPLES = {
     ),
     "Armed": (0x86, 7, TRIGGER),
     "Offer": (0x87, 8, OFFER),
-    "Block": (0x88, 9, NAME + u(0, 2) + KEPT),
+    "Block": (0x88, 9, NAME + u(0, 2) + COUNTS),
     "Released": (0x89, 10, NAME),
     "Gone": (0x8A, 11, NAME + u(50, 4)),
 }
@@ -167,9 +167,9 @@ EXAMPLES = {
 def documented(name: str) -> tuple[bytes, bytes]:
     """The packet and the frame that the document shows as hex dumps."""
     text = DOCUMENT.read_text(encoding="utf-8")
-    found = re.search(rf"^### Example: {name}$.*?```text\n(.*?)```", text, re.DOTALL | re.MULTILINE)
-    assert found is not None, f"no example of {name} in {DOCUMENT.name}"
-    parts = re.split(r"^(packet|frame):\n", found[1], flags=re.MULTILINE)
+    match = re.search(rf"^### Example: {name}$.*?```text\n(.*?)```", text, re.DOTALL | re.MULTILINE)
+    assert match is not None, f"no example of {name} in {DOCUMENT.name}"
+    parts = re.split(r"^(packet|frame):\n", match[1], flags=re.MULTILINE)
     dumps = {
         label: bytes.fromhex(
             " ".join(re.findall(r"^[0-9a-f]{4}  ((?:[0-9a-f]{2} ?)+)$", dump, re.M))

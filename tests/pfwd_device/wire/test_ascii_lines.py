@@ -42,32 +42,32 @@ def samples(messages: list[Any]) -> list[tuple[int, int, int]]:
     ]
 
 
-def counts_of(data: bytes, one: AsciiDialect) -> list[list[int]]:
-    return [row for m in one.feed(data) if isinstance(m, SampleBlock) for row in m.counts.tolist()]
+def counts_of(data: bytes, decoder: AsciiDialect) -> list[list[int]]:
+    return [
+        row for m in decoder.feed(data) if isinstance(m, SampleBlock) for row in m.counts.tolist()
+    ]
 
 
-def test_the_identity_comes_first_and_then_one_block() -> None:
-    one = dialect()
-    messages = one.feed(b"# hi\r\nt_us,load,g0\r\n" + lines(range(1000, 2000, 100), "\r\n"))
+def test_the_identity_precedes_the_first_block() -> None:
+    decoder = dialect()
+    messages = decoder.feed(b"# hi\r\nt_us,load,g0\r\n" + lines(range(1000, 2000, 100), "\r\n"))
     who, block = messages
     assert who == identity()
-    assert isinstance(block, SampleBlock)
     assert (block.stream, block.first_sample, block.clock_us) == (0, 0, 1000)
     assert block.counts.dtype == np.int32
     assert block.counts.tolist() == [[at, -at] for at in range(10)]
-    assert one.counters.frames_good == 12
-    assert one.counters.bytes_discarded == 0
-    (block,) = one.feed(lines([2000]))
-    assert isinstance(block, SampleBlock)
+    assert decoder.counters.frames_good == 12
+    assert decoder.counters.bytes_discarded == 0
+    (block,) = decoder.feed(lines([2000]))
     assert block.first_sample == 10
-    assert one.encode(Start()) == b""
+    assert decoder.encode(Start()) == b""
 
 
-def test_columns_may_be_exchanged_and_left_out() -> None:
+def test_columns_may_be_exchanged_and_omitted() -> None:
     data = b"0,1,2,3,9.5\n100,4,5,6,nan\n200,4,5,6,-1e3\n300,7,8,9,.5\n"
-    one = AsciiDialect(identity(), [2, 0], resolution=[1, 1])
-    assert counts_of(data, one) == [[3, 1], [6, 4], [9, 7]]
-    assert one.counters.frames_damaged == 1
+    decoder = AsciiDialect(identity(), [2, 0], resolution=[1, 1])
+    assert counts_of(data, decoder) == [[3, 1], [6, 4], [9, 7]]
+    assert decoder.counters.frames_damaged == 1
 
 
 @pytest.mark.parametrize(
@@ -93,51 +93,50 @@ def test_decimals_become_counts(value: str, count: int) -> None:
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("resolution", [None, [1.0]])
-def test_what_is_no_number_costs_its_line(value: str, resolution: list[float] | None) -> None:
+def test_a_line_without_a_number_is_damaged(value: str, resolution: list[float] | None) -> None:
     data = f"0,1\n100,{value}\n200,3\n300,4\n".encode()
-    one = dialect((0,), resolution=resolution)
-    assert samples(one.feed(data)) == [(0, 0, 1), (0, 2, 3), (0, 3, 4)]
-    assert one.counters.frames_damaged == 1
-    assert one.counters.bytes_discarded == len(f"100,{value}\n".encode())
+    decoder = dialect((0,), resolution=resolution)
+    assert samples(decoder.feed(data)) == [(0, 0, 1), (0, 2, 3), (0, 3, 4)]
+    assert decoder.counters.frames_damaged == 1
+    assert decoder.counters.bytes_discarded == len(f"100,{value}\n".encode())
 
 
 @pytest.mark.parametrize("value", ["1.5", "1e3", "1."])
-def test_counts_are_whole(value: str) -> None:
+def test_counts_are_integers(value: str) -> None:
     assert counts_of(f"0,1\n100,{value}\n200,3\n300,4\n".encode(), dialect((0,))) == [[1], [3], [4]]
     assert counts_of(b"0,9999999999\n100,-9999999999\n", dialect((0,))) == [[2**31 - 1], [-(2**31)]]
 
 
 @pytest.mark.parametrize("time", ["-100", "+100", "100.0", "1e2", "9" * 16, "", "nan"])
-def test_a_time_is_a_whole_number(time: str) -> None:
-    one = dialect((0,))
-    assert samples(one.feed(f"0,0\n{time},1\n200,2\n300,3\n".encode())) == [
+def test_a_time_is_an_integer(time: str) -> None:
+    decoder = dialect((0,))
+    assert samples(decoder.feed(f"0,0\n{time},1\n200,2\n300,3\n".encode())) == [
         (0, 0, 0), (0, 2, 2), (0, 3, 3),
     ]  # fmt: skip
-    assert one.counters.frames_damaged == 1
+    assert decoder.counters.frames_damaged == 1
 
 
 def test_spaces_are_tolerated() -> None:
     assert counts_of(b" 0 , 1 ,\t2\r\n100,3,4  \r\n", dialect()) == [[1, 2], [3, 4]]
 
 
-def test_what_begins_before_the_connection_is_no_sample() -> None:
-    whole = lines(range(123_000, 124_000, STEP))
-    for cut in range(whole.index(b"\n") + 1):
-        came = samples(dialect().feed(whole[cut:]))
-        assert [value for *_, value in came] in (list(range(10)), list(range(1, 10)))
-        assert [index for _, index, _ in came] == list(range(len(came)))
+def test_a_line_that_began_before_the_connection_is_no_sample() -> None:
+    text = lines(range(123_000, 124_000, STEP))
+    for cut in range(text.index(b"\n") + 1):
+        received = samples(dialect().feed(text[cut:]))
+        assert [value for *_, value in received] in (list(range(10)), list(range(1, 10)))
+        assert [index for _, index, _ in received] == list(range(len(received)))
 
 
 def test_a_gap_is_located_to_the_sample() -> None:
     times = np.delete(np.arange(0, 100_000, STEP), [5, 6, 7, 300, *range(500, 900)])
-    assert [index for _, index, _ in samples(dialect().feed(lines(times)))] == (
-        times // STEP
-    ).tolist()
+    indices = [index for _, index, _ in samples(dialect().feed(lines(times)))]
+    assert indices == (times // STEP).tolist()
 
 
 def test_every_second_line_may_be_missing() -> None:
-    came = samples(dialect().feed(lines(range(0, 2001, 2 * STEP))))
-    assert [index for _, index, _ in came] == list(range(0, 20, 2))  # the last one waits
+    received = samples(dialect().feed(lines(range(0, 2001, 2 * STEP))))
+    assert [index for _, index, _ in received] == list(range(0, 20, 2))  # the last one waits
 
 
 @pytest.mark.parametrize("jitter", [0.1, 0.24])
@@ -146,16 +145,16 @@ def test_jitter_is_tolerated(jitter: float, rate: float) -> None:
     generator = np.random.default_rng(4)
     steps = np.delete(np.arange(3000), [100, 101, 2000])
     times = (steps + 5 + generator.uniform(-jitter, jitter, steps.size)) * 1e6 / rate
-    one = AsciiDialect(identity(2, rate), [0, 1])
-    index = [index for _, index, _ in samples(one.feed(lines(np.round(times))))]
+    decoder = AsciiDialect(identity(2, rate), [0, 1])
+    index = [index for _, index, _ in samples(decoder.feed(lines(np.round(times))))]
     assert index == steps.tolist()
 
 
 def test_a_clock_that_runs_too_fast_makes_no_gap() -> None:
     times = np.round(np.arange(50_000) * STEP * 1.0005)
-    one = dialect()
-    assert [index for _, index, _ in samples(one.feed(lines(times)))] == list(range(50_000))
-    assert one.counters.frames_damaged == 0
+    decoder = dialect()
+    assert [index for _, index, _ in samples(decoder.feed(lines(times)))] == list(range(50_000))
+    assert decoder.counters.frames_damaged == 0
 
 
 def test_late_lines_are_no_gap() -> None:
@@ -165,39 +164,27 @@ def test_late_lines_are_no_gap() -> None:
 
 
 @pytest.mark.parametrize("wrong", [0, 40, 1100, 1900, 2600, 90_000, 10**12])
-def test_one_wrong_time_costs_one_line(wrong: int) -> None:
+def test_a_wrong_time_damages_its_line_only(wrong: int) -> None:
     times = list(range(1000, 3000, STEP))
     times[10] = wrong
-    one = dialect()
-    came = samples(one.feed(lines(times)))
-    assert came == [(0, at, at) for at in range(20) if at != 10]
-    assert one.counters.frames_damaged == 1
+    decoder = dialect()
+    received = samples(decoder.feed(lines(times)))
+    assert received == [(0, at, at) for at in range(20) if at != 10]
+    assert decoder.counters.frames_damaged == 1
 
 
 def test_a_repeated_time_is_damaged() -> None:
-    one = dialect()
-    assert [value for *_, value in samples(one.feed(lines([0, 100, 100, 200, 190, 300])))] == [
-        0,
-        1,
-        3,
-        5,
-    ]
-    assert one.counters.frames_damaged == 2
+    decoder = dialect()
+    received = samples(decoder.feed(lines([0, 100, 100, 200, 190, 300])))
+    assert [value for *_, value in received] == [0, 1, 3, 5]
+    assert decoder.counters.frames_damaged == 2
 
 
 def test_a_restart_begins_a_stream() -> None:
     times = [5_000_000, 5_000_100, 5_000_200, 40, 140, 240, 0, 100]
-    came = samples(dialect(first_stream=7).feed(lines(times)))
-    assert [place[:2] for place in came] == [
-        (7, 0),
-        (7, 1),
-        (7, 2),
-        (8, 0),
-        (8, 1),
-        (8, 2),
-        (9, 0),
-        (9, 1),
-    ]
+    received = samples(dialect(first_stream=7).feed(lines(times)))
+    assert [place[0] for place in received] == [7, 7, 7, 8, 8, 8, 9, 9]
+    assert [place[1] for place in received] == [0, 1, 2, 0, 1, 2, 0, 1]
     assert samples(dialect(first_stream=2**32 - 1).feed(lines(times)))[3][0] == 0
 
 
@@ -205,13 +192,10 @@ def test_a_clock_of_32_bits_wraps() -> None:
     times = np.arange(2**32 - 1000, 2**32 + 1000, STEP)
     messages = dialect().feed(lines(times % 2**32))
     (block,) = messages[1:]
-    assert isinstance(block, SampleBlock)
     assert len(block.counts) == 20
     gap = np.delete(times, [8, 9, 10, 11, 12])
-    assert [i for _, i, _ in samples(dialect().feed(lines(gap % 2**32)))] == [
-        *range(8),
-        *range(13, 20),
-    ]
+    indices = [index for _, index, _ in samples(dialect().feed(lines(gap % 2**32)))]
+    assert indices == [*range(8), *range(13, 20)]
     # The clock goes on above 32 bits; so does one of 64 bits.
     for stream in (lines(gap % 2**32), lines(gap)):
         clocks = [getattr(m, "clock_us", None) for m in dialect().feed(stream)[1:]]
@@ -226,74 +210,70 @@ def test_an_hour_of_silence_ends_the_stream() -> None:
 
 
 def test_a_cut_link_leaves_a_gap() -> None:
-    one = dialect()
-    one.feed(lines(range(0, 1000, STEP)) + b"1000,1")
-    one.reset()
-    assert one.counters.bytes_discarded == 6
-    messages = one.feed(b"00,77,77\n" + lines(range(500_000, 500_500, STEP)))
+    decoder = dialect()
+    decoder.feed(lines(range(0, 1000, STEP)) + b"1000,1")
+    decoder.reset()
+    assert decoder.counters.bytes_discarded == 6
+    messages = decoder.feed(b"00,77,77\n" + lines(range(500_000, 500_500, STEP)))
     assert messages[0] == identity()
     assert samples(messages) == [(0, 5000 + at, at) for at in range(5)]
-    one.reset()
-    messages = one.feed(lines(range(0, 500, STEP)))  # it was restarted in the meantime
+    decoder.reset()
+    messages = decoder.feed(lines(range(0, 500, STEP)))  # it was restarted in the meantime
     assert messages[0] == identity()
     assert samples(messages) == [(1, at, at) for at in range(5)]
 
 
 def test_a_lost_line_feed_costs_two_lines() -> None:
     data = lines(range(0, 1000, STEP)).replace(b"-3\n", b"-3", 1)
-    one = dialect()
-    assert [index for _, index, _ in samples(one.feed(data))] == [0, 1, 2, 5, 6, 7, 8, 9]
-    assert one.counters.frames_damaged == 1
+    decoder = dialect()
+    assert [index for _, index, _ in samples(decoder.feed(data))] == [0, 1, 2, 5, 6, 7, 8, 9]
+    assert decoder.counters.frames_damaged == 1
 
 
 def test_three_lines_of_another_width_are_believed() -> None:
     narrow, wide = b"%d,1,2\n", b"%d,1,2,3\n"
     data = b"".join(narrow % (at * STEP) for at in range(5))
     data += b"".join(wide % (at * STEP) for at in range(5, 15))
-    one = dialect()
-    assert [index for _, index, _ in samples(one.feed(data))] == [*range(5), *range(7, 15)]
-    assert one.counters.frames_damaged == 2
+    decoder = dialect()
+    assert [index for _, index, _ in samples(decoder.feed(data))] == [*range(5), *range(7, 15)]
+    assert decoder.counters.frames_damaged == 2
 
 
-def test_a_wrong_sampling_rate_is_told_once() -> None:
-    one = dialect()
-    messages = one.feed(lines(np.arange(0, 500_000, 110)))
+def test_a_wrong_sampling_rate_is_reported_once() -> None:
+    decoder = dialect()
+    messages = decoder.feed(lines(np.arange(0, 500_000, 110)))
     refusals = [message for message in messages if isinstance(message, Refusal)]
-    assert [refusal.text for refusal in refusals] == [
-        "sampling_rate: expected 10000 Hz as declared, got 9090.9 Hz from the printed times; "
-        "correct sampling_rate_hz in the setup file"
-    ]
-    assert not any(
-        isinstance(m, Refusal) for m in dialect().feed(lines(np.arange(0, 500_000, 100)))
-    )
+    assert ["got 9090.9 Hz" in refusal.text for refusal in refusals] == [True]
+    sound = dialect().feed(lines(np.arange(0, 500_000, 100)))
+    assert Refusal not in map(type, sound)
 
 
 @pytest.mark.parametrize("piece", [1, 7, 500, 5000])
 def test_a_line_without_end_is_thrown_away_as_it_comes(piece: int) -> None:
-    one = dialect()
+    decoder = dialect()
     noise = b"1" * 5000
     for at in range(0, len(noise), piece):
-        one.feed(noise[at : at + piece])
-        assert one._cutter.held <= 512
-    assert (one.counters.frames_damaged, one.counters.bytes_discarded) == (1, 5000)
-    assert len(samples(one.feed(b"\n" + lines([0, 100, 200])))) == 3
+        decoder.feed(noise[at : at + piece])
+        assert decoder._cutter.held <= 512
+    assert (decoder.counters.frames_damaged, decoder.counters.bytes_discarded) == (1, 5000)
+    assert len(samples(decoder.feed(b"\n" + lines([0, 100, 200])))) == 3
 
 
-def test_512_bytes_are_a_line_and_513_are_none() -> None:
+def test_a_line_has_up_to_512_bytes() -> None:
     for spaces, damaged in ((507, 0), (508, 1)):
         data = b"0,0,0\n" + b"100,1," + b" " * (spaces - 2) + b"1\n" + lines([200, 300])
         for piece in (1, len(data)):
-            one = dialect()
+            decoder = dialect()
             for at in range(0, len(data), piece):
-                one.feed(data[at : at + piece])
-            assert one.counters.frames_damaged == damaged
+                decoder.feed(data[at : at + piece])
+            assert decoder.counters.frames_damaged == damaged
 
 
 @pytest.mark.parametrize("data", [b"", b"\n", b"\r\n \t\r\n", b"#" + b"x" * 511 + b"\n"])
-def test_nothing_is_no_damage(data: bytes) -> None:
-    one = dialect()
-    assert one.feed(data) == []
-    assert one.counters.frames_damaged == 0
+def test_empty_lines_are_no_damage(data: bytes) -> None:
+    decoder = dialect()
+    assert decoder.feed(data) == []
+    assert decoder.counters.frames_damaged == 0
 
 
 @given(
@@ -316,17 +296,17 @@ def test_bytes_add_up() -> None:
     data = bytearray(lines(range(0, 200_000, STEP)))
     for _ in range(60):
         data[generator.randrange(len(data))] = generator.randrange(256)
-    one = dialect()
-    came = samples(one.feed(bytes(data)))
-    counters = one.counters
-    assert counters.frames_good == len(came)
+    decoder = dialect()
+    received = samples(decoder.feed(bytes(data)))
+    counters = decoder.counters
+    assert counters.frames_good == len(received)
     assert counters.frames_damaged >= 30
-    held = sum(line.size for line in one._held) + one._cutter.held
-    kept = len(data) - counters.bytes_discarded - held
+    held = sum(line.size for line in decoder._held) + decoder._cutter.held
+    n_decoded = len(data) - counters.bytes_discarded - held
     # Good lines are as long as they were; a stray line feed may leave an empty line behind.
-    whole = lines(range(0, 200_000, STEP)).split(b"\n")
-    assert abs(kept - sum(len(whole[index]) + 1 for _, index, _ in came)) <= 60
-    assert all(index == value for stream, index, value in came[:5])
+    text = lines(range(0, 200_000, STEP)).split(b"\n")
+    assert abs(n_decoded - sum(len(text[index]) + 1 for _, index, _ in received)) <= 60
+    assert all(index == value for stream, index, value in received[:5])
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ def samples(dialect: AsciiDialect, data: bytes) -> list[tuple[int, int, int]]:
 
 
 @pytest.mark.parametrize("bits", [8, 16, 31, 32])
-def test_a_wrong_number_moves_no_other_sample(bits: int) -> None:
+def test_a_wrong_number_moves_no_sample(bits: int) -> None:
     rng = np.random.default_rng(bits)
     first = (1 << bits) - 150
     lines = [b"%d %d 5\n" % ((first + i) % (1 << bits), i) for i in range(300)]

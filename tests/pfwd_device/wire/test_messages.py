@@ -14,33 +14,12 @@ from hypothesis import strategies as st
 from pfwd_device.errors import ProtocolError
 from pfwd_device.identity import FASTEST_SAMPLING, ChannelIdentity, Identity
 from pfwd_device.text import clean
+from pfwd_device.wire import messages
 from pfwd_device.wire.binary import BinaryDialect, BinaryInstrumentEnd, encode_message
 from pfwd_device.wire.fields import day, day_of, pack_int24, unpack_int24
-from pfwd_device.wire.messages import (
-    Acknowledge,
-    Arm,
-    Armed,
-    Calibrate,
-    Configure,
-    Event,
-    Fetch,
-    Hello,
-    Message,
-    Refusal,
-    RefusalCode,
-    Released,
-    Resend,
-    SampleBlock,
-    SamplesGone,
-    Shunt,
-    Start,
-    Status,
-    Stop,
-    Trigger,
-)
 from pfwd_plugins.quantities import Measurand
 from tests.pfwd_device.wire import by_hand
-from tests.pfwd_device.wire.test_protocol_document import IDENTITY, STATED
+from tests.pfwd_device.wire.test_protocol_document import STATED
 
 U16, U32, U64 = (st.integers(0, 2**bits - 1) for bits in (16, 32, 64))
 LONG = st.text(max_size=60).map(lambda value: clean(value, 60))
@@ -89,43 +68,55 @@ def identities(draw: st.DrawFn) -> Identity:
 
 
 SINGLE = st.floats(width=32, allow_nan=False, allow_infinity=False)
-TRIGGERS = st.builds(Trigger, st.booleans(), st.integers(0, 255), U32, U16, U32, U32, U32)
+TRIGGERS = st.builds(messages.Trigger, st.booleans(), st.integers(0, 255), U32, U16, U32, U32, U32)
 FROM_INSTRUMENT = st.one_of(
     identities(),
-    st.builds(Event, U16, U64, LONG),
-    st.builds(Refusal, U16, LONG),
-    st.builds(Status, U64, maybe(SINGLE), maybe(SINGLE), U64, st.booleans(), U16, U32),
-    st.builds(Armed, TRIGGERS),
-    st.builds(Released, U32, U64),
-    st.builds(SamplesGone, U32, U64, U32),
+    st.builds(messages.Event, U16, U64, LONG),
+    st.builds(messages.Refusal, U16, LONG),
+    st.builds(messages.Status, U64, maybe(SINGLE), maybe(SINGLE), U64, st.booleans(), U16, U32),
+    st.builds(messages.Armed, TRIGGERS),
+    st.builds(messages.Released, U32, U64),
+    st.builds(messages.SamplesGone, U32, U64, U32),
 )
 BYTES = st.integers(0, 255)
 NUMBER = st.floats(allow_nan=False)
 CALIBRATIONS = st.builds(
-    Calibrate, BYTES, NUMBER, NUMBER, maybe(NUMBER), maybe(NUMBER), maybe(NUMBER), U32, U32, LONG
+    messages.Calibrate,
+    BYTES,
+    NUMBER,
+    NUMBER,
+    maybe(NUMBER),
+    maybe(NUMBER),
+    maybe(NUMBER),
+    U32,
+    U32,
+    LONG,
 )
 FROM_HOST = st.one_of(
-    st.builds(Hello, BYTES, BYTES),
-    st.builds(Configure, st.floats(allow_nan=False)),
-    st.builds(Shunt, st.booleans()),
-    st.sampled_from([Start(), Stop()]),
-    st.builds(Arm, TRIGGERS),
-    st.builds(Fetch, U32, U64, U16, U16),
-    st.builds(Acknowledge, U32, U64),
-    st.builds(Resend, U32, U64, U32),
+    st.builds(messages.Hello, BYTES, BYTES),
+    st.builds(messages.Configure, st.floats(allow_nan=False)),
+    st.builds(messages.Shunt, st.booleans()),
+    st.sampled_from([messages.Start(), messages.Stop()]),
+    st.builds(messages.Arm, TRIGGERS),
+    st.builds(messages.Fetch, U32, U64, U16, U16),
+    st.builds(messages.Acknowledge, U32, U64),
+    st.builds(messages.Resend, U32, U64, U32),
     CALIBRATIONS,
 )
 
 
 @given(message=FROM_INSTRUMENT, counter=st.integers(0, 2**40))
-def test_what_the_instrument_says_arrives(message: Message, counter: int) -> None:
+def test_messages_of_the_instrument_arrive(message: messages.Message, counter: int) -> None:
     assert BinaryDialect().feed(encode_message(message, counter)) == [message]
 
 
 @given(message=FROM_HOST)
-def test_what_the_host_says_arrives(message: Any) -> None:
+def test_messages_of_the_host_arrive(message: Any) -> None:
     end, dialect = BinaryInstrumentEnd(), BinaryDialect()
-    assert end.feed(dialect.encode(message) + dialect.encode(Stop())) == [message, Stop()]
+    assert end.feed(dialect.encode(message) + dialect.encode(messages.Stop())) == [
+        message,
+        messages.Stop(),
+    ]
     assert end.counters.frames_lost == 0
 
 
@@ -144,13 +135,12 @@ def test_samples_arrive(
     width: int, values: list[int], stream: int, first: int, clock: int | None, shunt: bool
 ) -> None:
     counts = np.array(values[: len(values) // width * width], np.int32).reshape(-1, width)
-    block = SampleBlock(stream, first, clock, counts, shunt)
-    (came,) = BinaryDialect().feed(encode_message(block, 0))
-    assert isinstance(came, SampleBlock)
-    assert (came.stream, came.first_sample, came.clock_us) == (stream, first, clock)
-    assert came.shunt is shunt
-    assert came.counts.dtype == np.int32
-    np.testing.assert_array_equal(came.counts, counts)
+    block = messages.SampleBlock(stream, first, clock, counts, shunt)
+    (received,) = BinaryDialect().feed(encode_message(block, 0))
+    assert (received.stream, received.first_sample, received.clock_us) == (stream, first, clock)
+    assert received.shunt is shunt
+    assert received.counts.dtype == np.int32
+    np.testing.assert_array_equal(received.counts, counts)
 
 
 def test_int24_is_twos_complement() -> None:
@@ -162,37 +152,35 @@ def test_int24_is_twos_complement() -> None:
     assert unpack_int24(b"").shape == (0,)
 
 
-def test_blocks_that_follow_each_other_come_as_one() -> None:
+def test_consecutive_blocks_are_joined() -> None:
     block = STATED["Samples"]
+    narrow = {"stream": 5, "shunt": True, "counts": block.counts[:, :1]}
     steps: list[dict[str, Any]] = [
         {},
         {"first_sample": 303},  # follows
         {"first_sample": 307},  # a gap of one
         {"first_sample": 310, "shunt": True},
         {"first_sample": 313, "shunt": True, "stream": 5},
-        {"first_sample": 316, "stream": 5, "shunt": True, "counts": block.counts[:, :1]},
-        {
-            "first_sample": 318,
-            "stream": 5,
-            "shunt": True,
-            "counts": block.counts[:, :1],
-        },  # overlaps
+        {"first_sample": 316, **narrow},
+        {"first_sample": 318, **narrow},  # overlaps
     ]
     blocks = [dataclasses.replace(block, **step) for step in steps]
     data = b"".join(encode_message(block, at) for at, block in enumerate(blocks))
-    came = BinaryDialect().feed(data)
-    assert [len(block.counts) for block in came if isinstance(block, SampleBlock)] == [6] + [3] * 5
-    assert came[0].clock_us == block.clock_us  # type: ignore[union-attr]
+    received = BinaryDialect().feed(data)
+    assert [len(block.counts) for block in received if isinstance(block, messages.SampleBlock)] == [
+        6
+    ] + [3] * 5
+    assert received[0].clock_us == block.clock_us  # type: ignore[union-attr]
     data = b"".join(
         encode_message(message, 0)
         for message in (block, STATED["Status"], dataclasses.replace(block, first_sample=303))
     )
     kinds = [type(message) for message in BinaryDialect().feed(data)]
-    assert kinds == [SampleBlock, Status, SampleBlock]  # the order stays
+    assert kinds == [messages.SampleBlock, messages.Status, messages.SampleBlock]  # the order stays
 
 
-def block_of(counts: Any, **fields: Any) -> SampleBlock:
-    return SampleBlock(
+def block_of(counts: Any, **fields: Any) -> messages.SampleBlock:
+    return messages.SampleBlock(
         **{"stream": 1, "first_sample": 0, "clock_us": 0, "counts": counts, **fields}
     )
 
@@ -206,15 +194,15 @@ def block_of(counts: Any, **fields: Any) -> SampleBlock:
         (block_of(np.full((1, 1), 2**23, np.int32)), "24 bits, got 8388608 to 8388608"),
         (block_of(np.full((1, 1), -(2**23) - 1, np.int32)), "24 bits, got -8388609"),
         (block_of(np.zeros((1, 1), np.int32), stream=-1), "SampleBlock"),
-        (Status(0, 1e300, None, 0, False), "Status: float too large"),
-        (Status(-1, None, None, 0, False), "Status"),
-        (Event(70_000, 0), "Event"),
-        (Event(1, 0, "é" * 128), "Event: expected a text of at most 255 bytes, got 256"),
-        (Refusal(1, "\ud800"), "Refusal"),
-        (Hello(1, 256), "Hello"),
+        (messages.Status(0, 1e300, None, 0, False), "Status: float too large"),
+        (messages.Status(-1, None, None, 0, False), "Status"),
+        (messages.Event(70_000, 0), "Event"),
+        (messages.Event(1, 0, "é" * 128), "Event: expected a text of at most 255 bytes, got 256"),
+        (messages.Refusal(1, "\ud800"), "Refusal"),
+        (messages.Hello(1, 256), "Hello"),
     ],
 )
-def test_what_does_not_fit_is_refused(message: Message, match: str) -> None:
+def test_a_message_that_does_not_fit_is_refused(message: messages.Message, match: str) -> None:
     with pytest.raises(ProtocolError, match=match):
         encode_message(message, 0)
 
@@ -239,7 +227,7 @@ def test_every_payload_that_is_too_short_is_damaged(name: str) -> None:
         assert (end.counters.frames_good, end.counters.frames_damaged) == (0, 1)
 
 
-def test_a_block_holds_whole_counts() -> None:
+def test_a_block_holds_complete_counts() -> None:
     _, counter, payload = by_hand.EXAMPLES["Block"]
     for length in range(len(payload)):
         messages = BinaryDialect().feed(by_hand.frame(0x88, counter, payload[:length]))
@@ -264,9 +252,9 @@ def test_nonsense_with_a_right_check_is_damaged(type_: int, payload: bytes) -> N
 
 def test_unknown_types_are_counted_and_passed_over() -> None:
     dialect = BinaryDialect()
-    known = by_hand.frame(0x85, 2, by_hand.u(5, 2) + by_hand.txt("no"))
-    data = by_hand.frame(0x90, 0, b"new") + by_hand.frame(0x01, 1, b"PFWD\1\1") + known
-    assert dialect.feed(data) == [Refusal(5, "no")]
+    refusal_frame = by_hand.frame(0x85, 2, by_hand.u(5, 2) + by_hand.txt("no"))
+    data = by_hand.frame(0x90, 0, b"new") + by_hand.frame(0x01, 1, b"PFWD\1\1") + refusal_frame
+    assert dialect.feed(data) == [messages.Refusal(5, "no")]
     assert (dialect.counters.frames_unknown, dialect.counters.frames_good) == (2, 3)
 
 
@@ -277,21 +265,18 @@ def test_unknown_flags_roles_and_seats_do_no_harm() -> None:
     changed[seat] = 7
     changed[seat + 2 + 5] = 99  # the role of the first channel
     (identity,) = BinaryDialect().feed(by_hand.frame(0x81, 0, bytes(changed)))
-    assert isinstance(identity, Identity)
     assert identity.centre_sensor == "plate"
     assert [channel.quantity for channel in identity.channels] == ["voltage", "velocity"]
     (block,) = BinaryDialect().feed(by_hand.frame(0x82, 0, by_hand.samples(1, 0, 0, [[1]], 0xFE)))
-    assert isinstance(block, SampleBlock)
     assert not block.shunt
 
 
-def test_a_clock_that_is_not_there_and_readings_that_are_none() -> None:
+def test_a_missing_clock_and_missing_readings_are_empty() -> None:
     (block,) = BinaryDialect().feed(by_hand.frame(0x82, 0, by_hand.samples(1, 0, 2**64 - 1, [[1]])))
-    assert isinstance(block, SampleBlock)
     assert block.clock_us is None
     payload = by_hand.u(1, 8) + by_hand.f32(math.inf) + by_hand.f32(math.nan) + by_hand.u(0, 15)
     assert BinaryDialect().feed(by_hand.frame(0x83, 0, payload)) == [
-        Status(1, None, None, 0, False, 0, 0)
+        messages.Status(1, None, None, 0, False, 0, 0)
     ]
 
 
@@ -304,12 +289,13 @@ def test_a_clock_that_is_not_there_and_readings_that_are_none() -> None:
         (by_hand.u(20270131, 4), by_hand.u(2**32 - 1, 4), "yyyymmdd or 0, got 4294967295"),
     ],
 )
-def test_an_impossible_identity_says_what_is_wrong(old: bytes, new: bytes, match: str) -> None:
+def test_an_impossible_identity_is_refused_with_its_fault(
+    old: bytes, new: bytes, match: str
+) -> None:
     assert by_hand.IDENTITY.count(old) == 1
     payload = by_hand.IDENTITY.replace(old, new)
     (refusal,) = BinaryDialect().feed(by_hand.frame(0x81, 0, payload))
-    assert isinstance(refusal, Refusal)
-    assert refusal.code == RefusalCode.FAULT
+    assert refusal.code == messages.RefusalCode.FAULT
     with pytest.raises(ValueError, match=match):
         raise ValueError(refusal.text)
 
@@ -319,10 +305,8 @@ def test_hostile_texts_come_out_harmless() -> None:
     event = by_hand.u(1, 2) + by_hand.u(0, 8) + by_hand.txt(hostile)
     identity = by_hand.IDENTITY.replace(by_hand.txt("PFWD-0001"), by_hand.txt(hostile))
     frames = by_hand.frame(0x84, 0, event) + by_hand.frame(0x81, 1, identity)
-    said, who = BinaryDialect().feed(frames)
-    assert isinstance(said, Event)
-    assert isinstance(who, Identity)
-    for text in (said.text, who.serial_number):
+    event_received, identity_received = BinaryDialect().feed(frames)
+    for text in (event_received.text, identity_received.serial_number):
         assert text.isprintable()
         assert "\N{REPLACEMENT CHARACTER}" in text
 
@@ -336,16 +320,7 @@ def test_days_are_decimal_numbers() -> None:
         day_of(20261301)
 
 
-def test_the_host_ends_what_noise_has_begun() -> None:
+def test_the_host_ends_a_frame_of_noise() -> None:
     end = BinaryInstrumentEnd()
-    assert end.feed(b"\x55\x66" + BinaryDialect().encode(Start())) == [Start()]
+    assert end.feed(b"\x55\x66" + BinaryDialect().encode(messages.Start())) == [messages.Start()]
     assert end.counters.frames_damaged == 1
-
-
-def test_a_reset_of_the_dialect_forgets_half_a_frame() -> None:
-    dialect = BinaryDialect()
-    frame = encode_message(IDENTITY, 0)
-    dialect.feed(frame[:50])
-    dialect.reset()
-    assert dialect.feed(frame) == [IDENTITY]
-    assert dialect.counters.frames_damaged == 0

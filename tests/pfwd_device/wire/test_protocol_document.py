@@ -12,32 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pfwd_device.identity import ChannelIdentity, Identity
+from pfwd_device.wire import messages
 from pfwd_device.wire.binary import BinaryDialect, BinaryInstrumentEnd, encode_message
 from pfwd_device.wire.fields import pack_int24
-from pfwd_device.wire.messages import (
-    Acknowledge,
-    Arm,
-    Armed,
-    Calibrate,
-    Configure,
-    DropBlock,
-    DropOffer,
-    Event,
-    EventKind,
-    Fetch,
-    Hello,
-    Refusal,
-    RefusalCode,
-    Released,
-    Resend,
-    SampleBlock,
-    SamplesGone,
-    Shunt,
-    Start,
-    Status,
-    Stop,
-    Trigger,
-)
 from pfwd_plugins.quantities import Measurand
 from tests.pfwd_device.wire import by_hand
 
@@ -78,29 +55,33 @@ IDENTITY = Identity(
 )
 COUNTS = np.array([[0, -1], [1000, -70000], [8388607, -8388608]], np.int32)
 NAME = 0x1234ABCD, 300
-TRIGGER = Trigger(True, 0, 2622, 3, 200, 1000, 15_000)
+TRIGGER = messages.Trigger(True, 0, 2622, 3, 200, 1000, 15_000)
 # What the document says in words about each of its examples.
 STATED: dict[str, Any] = {
-    "Hello": Hello(2, 2),
-    "Configure": Configure(20_000.0),
-    "Start": Start(),
-    "Stop": Stop(),
-    "Shunt": Shunt(True),
+    "Hello": messages.Hello(2, 2),
+    "Configure": messages.Configure(20_000.0),
+    "Start": messages.Start(),
+    "Stop": messages.Stop(),
+    "Shunt": messages.Shunt(True),
     "Identity": IDENTITY,
-    "Samples": SampleBlock(0x1234ABCD, 300, 1_030_000, COUNTS),
-    "Status": Status(1_500_000, 12.5, -3.25, 7, True, 2, 1),
-    "Event": Event(EventKind.TRIGGER, 1_600_000, "button"),
-    "Refusal": Refusal(RefusalCode.ARGUMENT, "sampling rate up to 10000 Hz"),
-    "Arm": Arm(TRIGGER),
-    "Fetch": Fetch(*NAME, 7, 1),
-    "Acknowledge": Acknowledge(*NAME),
-    "Resend": Resend(*NAME, 50),
-    "Calibrate": Calibrate(1, -27.9, 0.001, 4.6, 0.58, None, 20_260_131, serial_number="PFWD-0002"),
-    "Armed": Armed(TRIGGER),
-    "Offer": DropOffer(*NAME, 1_029_900, 1, 3, 2, 40, zlib.crc32(pack_int24(COUNTS)), 10_000.0),
-    "Block": DropBlock(*NAME, 0, pack_int24(COUNTS)),
-    "Released": Released(*NAME),
-    "Gone": SamplesGone(*NAME, 50),
+    "Samples": messages.SampleBlock(0x1234ABCD, 300, 1_030_000, COUNTS),
+    "Status": messages.Status(1_500_000, 12.5, -3.25, 7, True, 2, 1),
+    "Event": messages.Event(messages.EventKind.TRIGGER, 1_600_000, "button"),
+    "Refusal": messages.Refusal(messages.RefusalCode.ARGUMENT, "sampling rate up to 10000 Hz"),
+    "Arm": messages.Arm(TRIGGER),
+    "Fetch": messages.Fetch(*NAME, 7, 1),
+    "Acknowledge": messages.Acknowledge(*NAME),
+    "Resend": messages.Resend(*NAME, 50),
+    "Calibrate": messages.Calibrate(
+        1, -27.9, 0.001, 4.6, 0.58, None, 20_260_131, serial_number="PFWD-0002"
+    ),
+    "Armed": messages.Armed(TRIGGER),
+    "Offer": messages.DropOffer(
+        *NAME, 1_029_900, 1, 3, 2, 40, zlib.crc32(pack_int24(COUNTS)), 10_000.0
+    ),
+    "Block": messages.DropBlock(*NAME, 0, pack_int24(COUNTS)),
+    "Released": messages.Released(*NAME),
+    "Gone": messages.SamplesGone(*NAME, 50),
 }
 
 
@@ -124,7 +105,7 @@ def test_the_encoder_gives_the_bytes_of_the_document(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", STATED)
-def test_the_decoder_reads_in_the_document_what_it_states(name: str) -> None:
+def test_the_decoder_reads_the_examples_of_the_document(name: str) -> None:
     _, frame = by_hand.documented(name)
     from_host = by_hand.EXAMPLES[name][0] < 0x80
     end = BinaryInstrumentEnd() if from_host else BinaryDialect()
@@ -133,18 +114,18 @@ def test_the_decoder_reads_in_the_document_what_it_states(name: str) -> None:
     assert end.counters.frames_good == 1
 
 
-def same(one: Any, other: Any) -> bool:
-    if isinstance(one, DropBlock):
-        fields = [f.name for f in dataclasses.fields(one)]
-        return all(getattr(one, name) == getattr(other, name) for name in fields)
-    if not isinstance(one, SampleBlock):
-        return bool(one == other)
-    places = [dataclasses.replace(block, counts=None) for block in (one, other)]
+def same(first: Any, second: Any) -> bool:
+    if isinstance(first, messages.DropBlock):
+        fields = [f.name for f in dataclasses.fields(first)]
+        return all(getattr(first, name) == getattr(second, name) for name in fields)
+    if not isinstance(first, messages.SampleBlock):
+        return bool(first == second)
+    places = [dataclasses.replace(block, counts=None) for block in (first, second)]
     fields = [[getattr(place, f.name) for f in dataclasses.fields(place)] for place in places]
-    return fields[0] == fields[1] and np.array_equal(one.counts, other.counts)
+    return fields[0] == fields[1] and np.array_equal(first.counts, second.counts)
 
 
-def test_same_tells_blocks_apart() -> None:
+def test_the_comparison_distinguishes_blocks() -> None:
     block = STATED["Samples"]
     assert not same(block, dataclasses.replace(block, shunt=True))
     assert not same(block, dataclasses.replace(block, counts=COUNTS + 1))
@@ -184,7 +165,7 @@ def test_a_further_code_behind_a_full_run_is_accepted() -> None:
     encoded = by_hand.cobs(next(packet for packet in packets if 0 not in packet[-254:]))
     assert encoded[-255] == 255
     for frame in (encoded + b"\0", encoded + b"\x01\0"):
-        assert BinaryDialect().feed(frame) == [Refusal(5, "x" * 248)]
+        assert BinaryDialect().feed(frame) == [messages.Refusal(5, "x" * 248)]
 
 
 def test_limits_are_as_documented() -> None:
@@ -198,11 +179,3 @@ def test_limits_are_as_documented() -> None:
         channels=(ChannelIdentity("", Measurand.LOAD),),
     )
     assert len(by_hand.uncobs(encode_message(minimal, 0)[:-1])) == 108 + 7
-
-
-def test_no_line_of_prose_occurs_twice() -> None:
-    text = re.sub(
-        r"^```.*?^```", "", by_hand.DOCUMENT.read_text(encoding="utf-8"), flags=re.M | re.S
-    )
-    lines = [line for line in text.splitlines() if len(line) > 30 and not line.startswith("|")]
-    assert [line for line in lines if lines.count(line) > 1] == []

@@ -7,7 +7,7 @@ from pfwd_device.setup import DeviceSetup, read_device_setup
 from pfwd_device.wire.registry import BUILT_IN, DEFAULT, all_dialects, dialect_names, find_dialect
 
 
-def test_each_dialect_has_the_name_that_it_is_found_by() -> None:
+def test_each_dialect_is_registered_under_its_name() -> None:
     for name, entry in BUILT_IN.items():
         assert find_dialect(name) is entry
         assert entry.name == name
@@ -15,12 +15,12 @@ def test_each_dialect_has_the_name_that_it_is_found_by() -> None:
     assert dialect_names()[: len(BUILT_IN)] == tuple(BUILT_IN)
 
 
-def test_nothing_declared_is_the_binary_protocol() -> None:
+def test_the_default_dialect_is_the_binary_protocol() -> None:
     assert DEFAULT == "pfwd"
     assert DeviceSetup().make_dialect().name == "pfwd"
 
 
-def test_a_dialect_that_nobody_has_is_refused_with_those_there_are() -> None:
+def test_an_unregistered_dialect_is_refused() -> None:
     assert find_dialect("morse") is None
     with pytest.raises(SetupError, match=r'dialect: expected "pfwd" or "ascii".*morse'):
         read_device_setup({"link": {"dialect": "morse"}}, "setup.toml")

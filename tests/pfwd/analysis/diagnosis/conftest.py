@@ -10,8 +10,10 @@ import pytest
 
 from inversion.diagnosis.findings import PointDiagnosis
 from inversion.diagnosis.model import PointRecords
+from inversion.inference import structures
 from inversion.inference.diagnose import diagnose_point
 from inversion.inference.population import InstrumentKnowledge
+from inversion.inference.structures import Structure
 from pfwd.files.header import PointSetup
 from pfwd.files.traces import TracePoint, write_traces
 from pfwd_device import Channel, Drop
@@ -30,13 +32,15 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     for number, (modulus, depth) in enumerate([(40e6, 1.0), (70e6, 1.5)]):
         ground = SoilProfile.uniform(modulus, 5e4, 1900.0, 0.35, depth)
         hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
-        found = simulate_drop(ground, Plate(RADIUS, 10.0), hammer, duration=0.05, time_step=1e-4)
+        simulated = simulate_drop(
+            ground, Plate(RADIUS, 10.0), hammer, duration=0.05, time_step=1e-4
+        )
         late = round(DELAY / 1e-4)
-        moved = np.concatenate([np.zeros(200 + late), found.plate_displacement[:-late]])
+        moved = np.concatenate([np.zeros(200 + late), simulated.plate_displacement[:-late]])
         rng = np.random.default_rng(number)
         moved = moved + 5e-4 * moved.max() * rng.standard_normal(moved.size)
-        load = np.concatenate([np.zeros(200), found.load])
-        time = 1e-4 * np.arange(-200, found.load.size)
+        load = np.concatenate([np.zeros(200), simulated.load])
+        time = 1e-4 * np.arange(-200, simulated.load.size)
         drop = Drop(1, time, load, (Channel(0.0, "displacement", moved),))
         setup = PointSetup(
             plate_radius=RADIUS,
@@ -69,6 +73,9 @@ def computed_once(diagnoses: dict[bytes, PointDiagnosis]) -> Iterator[None]:
             diagnoses[key] = diagnose_point(records, library, instrument, **options)
         return replace(diagnoses[key], name=records.name)
 
+    candidates: list[Structure] = [frozenset(), frozenset({"sensor_lag"})]
     with pytest.MonkeyPatch.context() as patch:
+        # The choice among all structures takes most of the time.
+        patch.setattr(structures, "candidate_structures", lambda contexts: candidates)
         patch.setattr("pfwd.analysis.diagnosis.shared_device.diagnose_point", diagnose)
         yield

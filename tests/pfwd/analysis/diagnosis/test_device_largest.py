@@ -12,6 +12,7 @@ from pfwd.analysis.options import AnalysisOptions
 from pfwd.files.header import PointSetup
 from pfwd.files.traces import TracePoint
 from pfwd_device import Drop
+from tests.records import known
 
 Make = Callable[..., Drop]
 
@@ -27,29 +28,22 @@ def cut_off(drop: Drop) -> Drop:
 
 def levels(entries: list[DiagnosisPoint]) -> list[float | None]:
     """Level of a flat top in the load of each point's drop."""
-    found = []
-    for completed in _with_device_largest(entries):
-        assert completed.records is not None
-        (record,) = completed.records.records
-        found.append(flat_load_level(record, 0.0, completed.records.largest_values))
-    return found
+    points = [known(completed.records) for completed in _with_device_largest(entries)]
+    return [flat_load_level(point.records[0], 0.0, point.largest_values) for point in points]
 
 
-def test_the_device_is_what_the_points_share(make_drop: Make) -> None:
-    cut, whole = cut_off(make_drop()), make_drop()
+def test_points_of_a_device_share_their_largest_values(make_drop: Make) -> None:
+    cut, intact = cut_off(make_drop()), make_drop()
     assert levels([entry(cut, "a"), entry(cut, "a")]) == [7000.0, 7000.0]
-    assert levels([entry(cut, "a"), entry(whole, "a")]) == [None, None]
-    assert levels([entry(cut, "a"), entry(whole, "b")]) == [7000.0, None]
+    assert levels([entry(cut, "a"), entry(intact, "a")]) == [None, None]
+    assert levels([entry(cut, "a"), entry(intact, "b")]) == [7000.0, None]
     # Files without a device are surveys of their own.
-    assert levels([entry(cut, None), entry(whole, None)]) == [7000.0, None]
+    assert levels([entry(cut, None), entry(intact, None)]) == [7000.0, None]
 
 
-def test_a_point_has_the_largest_of_the_others_and_not_its_own(make_drop: Make) -> None:
-    peaks = (8000.0, 9000.0, 8500.0)
-    entries = [entry(make_drop(peak=peak), "a") for peak in peaks]
-    others = [
-        completed.records.device_largest[None]
-        for completed in _with_device_largest(entries)
-        if completed.records is not None
-    ]
-    assert others == pytest.approx([9000.0, 8500.0, 9000.0])
+def test_a_point_has_the_largest_value_of_its_peers(make_drop: Make) -> None:
+    entries = [entry(make_drop(peak=peak), "a") for peak in (8000.0, 9000.0, 8500.0)]
+    completed = [known(each.records) for each in _with_device_largest(entries)]
+    assert [each.device_largest[None] for each in completed] == pytest.approx(
+        [9000.0, 8500.0, 9000.0]
+    )

@@ -3,6 +3,7 @@
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from pfwd.export.json_text import json_text
 from pfwd.files.header import PointSetup
 from pfwd.files.traces import TracePoint, write_traces
 from pfwd_device import Channel, Drop
+from tests.pfwd.analysis.diagnosis.conftest import DELAY
 from tests.records import known
 from tui.diagnosis_lines import diagnosis_lines
 
@@ -33,64 +35,73 @@ BUDGET = "[error_budget]\ngain = 0.2\ntilt = 0.01\nclock = 0.02\nlinearity = 0\n
 
 
 @pytest.fixture(scope="module")
-def found(files: list[str], computed_once: None) -> list[Diagnosed]:
-    return list(diagnose_files(files, request=DiagnosisRequest(leave_out="point")))
+def diagnosed(files: list[str], computed_once: None) -> list[DiagnosisResult]:
+    return results(files, leave_out="point")
 
 
-def test_what_belongs_to_the_device_is_fitted_once(found: list[Diagnosed]) -> None:
-    values = set()
-    for one, modulus in zip(found, (40e6, 70e6), strict=True):
-        assert one.result is not None
-        assert one.result.verdict == "explained"
-        low, high = one.result.after.modulus_interval_pa
-        moved = abs(one.result.after.modulus_pa - one.result.before.modulus_pa)
-        assert one.result.corrected is (high - low < moved)
-        lag = next(e for e in one.result.effects or () if e.name == "sensor_lag")
-        values.add(lag.value)
-        assert lag.value == pytest.approx(6e-4, abs=2e-5)
-        assert one.result.after.modulus_pa == pytest.approx(modulus, rel=0.012)
+def results(files: list[str], **options: Any) -> list[DiagnosisResult]:
+    request = DiagnosisRequest(**options)
+    return [known(each.result) for each in diagnose_files(files, request=request)]
+
+
+def lag_of(result: DiagnosisResult) -> float:
+    (effect,) = [effect for effect in result.effects or () if effect.name == "sensor_lag"]
+    return known(effect.value)
+
+
+def moduli(result: DiagnosisResult) -> list[float]:
+    """Moduli without effects and with them."""
+    return [known(known(state).modulus_pa) for state in (result.before, result.after)]
+
+
+def test_an_effect_of_the_device_is_fitted_once_for_all_points(
+    diagnosed: list[DiagnosisResult],
+) -> None:
+    for result, modulus in zip(diagnosed, (40e6, 70e6), strict=True):
+        assert result.verdict == "explained"
         # The delay is an unknown of the fit without effects, too.
-        assert one.result.before.modulus_pa == pytest.approx(modulus, rel=0.012)
-    assert len(values) == 1
+        assert moduli(result) == pytest.approx([modulus] * 2, rel=0.012)
+        low, high = known(known(result.after).modulus_interval_pa)
+        before, after = moduli(result)
+        assert low <= after <= high
+        assert result.corrected is (high - low < abs(after - before))
+    (lag,) = set(map(lag_of, diagnosed))
+    assert lag == pytest.approx(DELAY, abs=2e-5)
 
 
-def test_a_point_is_predicted_by_the_others_of_its_device(found: list[Diagnosed]) -> None:
-    assert found[0].result is not None
-    record = found[0].result.to_json()
-    after_alone = {"stress_pa", "modulus_100kpa_pa", "discrepancy_over_peak"}
-    after_alone |= {"discrepancy_interval_over_peak"}
-    assert set(record["after"]) - set(record["before"]) == after_alone
+def test_a_point_is_predicted_by_its_peers_of_the_device(
+    diagnosed: list[DiagnosisResult],
+) -> None:
+    record = diagnosed[0].to_json()
+    only_after = {"stress_pa", "modulus_100kpa_pa", "discrepancy_over_peak"}
+    only_after |= {"discrepancy_interval_over_peak"}
+    assert set(record["after"]) - set(record["before"]) == only_after
     (part,) = record["held_out"]["by"]
     assert set(part) - {"name"} == set(record["held_out"]) - {"mode", "by"}
-    low, high = record["after"]["modulus_interval_pa"]
-    assert low <= record["after"]["modulus_pa"] <= high
     # The two files are one device's: its effects are transferred, the ground is fitted.
     assert "modulus (ground)" in record["held_out"]["fitted"]
     assert record["held_out"]["scaled_record"] is None
     assert record["held_out"]["after"] < 0.001
-    text = "\n".join(diagnosis_lines(found[0].result))
+    text = "\n".join(diagnosis_lines(diagnosed[0]))
     assert "EXPLAINED" in text
     assert "sensor_lag" in text
 
 
-def test_device_effects_are_kept_and_applied(
-    found: list[Diagnosed], files: list[str], tmp_path: Path
+def test_device_effects_are_written_and_applied(
+    diagnosed: list[DiagnosisResult], files: list[str], tmp_path: Path
 ) -> None:
-    assert device_of(found) == "late unit"
+    device = [Diagnosed(file, result) for file, result in zip(files, diagnosed, strict=True)]
+    assert device_of(device) == "late unit"
     path = tmp_path / "D.toml"
-    write_device_file(path, found, "late unit")
+    write_device_file(path, device, "late unit")
     values = read_device(path)[0]
-    assert values["sensor_lag"]["delay"] == pytest.approx(6e-4, abs=2e-5)
-    (again,) = diagnose_files(files[:1], request=DiagnosisRequest(device=values))
-    assert again.result is not None
-    assert again.result.after.modulus_pa == pytest.approx(40e6, rel=0.012)
-    assert [effect.name for effect in again.result.effects or ()] == ["sensor_lag"]
-    assert found[0].result is not None
-    before = found[0].result.before.modulus_pa
-    assert again.result.before.modulus_pa == pytest.approx(before)
+    assert values["sensor_lag"]["delay"] == pytest.approx(DELAY, abs=2e-5)
+    (with_device,) = results(files[:1], device=values)
+    assert [effect.name for effect in with_device.effects or ()] == ["sensor_lag"]
+    assert moduli(with_device) == pytest.approx([moduli(diagnosed[0])[0], 40e6], rel=0.012)
 
 
-def test_files_of_two_devices_cannot_be_one_calibration() -> None:
+def test_files_of_two_devices_give_no_calibration() -> None:
     two = [Diagnosed(name, DiagnosisResult(device=f"device {name}")) for name in ("a", "b")]
     with pytest.raises(OptionError, match=r"--write-device: expected files of one device"):
         device_of(two)
@@ -113,14 +124,11 @@ def test_files_of_two_devices_cannot_be_one_calibration() -> None:
 )
 def test_a_wrong_device_file_is_refused(text: str, message: str, tmp_path: Path) -> None:
     path = tmp_path / "D.toml"
+    with pytest.raises(OptionError, match=r"--device .*a readable TOML file"):
+        read_device(path)
     path.write_text(text, encoding="utf-8")
     with pytest.raises(OptionError, match=message):
-        read_device(path)[0]
-
-
-def test_a_device_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(OptionError, match=r"--device .*a readable TOML file"):
-        read_device(tmp_path / "none.toml")[0]
+        read_device(path)
 
 
 def test_a_file_without_a_drop_says_so(tmp_path: Path) -> None:
@@ -129,31 +137,20 @@ def test_a_file_without_a_drop_says_so(tmp_path: Path) -> None:
     drop = Drop(1, time, quiet, (Channel(0.0, "velocity", quiet),))
     path = tmp_path / "quiet.csv"
     write_traces(path, TracePoint(str(path), PointSetup(plate_radius=0.15), (drop,)))
-    (one, other) = diagnose_files([str(path), str(tmp_path / "none.csv")])
-    assert one.result is not None
-    assert one.result.drops == ()
-    assert (one.result.effects or ())[0].name == "false_trigger"
-    assert other.error is not None
+    (quiet, missing) = diagnose_files([str(path), str(tmp_path / "none.csv")])
+    assert quiet.result.drops == ()
+    assert (quiet.result.effects or ())[0].name == "false_trigger"
+    assert missing.error is not None
 
 
-def test_what_is_given_of_the_device_may_move_by_its_deviation(files: list[str]) -> None:
+def test_a_declared_device_effect_moves_within_its_deviation(files: list[str]) -> None:
     wrong = {"sensor_lag": {"delay": 4.5e-4}}
-    (held,) = diagnose_files(files[:1], request=DiagnosisRequest(device=wrong))
-    movable = DiagnosisRequest(device=wrong, spread={"sensor_lag": {"delay": 1e-4}})
-    (moved,) = diagnose_files(files[:1], request=movable)
-    assert held.result is not None
-    assert moved.result is not None
-
-    def lag(result: DiagnosisResult) -> float:
-        (effect,) = [e for e in result.effects or () if e.name == "sensor_lag"]
-        assert effect.value is not None
-        return effect.value
-
-    assert lag(held.result) == 4.5e-4
-    assert lag(moved.result) == pytest.approx(6e-4, abs=3e-5)
-    for result in (held.result, moved.result):
-        assert result.after is not None
-        assert result.after.modulus_pa == pytest.approx(40e6, rel=0.012)
+    (fixed,) = results(files[:1], device=wrong)
+    (moved,) = results(files[:1], device=wrong, spread={"sensor_lag": {"delay": 1e-4}})
+    assert lag_of(fixed) == 4.5e-4
+    assert lag_of(moved) == pytest.approx(DELAY, abs=3e-5)
+    for result in (fixed, moved):
+        assert moduli(result)[1] == pytest.approx(40e6, rel=0.012)
 
 
 def test_the_deviations_of_a_device_file_are_read(tmp_path: Path) -> None:
@@ -172,11 +169,11 @@ def test_the_interval_after_has_the_error_budget_of_the_device(
 ) -> None:
     path = tmp_path / "d.toml"
     path.write_text(BUDGET, encoding="utf-8")
-    (one,) = diagnose_files(files[:1], request=DiagnosisRequest(device=read_device(path)[0]))
-    states = known(one.result).after, known(one.result).before
-    after, before = (
+    (result,) = results(files[:1], device=read_device(path)[0])
+    before, after = (
         math.log(high / low) / 2
-        for low, high in (known(known(state).modulus_interval_pa) for state in states)
+        for state in (result.before, result.after)
+        for low, high in [known(known(state).modulus_interval_pa)]
     )
     budget = math.hypot(0.2, 0.01, 0.02)
     assert budget < after < 1.1 * budget
@@ -188,20 +185,15 @@ def test_a_gain_in_a_device_file_is_a_calibration() -> None:
         return InstrumentKnowledge.from_values(values, None).modulus_error
 
     gain, lag = {"sensor_gain": {"factor": 1.1}}, {"sensor_lag": {"delay": 1e-4}}
-    assert error(gain | lag) == CALIBRATED_ERROR
-    assert error(lag) is None
+    assert (error(gain | lag), error(lag)) == (CALIBRATED_ERROR, None)
     budget = {"error_budget": {"gain": 0.03, "tilt": 0.04, "clock": 0.0, "linearity": 0.0}}
     assert error(gain | budget) == pytest.approx(0.05)
-    assert InstrumentKnowledge.from_values(lag | budget, None).declared_effects == lag
 
 
-def test_a_list_of_points_of_one_device_is_one_survey(
-    found: list[Diagnosed], files: list[str]
+def test_a_list_of_points_of_a_device_is_a_survey(
+    diagnosed: list[DiagnosisResult], files: list[str]
 ) -> None:
     diagnoses = pfwd.diagnose([pfwd.read(file)[0] for file in files])
-    for diagnosis, one in zip(diagnoses, found, strict=True):
-        assert one.result is not None
-        expected = one.result.to_json()
-        # Each has a single drop.
-        assert diagnosis["held_out"] is None
-        assert diagnosis["effects"] == json.loads(json_text(expected))["effects"]
+    for diagnosis, result in zip(diagnoses, diagnosed, strict=True):
+        assert diagnosis["held_out"] is None  # each has a single drop
+        assert diagnosis["effects"] == json.loads(json_text(result.to_json()))["effects"]

@@ -32,7 +32,7 @@ RADIUS, MASS, STEP, BEFORE, NOISE = 0.15, 12.0, 1e-4, 200, 1e-3
 
 
 @pytest.fixture(autouse=True)
-def one_structure(monkeypatch: pytest.MonkeyPatch) -> None:
+def single_structure(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the choice of the structure out, which takes most of the time."""
     base: Structure = frozenset({"sensor_lag", "plate_inertia"})
     monkeypatch.setattr(structures, "candidate_structures", lambda contexts: [base])
@@ -58,18 +58,23 @@ def point() -> DiagnosisPoint:
 
 
 def held_out(points: list[DiagnosisPoint], **options: Any) -> list[HeldOut | None]:
-    found: list[Diagnosed] = list(diagnose_entries(points, DiagnosisRequest(**options)))
-    return [one.result.held_out for one in found if one.result is not None]
+    prediction: list[Diagnosed] = list(diagnose_entries(points, DiagnosisRequest(**options)))
+    return [each.result.held_out for each in prediction if each.result is not None]
+
+
+def with_last_deflection(point: DiagnosisPoint, values: FloatArray) -> DiagnosisPoint:
+    records = known(point.records)
+    *rest, last = records.records
+    sensors = (replace(last.sensors[0], values=values),)
+    return replace(point, records=replace(records, records=(*rest, replace(last, sensors=sensors))))
 
 
 def with_noise(point: DiagnosisPoint) -> DiagnosisPoint:
     """Return the point with noise in place of the deflections of its last drop."""
-    assert point.records is not None
-    *others, last = point.records.records
-    noise = 1e-4 * np.random.default_rng(7).standard_normal(last.time.size)
-    sensors = (replace(last.sensors[0], values=noise),)
-    records = replace(point.records, records=(*others, replace(last, sensors=sensors)))
-    return replace(point, records=records)
+    noise = 1e-4 * np.random.default_rng(7).standard_normal(
+        known(point.records).records[1].time.size
+    )
+    return with_last_deflection(point, noise)
 
 
 def test_the_prediction_of_the_next_drop_does_not_change_by_a_bit_with_its_deflections(
@@ -84,22 +89,19 @@ def test_the_prediction_of_the_next_drop_does_not_change_by_a_bit_with_its_defle
 
     monkeypatch.setattr(DropPredictor, "next_drop", next_drop)
     # The other point has one drop: nothing is held out there, and its fit is a prior.
-    assert point.records is not None
-    first = replace(
-        point.records, records=point.records.records[:1], numbers=point.records.numbers[:1]
-    )
+    records = known(point.records)
+    first = replace(records, records=records.records[:1], numbers=records.numbers[:1])
     single = replace(point, point="B", records=first)
     errors = []
-    for one in (point, with_noise(point)):
-        found, nothing = held_out([one, single], leave_out="next")
-        assert found is not None
-        assert nothing is None
-        assert (found.mode, found.fitted) == ("next", ())
-        assert [part.name for part in found.by or ()] == ["drop 2"]
-        errors.append(found.after)
-    before, after, other_before, other_after = traces
-    assert np.array_equal(before, other_before)
-    assert np.array_equal(after, other_after)
+    for each in (point, with_noise(point)):
+        prediction, absent = held_out([each, single], leave_out="next")
+        assert absent is None
+        assert (prediction.mode, prediction.fitted) == ("next", ())
+        assert [part.name for part in prediction.by or ()] == ["drop 2"]
+        errors.append(prediction.after)
+    before, after, second_before, second_after = traces
+    assert np.array_equal(before, second_before)
+    assert np.array_equal(after, second_after)
     assert errors[0] == pytest.approx(NOISE, rel=0.3)
     assert errors[1] > 0.3
 
@@ -107,79 +109,68 @@ def test_the_prediction_of_the_next_drop_does_not_change_by_a_bit_with_its_defle
 def test_the_error_of_a_predicted_peak_is_that_to_expect_at_another_point(
     point: DiagnosisPoint,
 ) -> None:
-    assert point.records is not None
-    first, last = point.records.records
-    moved = last.sensors[0].values
-    lower = replace(last, sensors=(replace(last.sensors[0], values=0.95 * moved),))
-    other = replace(point, point="B", records=replace(point.records, records=(first, lower)))
-    found = held_out([point, other], leave_out="next")
-    errors = [known(known(held).by)[0].peak_error for held in found if held is not None]
+    moved = known(point.records).records[1].sensors[0].values
+    second = replace(with_last_deflection(point, 0.95 * moved), point="B")
+    prediction = held_out([point, second], leave_out="next")
+    errors = [known(known(held).by)[0].peak_error for held in prediction if held is not None]
     # Each point is predicted to harden as much as the other one does.
     assert errors == [pytest.approx(1 / 0.95 - 1, abs=0.01), pytest.approx(-0.05, abs=0.01)]
-    for held, error in zip(found, reversed(errors), strict=True):
-        assert held is not None
+    for held, error in zip(prediction, reversed(errors), strict=True):
         assert held.peak_error_points == 1
         assert np.log1p(held.largest_peak_error) == pytest.approx(abs(np.log1p(error)))
 
 
 @pytest.mark.parametrize(("mode", "names"), [("next", ["drop 2"]), ("drop", ["drop 1", "drop 2"])])
-def test_one_number_is_listed_for_each_held_out_drop(
+def test_each_held_out_drop_has_its_errors(
     point: DiagnosisPoint, mode: LeaveOut, names: list[str]
 ) -> None:
-    (found,) = held_out([point], leave_out=mode, allow="stiffness")
-    assert found is not None
-    parts = found.by or ()
+    (prediction,) = held_out([point], leave_out=mode, allow="stiffness")
+    parts = prediction.by or ()
     assert [part.name for part in parts] == names
     assert [part.fitted for part in parts] == [(f"stiffness ({name})",) for name in names]
-    assert found.fitted == tuple(f"stiffness ({name})" for name in names)
+    assert prediction.fitted == tuple(f"stiffness ({name})" for name in names)
     scaled = [part.scaled_record for part in parts]
     # The first drop has no preceding record.
     assert [value is None for value in scaled] == [name == "drop 1" for name in names]
-    assert found.scaled_record == scaled[-1]
+    assert prediction.scaled_record == scaled[-1]
     for key in ("before", "after", "contact_before", "contact_after"):
         errors = [getattr(part, key) for part in parts]
-        assert getattr(found, key) == pytest.approx(np.sqrt(np.mean(np.square(errors))))
+        assert getattr(prediction, key) == pytest.approx(np.sqrt(np.mean(np.square(errors))))
 
 
-def test_without_the_option_the_last_drop_is_predicted_by_the_others_of_its_point(
+def test_the_last_drop_of_a_point_is_predicted_by_default(
     point: DiagnosisPoint,
 ) -> None:
-    (found,) = held_out([point])
-    assert found is not None
-    assert found.mode == "next"
-    assert [part.name for part in found.by or ()] == ["drop 2"]
-    assert found.is_prediction == ("choice of effects" not in (found.fitted or ()))
+    (part,) = map(known, held_out([point]))
+    assert (part.mode, [each.name for each in part.by or ()]) == ("next", ["drop 2"])
+    assert part.is_prediction == ("choice of effects" not in (part.fitted or ()))
 
 
 def test_a_point_that_cannot_be_predicted_without_a_part_says_so(
     point: DiagnosisPoint, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     request = DiagnosisRequest(leave_out="drop")
-    found: DiagnosisByPoint = diagnose_points([point], request, Workers(1))
+    prediction: DiagnosisByPoint = diagnose_points([point], request, Workers(1))
 
     def refuse(*arguments: Any) -> None:
         raise RecordError("no load")
 
     monkeypatch.setattr(hold_out, "held_out_error", refuse)
-    (diagnosis,) = hold_out.with_predictions([point], found, request, Workers(1)).values()
+    (diagnosis,) = hold_out.with_predictions([point], prediction, request, Workers(1)).values()
     assert isinstance(diagnosis, PointDiagnosis)
     assert diagnosis.held_out is None
-    assert tuple(map(text_of, diagnosis.warnings[-2:])) == (
-        "nothing is predicted without part 1 (drop): no load",
-        "nothing is predicted without part 2 (drop): no load",
-    )
+    texts = [text_of(warning) for warning in diagnosis.warnings[-2:]]
+    assert all(f"part {n} (drop): no load" in text for n, text in enumerate(texts, 1))
 
 
-def test_points_without_a_device_are_of_one_instrument_if_plate_and_sensors_agree(
+def test_points_without_a_device_share_an_instrument_if_plate_and_sensors_agree(
     point: DiagnosisPoint,
 ) -> None:
-    assert point.records is not None
+    records = known(point.records)
     undeclared = replace(point, device=None)
-    other_plate = [
-        replace(record, instrument=replace(record.instrument, plate_radius=0.1))
-        for record in point.records.records
-    ]
-    smaller = replace(undeclared, records=replace(point.records, records=tuple(other_plate)))
+    plate = replace(records.records[0].instrument, plate_radius=0.1)
+    rest = tuple(replace(record, instrument=plate) for record in records.records)
+    smaller = replace(undeclared, records=replace(records, records=rest))
     assert instrument_of(undeclared) == instrument_of(replace(undeclared, file="b.csv"))
     assert instrument_of(undeclared) != instrument_of(smaller)
     assert instrument_of(point) == instrument_of(replace(smaller, device="unit"))

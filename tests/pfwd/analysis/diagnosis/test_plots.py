@@ -1,4 +1,4 @@
-"""What the picture of diagnoses says of each point."""
+"""Titles and labels of the plots of a diagnosis."""
 
 from __future__ import annotations
 
@@ -18,18 +18,10 @@ STATE = state_of("layer", 45.3e6, 2e6, (41e6, 50e6), 1e-6, 9.0, 0.017, 0.02, 1e5
 
 
 def diagnosed(before: FittedState, point: str | None, *effects: EffectResult) -> DiagnosisResult:
+    states = {"before": before, "after": STATE}
     return DiagnosisResult(
-        file="folder/S",
-        point=point,
-        verdict="unexplained",
-        before=before,
-        after=STATE,
-        effects=effects,
+        file="folder/S", point=point, verdict="unexplained", effects=effects, **states
     )
-
-
-def effect(name: str, evidence: float) -> EffectResult:
-    return effect_of(name, "device", "", (), evidence, ())
 
 
 @pytest.mark.parametrize(("point", "title"), [("km 3+200", "km 3+200"), (None, "S")])
@@ -39,35 +31,29 @@ def test_a_row_has_the_name_of_its_point(point: str | None, title: str) -> None:
     assert axis.get_title() == f"{title}: unexplained"
 
 
-def known(modulus: float | None, interval: tuple[float, float] | None) -> FittedState:
-    return replace(STATE, modulus_pa=modulus, modulus_interval_pa=interval)
-
-
 @pytest.mark.parametrize(
-    ("before", "modulus"),
+    ("modulus", "interval", "text"),
     [
-        (
-            replace(STATE, modulus_pa=50.2e6, modulus_interval_pa=(24e6, 106e6)),
-            "E 50 MPa (24 to 106)",
-        ),
-        (
-            replace(STATE, modulus_pa=None, modulus_interval_pa=(0.4e6, 5e6)),
-            "E left open (0.40 to 5.0 MPa)",
-        ),
-        (known(None, None), "E -"),
-        (known(None, (8e-18, 7e11)), "E left open"),
+        (50.2e6, (24e6, 106e6), "E 50 MPa (24 to 106)"),
+        (None, (0.4e6, 5e6), "E left open (0.40 to 5.0 MPa)"),
+        (None, None, "E -"),
+        (None, (8e-18, 7e11), "E left open"),
     ],
 )
-def test_a_ladder_tells_moduli_with_their_intervals_and_what_is_left(
-    before: FittedState, modulus: str
+def test_a_ladder_shows_moduli_with_their_intervals_and_residuals(
+    modulus: float | None, interval: tuple[float, float] | None, text: str
 ) -> None:
     axis: Any = Figure().subplots()
-    left = replace(before, residual_rms_over_peak=1.0352)
-    _draw_ladder(
-        axis, diagnosed(left, "A", effect("rebound", 50.0), effect("sensor_lag", math.nan))
+    before = replace(
+        STATE, modulus_pa=modulus, modulus_interval_pa=interval, residual_rms_over_peak=1.0352
     )
+    effects = [
+        effect_of(name, "device", "", (), evidence, ())
+        for name, evidence in (("rebound", 50.0), ("sensor_lag", math.nan))
+    ]
+    _draw_ladder(axis, diagnosed(before, "A", *effects))
     first, second = axis.get_title().split("\n")
-    assert first == f"base model {modulus}, residual 104 %"
+    assert first == f"base model {text}, residual 104 %"
     assert second == "all effects E 45 MPa (41 to 50), residual 1.7 %"
     names = [label.get_text() for label in axis.get_yticklabels()]
     assert names == ["rebound", "sensor lag (shared by the points)"]

@@ -10,7 +10,7 @@ import pytest
 import pfwd
 from inversion import InversionError
 from pfwd.analysis.diagnosis import shared_device
-from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_files
+from pfwd.analysis.diagnosis.diagnose import diagnose_files
 from pfwd.analysis.diagnosis.entries import DiagnosisRequest, entry_of, questions_of
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.result_store import last_diagnosis, store_diagnoses
@@ -28,13 +28,10 @@ from pfwd.judging import point_views
 from pfwd.report.gathering import ReportOptions, gather
 from pfwd.scripting.measured import points_of as points_of_data
 from pfwd_device.recording import read_survey
+from tests.records import known
 
 pytestmark = pytest.mark.usefixtures("computed_once")
 STORED = DiagnosisRequest(use_stored=True)
-
-
-def told(found: list[Diagnosed]) -> list[tuple[int, DiagnosisResult]]:
-    return [(it.number, it.result) for it in found if it.number is not None and it.result]
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +50,7 @@ def survey(made: Path, tmp_path: Path) -> Path:
 
 
 def holding(folder: Path) -> list[DiagnosisResult | None]:
-    """By point: the diagnosis that is of its drops as they are now."""
+    """Return the diagnosis in force of each point."""
     return [point.diagnosis_in_force for point in point_views(read_survey(folder))]
 
 
@@ -61,12 +58,18 @@ def test_the_same_question_is_answered_from_the_survey(
     survey: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pfwd.analysis.diagnosis.shared_device.diagnose_point", None)
-    found = list(diagnose_files([str(survey)], request=STORED))
-    assert [it.result.stored for it in found if it.result] == [True, True]
-    assert [it.result.verdict for it in found if it.result] == ["explained", "explained"]
-    assert [it.result.file for it in found if it.result] == [str(survey)] * 2
-    assert store_diagnoses(str(survey), told(found)) is None
+    diagnosed = list(diagnose_files([str(survey)], request=STORED))
+    results = [known(it.result) for it in diagnosed]
+    assert {(it.stored, it.verdict, it.file) for it in results} == {
+        (True, "explained", str(survey))
+    }
+    numbered = [(known(it.number), known(it.result)) for it in diagnosed]
+    assert store_diagnoses(str(survey), numbered) is None
     assert len(list((survey / "results").glob("diagnosis-*"))) == 2
+    for point in read_survey(survey).points:
+        stored = known(last_diagnosis(point))
+        assert known(stored.software).startswith("pfwd ")
+        assert (len(known(stored.question)), len(known(stored.basis))) == (32, 16)
 
 
 def at_diagnosed_samples(curves: TimeHistories, step: float | None) -> TimeHistories:
@@ -79,25 +82,24 @@ def at_diagnosed_samples(curves: TimeHistories, step: float | None) -> TimeHisto
 def test_a_report_draws_the_fit_whose_residual_it_states(survey: Path) -> None:
     name = read_survey(survey).points[0].name
     (point,) = gather(survey, ReportOptions(diagnose=False, store=False, point=name)).points
-    diagnosis = point.counting_diagnosis
-    assert diagnosis is not None
+    diagnosis = known(point.counting_diagnosis)
     assert "fits" not in diagnosis.to_json()
     step = diagnosis.fit_of(point.drops[-1].number).step_s
     curves = [drop.curves for drop in point.drops if drop.curves is not None]
     assert len(curves) == len(diagnosis.drops or ()) > 0
     assert all(drop.result and drop.result.modulus_pa is None for drop in point.drops)
-    for state, name in ((diagnosis.before, "before"), (diagnosis.after, "predicted")):
+    before, after = (
+        known(state).residual_rms_over_peak for state in (diagnosis.before, diagnosis.after)
+    )
+    for residual, name in ((before, "before"), (after, "predicted")):
         squares = [
             ((getattr(drawn, name) - drawn.observed) / drawn.peaks[:, None])[:, drawn.time >= 0]
             for drawn in (at_diagnosed_samples(drawn, step) for drawn in curves)
         ]
         drawn = np.sqrt(np.mean([np.mean(of_drop**2) for of_drop in squares]))
-        assert state is not None
-        assert drawn == pytest.approx(state.residual_rms_over_peak, rel=1e-3)
-    in_table = [drop.result and drop.result.residual_rms_over_peak for drop in point.drops]
-    assert np.sqrt(np.mean(np.square(in_table))) == pytest.approx(
-        diagnosis.after and diagnosis.after.residual_rms_over_peak, rel=1e-9
-    )
+        assert drawn == pytest.approx(residual, rel=1e-3)
+    in_table = [known(drop.result).residual_rms_over_peak for drop in point.drops]
+    assert np.sqrt(np.mean(np.square(in_table))) == pytest.approx(after, rel=1e-9)
 
 
 def test_a_script_gets_the_stored_diagnoses(survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -112,16 +114,15 @@ def test_a_script_gets_the_stored_diagnoses(survey: Path, monkeypatch: pytest.Mo
     # One of its drops is another request.
     (point,) = points_of_data(opened.points[1].drops[-1], None, {})
     entry = entry_of(point.file, point, AnalysisOptions())
-    assert entry.last is not None
-    assert entry.last.drop == opened.points[1].drops[-1].number
+    assert known(entry.last).drop == opened.points[1].drops[-1].number
 
 
-def test_the_next_run_goes_on_where_one_was_stopped(
+def test_a_run_continues_after_an_interrupted_run(
     survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two points of a device take four diagnoses: each by itself, and each with the other one."""
     monkeypatch.setenv("PFWD_CACHE", str(tmp_path))
-    whole = [it.result for it in diagnose_files([str(survey)], request=STORED)]
+    uninterrupted = [it.result for it in diagnose_files([str(survey)], request=STORED)]
     calls, count = 0, 3
     diagnose_point = shared_device.diagnose_point
 
@@ -142,15 +143,12 @@ def test_the_next_run_goes_on_where_one_was_stopped(
     assert len(list((survey / "results").glob("diagnosis-*"))) == 2
     files[0].write_bytes(files[0].read_bytes()[:100])  # a damaged one is computed again
     calls = 10
-    found = [it.result for it in diagnose_files([str(survey)])]
+    diagnosed = [it.result for it in diagnose_files([str(survey)])]
     assert calls == 10 + 4 - count + 1
-    for result, expected in zip(found, whole, strict=True):
-        assert result is not None
-        assert expected is not None
+    for result, expected in zip(map(known, diagnosed), map(known, uninterrupted), strict=True):
         assert (result.question, result.verdict) == (expected.question, expected.verdict)
-        assert result.after is not None
-        assert expected.after is not None
-        assert result.after.modulus_pa == pytest.approx(expected.after.modulus_pa, rel=1e-9)
+        modulus = known(expected.after).modulus_pa
+        assert known(result.after).modulus_pa == pytest.approx(modulus, rel=1e-9)
         assert len(result.effects or ()) == len(expected.effects or ()) > 0
     assert list((tmp_path / "diagnoses").iterdir()) == []
 
@@ -159,21 +157,14 @@ def test_another_process_answers_from_the_survey_with_the_same_records(survey: P
     with Jobs() as jobs:
         pairs, _ = jobs.submit(diagnose_file, str(survey)).result()
     diagnoses = [diagnosis for _, diagnosis in pairs]
-    here = [it.result for it in diagnose_files([str(survey)], request=STORED) if it.result]
-    assert [json_text(it.to_json()) for it in diagnoses] == [json_text(it.to_json()) for it in here]
+    stored = [it.result for it in diagnose_files([str(survey)], request=STORED) if it.result]
+    assert [json_text(it.to_json()) for it in diagnoses] == [
+        json_text(it.to_json()) for it in stored
+    ]
     assert [diagnosis.stored for diagnosis in diagnoses] == [True, True]
 
 
-def test_a_kept_diagnosis_says_what_made_it(survey: Path) -> None:
-    for point in read_survey(survey).points:
-        kept = last_diagnosis(point)
-        assert kept is not None
-        assert str(kept.software).startswith("pfwd ")
-        assert len(kept.question or "") == 32
-        assert len(kept.basis or "") == 16
-
-
-def test_points_of_one_device_are_one_question(survey: Path) -> None:
+def test_points_of_a_device_share_a_question(survey: Path) -> None:
     entries = [
         entry_of(str(survey), trace, AnalysisOptions())
         for point in read_survey(survey).points
@@ -184,34 +175,29 @@ def test_points_of_one_device_are_one_question(survey: Path) -> None:
     assert len(set(both)) == 2
     assert questions_of(entries[:1], plain)[0] != both[0]
     assert questions_of(entries[::-1], plain) == both[::-1]
-    for other in (
+    for request in (
         DiagnosisRequest(device={"sensor_lag": {"delay": 1e-4}}),
         DiagnosisRequest(leave_out="drop"),
     ):
-        assert questions_of(entries, other)[0] != both[0]
+        assert questions_of(entries, request)[0] != both[0]
 
 
 def test_a_diagnosis_holds_while_its_point_is_as_it_was(survey: Path) -> None:
     name = read_survey(survey).points[0].name
-    assert all(found is not None for found in holding(survey))
     edit_survey(survey, [Edit("note", "wet")], point=name)
-    assert all(found is not None for found in holding(survey))
+    assert None not in holding(survey)
     edit_survey(survey, [Edit("declared", {"plate_mass_kg": 12.0})], point=name)
-    first, second = holding(survey)
-    assert first is None
-    assert second is not None
+    assert [diagnosis is None for diagnosis in holding(survey)] == [True, False]
     edit_survey(survey, [Edit("discard")], point=read_survey(survey).points[1].name, drop=1)
     assert holding(survey) == [None, None]
 
 
 def test_diagnoses_go_into_an_exported_survey(survey: Path, tmp_path: Path) -> None:
     export_survey(survey, "survey", tmp_path / "s.pfwdz")
-    for here, there in zip(
+    for stored, exported in zip(
         read_survey(survey).points, survey_content(tmp_path / "s.pfwdz").points, strict=True
     ):
-        kept = last_diagnosis(here)
-        assert kept is not None
-        assert last_diagnosis(there) == kept
+        assert last_diagnosis(exported) == known(last_diagnosis(stored))
 
 
 def test_progress_counts_points(files: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -221,10 +207,11 @@ def test_progress_counts_points(files: list[str], monkeypatch: pytest.MonkeyPatc
         raise InversionError("refused")
 
     monkeypatch.setattr(name, refuse)
-    seen: list[tuple[str, str, int, int]] = []
-    request = DiagnosisRequest(progress=lambda *report: seen.append(report))
-    found = diagnose_files(files, request=request)
-    assert [it.error for it in found] == [f"{file}: refused" for file in files]
+    reports: list[tuple[str, str, int, int]] = []
+    request = DiagnosisRequest(progress=lambda *report: reports.append(report))
+    diagnosed = diagnose_files(files, request=request)
+    assert [it.error for it in diagnosed] == [f"{file}: refused" for file in files]
     kinds = ("each point by itself", "with what other points show")
-    names = [*files, ""]
-    assert seen == [(kind, name, done, 2) for kind in kinds for done, name in enumerate(names)]
+    assert reports == [
+        (kind, name, count, 2) for kind in kinds for count, name in enumerate([*files, ""])
+    ]

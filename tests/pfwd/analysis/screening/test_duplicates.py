@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from inversion import InversionError, Record, Settings, SurrogateLibrary
-from inversion.notices import text_of
+from inversion.notices import Notice
 from pfwd.analysis import analyse
 from pfwd.analysis.analyse import analyse_point
 from pfwd.analysis.diagnosis.entries import entry_of
@@ -18,7 +18,7 @@ from pfwd.files.reading import read_points
 from pfwd.files.traces import TracePoint
 from pfwd_device import Drop
 
-SAME = "its samples are those of drop 1, number for number"
+SAME = Notice("samples-copied", {"drop": 1})
 QUICK = AnalysisOptions(method="posterior", bedrock_depth="none")
 
 
@@ -35,17 +35,14 @@ def point(make_drop: Callable[..., Drop]) -> TracePoint:
     return TracePoint("f", PointSetup(plate_radius=0.15), drops)
 
 
-def test_every_copy_of_a_measured_drop_is_found(point: TracePoint) -> None:
-    found = duplicate_drops(point.drops, screen_point(point))
-    assert {index: text_of(reason) for index, reason in found.items()} == {1: SAME, 3: SAME}
+def test_every_copy_of_a_measured_drop_is_detected(point: TracePoint) -> None:
+    assert duplicate_drops(point.drops, screen_point(point)) == {1: SAME, 3: SAME}
 
 
 def test_a_drop_that_is_not_measured_is_no_original(point: TracePoint) -> None:
     seating = replace(point, setup=replace(point.setup, seating_drops=1))
-    found = duplicate_drops(seating.drops, screen_point(seating))
-    assert {i: text_of(reason) for i, reason in found.items()} == {
-        3: SAME.replace("drop 1", "drop 2")
-    }
+    copy = Notice("samples-copied", {"drop": 2})
+    assert duplicate_drops(seating.drops, screen_point(seating)) == {3: copy}
 
 
 def test_copies_count_once_in_a_joint_inversion(
@@ -65,14 +62,15 @@ def test_copies_count_once_in_a_joint_inversion(
 
 def test_copies_count_once_in_a_diagnosis(point: TracePoint) -> None:
     entry = entry_of("f", point, QUICK)
-    assert entry.records is not None
     assert entry.records.numbers == (1, 3)
     assert entry.left_out == (2, 4)
-    assert tuple(map(text_of, entry.rejected)) == (f"drop 2: {SAME}", f"drop 4: {SAME}")
+    assert [notice.values for notice in entry.rejected] == [
+        {"drop": number, "reason": SAME} for number in (2, 4)
+    ]
 
 
 def test_the_copies_of_an_original(shared: Path) -> None:
     (first, *_) = read_points(shared / "originals/mapview/minidyn-two-points.dynz")
     reasons = duplicate_drops(first.drops, screen_point(first))
-    measured = [found.status for found in screen_point(first)].count("measured")
+    measured = [screening.status for screening in screen_point(first)].count("measured")
     assert len(reasons) == measured - 1
