@@ -3,12 +3,12 @@
 import dataclasses
 import datetime
 import secrets
-from typing import Any, Literal
+from typing import Any
 
 from pfwd.session.buffered_drops import trigger_for
 from pfwd.session.feeds import FeedItem
 from pfwd.session.setup_file import MeasuringSetup
-from pfwd_device.acquisition.driver import Driver
+from pfwd_device.acquisition.driver import CaptureDirection, Driver
 from pfwd_device.errors import DeviceRefused
 from pfwd_device.recording import CaptureWriter
 from pfwd_device.wire.messages import DropOffer, Status
@@ -116,10 +116,10 @@ class LiveFeed:
         self._driver.close()
 
     def _keep(
-        self, _ns: int, _utc: datetime.datetime, direction: Literal["from", "to"], data: bytes
+        self, ns: int, utc: datetime.datetime, direction: CaptureDirection, data: bytes
     ) -> None:
         assert self.captured is not None
-        self.captured.write(direction, data)
+        self.captured.write(direction, data, ns, round(utc.timestamp() * 1e6) * 1000)
 
 
 def random_stream() -> int:

@@ -18,6 +18,7 @@ from pfwd_device.acquisition.decoder import Decoder
 from pfwd_device.acquisition.items import Disconnected, Gap, Samples
 from pfwd_device.recording import CaptureReader, DropRecord, Survey
 from pfwd_device.text import clean
+from pfwd_device.wire.binary import BinaryInstrumentEnd
 from pfwd_device.wire.messages import DropOffer
 
 
@@ -314,15 +315,20 @@ def capture_feed(
 
 def _captured(reader: CaptureReader, decoder: Decoder) -> Iterator[FeedItem | Pause]:
     before: int | None = None
+    messages = BinaryInstrumentEnd()
     for captured in reader:
-        yield Pause(0.0 if before is None else (captured.monotonic_ns - before) * 1e-9)
-        before = captured.monotonic_ns
+        if captured.direction == "message":
+            for message in messages.feed(captured.data):
+                decoder.encode(message)
         if captured.direction != "from":
             continue
+        yield Pause(0.0 if before is None else (captured.monotonic_ns - before) * 1e-9)
+        before = captured.monotonic_ns
         utc = datetime.datetime.fromtimestamp(captured.utc_ns * 1e-9, datetime.UTC)
-        if not captured.data:
-            yield from decoder.cut()
-            yield Disconnected("the connection was lost at this place of the recording", utc)
-        yield from decoder.feed(captured.data, captured.monotonic_ns * 1e-9, utc)
+        if captured.data:
+            yield from decoder.feed(captured.data, captured.monotonic_ns / 1e9, utc)
+            continue
+        yield from decoder.cut()
+        yield Disconnected("the connection was lost at this place of the recording", utc)
     yield from decoder.idle(float("inf"))
     yield Ended()

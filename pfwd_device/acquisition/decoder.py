@@ -19,12 +19,14 @@ from pfwd_device.wire.messages import (
     DropOffer,
     Event,
     EventKind,
+    Hello,
     HostMessage,
     InstrumentMessage,
     Refusal,
     Released,
     SampleBlock,
     SamplesGone,
+    Start,
     Status,
 )
 
@@ -49,12 +51,15 @@ class Decoder:
     url : str
         Port from which the bytes come, which `Connected` reports.
     automatic : bool
-        True: accept each new identity when the first samples follow it, as for recorded bytes.
-        False: the caller checks the identity and calls `accept`.
+        True: accept each new identity when the first samples follow it, as for recorded bytes. Each
+        request for the identity suspends the samples, as the driver does when it sends one.
+        False: the caller checks the identity and calls `suspend` and `accept`.
     """
 
     def __init__(self, dialect: Dialect, url: str = "", *, automatic: bool = True) -> None:
         self.dialect = dialect
+        self.accepts_commands = bool(dialect.encode(Hello()))
+        """True if the instrument can be sent commands."""
         self.url = url
         self.counters = Counters(link=dialect.counters)
         self.clock = DeviceClock()
@@ -63,7 +68,7 @@ class Decoder:
         self._compared_run: tuple[int, Identity] | None = None
         self._rate_reported = False
         self._loss_watch = LossWatch()
-        self.lost_time: float | None = None
+        self._lost_time: float | None = None
         """Time of samples that were lost unnoticed, s, until the caller has handled it."""
         self.transfers = DropTransfers(self.counters)
         """Transfers of the drops that the instrument detects itself."""
@@ -83,7 +88,9 @@ class Decoder:
         self._clock_reading: tuple[int, datetime.datetime] | None = None
 
     def feed(self, data: bytes, received: float, time_utc: datetime.datetime) -> list[Item]:
-        """Decode received bytes and return the items that they complete.
+        """Decode recorded bytes and return the items that they complete.
+
+        What the dialect wants to be sent is discarded, because the recording has the answer to it.
 
         Parameters
         ----------
@@ -93,10 +100,35 @@ class Decoder:
         time_utc : datetime
             The same time in UTC.
         """
-        items: list[Item] = []
+        items = self.idle(received)
         for message in self.dialect.feed(data):
             items += self.take(message, received, time_utc)
-        return items
+        self.dialect.outgoing = b""
+        items += self.idle(received)
+        loss = self.take_loss()
+        return items if loss is None else [*items, *self.take(loss, received, time_utc)]
+
+    def encode(self, message: HostMessage) -> bytes:
+        """Return the bytes of a message to the instrument, and prepare for its effect.
+
+        Parameters
+        ----------
+        message : HostMessage
+        """
+        if isinstance(message, Hello) and self._automatic:
+            self.suspend()
+            self._introduced = False
+        elif isinstance(message, Start):
+            self.expect_restart()
+        return self.dialect.encode(message)
+
+    def take_loss(self) -> Event | None:
+        """Return the report that samples were lost unnoticed, once for each loss, else None."""
+        lost, self._lost_time = self._lost_time, None
+        if lost is None:
+            return None
+        text = f"{lost:.2f} s of its samples are missing by the clock of this computer"
+        return Event(EventKind.STOPPED, 0, text)
 
     def take(
         self, message: InstrumentMessage, received: float, time_utc: datetime.datetime
@@ -294,7 +326,7 @@ class Decoder:
             self._sample_clocks["computer"].add(end, received)
             # Only a dialect without a number or a time of its samples can lose some unnoticed.
             if block.clock_us is None and not self.dialect.counts_samples:
-                self.lost_time = self._loss_watch.add(end, received) or self.lost_time
+                self._lost_time = self._loss_watch.add(end, received) or self._lost_time
         if self._rate_reported or int(start) == int(end):  # compared once a second
             return []
         for name, clock in self._sample_clocks.items():

@@ -4,11 +4,12 @@ It joins the thread that reads the port (`link`), the dialogue with the instrume
 and the decoding of its messages (`decoder`). The returned items are the classes of `items`.
 """
 
+import datetime
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from typing import Self
+from typing import Literal, Self
 
 from pfwd_device.acquisition.conversation import (
     RESPONSE_TIMEOUT_S,
@@ -22,7 +23,6 @@ from pfwd_device.acquisition.items import Connected, Counters, Disconnected, Ite
 from pfwd_device.acquisition.link import (
     MAX_QUEUE_BYTES,
     SILENCE_TIMEOUT_S,
-    Capture,
     Chunk,
     Link,
     LinkEvent,
@@ -35,15 +35,13 @@ from pfwd_device.errors import DeviceRefused, PortError
 from pfwd_device.identity import Identity
 from pfwd_device.transport.base import Transport
 from pfwd_device.transport.opening import BAUD_RATE, PortFinder
+from pfwd_device.wire.binary import encode_message
 from pfwd_device.wire.dialect import Dialect
 from pfwd_device.wire.messages import (
     DISARMED,
     Arm,
     Configure,
     DropOffer,
-    Event,
-    EventKind,
-    Hello,
     HostMessage,
     Shunt,
     Start,
@@ -51,6 +49,16 @@ from pfwd_device.wire.messages import (
     Stop,
     Trigger,
 )
+
+CaptureDirection = Literal["from", "to", "message"]
+
+Capture = Callable[[int, datetime.datetime, CaptureDirection, bytes], object]
+"""Function that records the bytes of a link in the order in which the driver processes them. Its
+arguments are the monotonic clock in ns, the time in UTC, the direction and the bytes. "from" and
+"to": bytes from or to the instrument; "from" without bytes means that the link was cut. "message":
+a message whose bytes follow, in the form of the binary protocol for every dialect. A replay passes
+it to the dialect, whose decoding depends on the messages sent. Several threads call the function.
+"""
 
 _MAX_WAIT_S = 0.25
 """Longest time between two checks for samples that wait too long for missing ones, s."""
@@ -78,8 +86,8 @@ class Driver:
     sampling : bool
         True: start the sampling.
     capture : Capture or None
-        Function that receives every byte, to record it for a replay. An error in it ends the
-        capture, not the measurement.
+        Function that receives every byte that is processed or sent, to record it for a replay. An
+        error in it ends the capture, not the measurement.
     baud_rate : int
         Baud rate of a serial port.
     queue_bytes : int
@@ -120,19 +128,19 @@ class Driver:
         url = port if isinstance(port, str) else ""
         self._decoder = Decoder(dialect, url, automatic=False)
         self._trigger = trigger
-        self._accepts_commands = bool(dialect.encode(Hello()))
         self._conversation = Conversation(
             sampling_rate,
             expected_serial_number,
             sampling=sampling,
-            accepts_commands=self._accepts_commands,
+            accepts_commands=self._decoder.accepts_commands,
             response_timeout=response_timeout,
         )
         self._queue = Queue(queue_bytes, self.counters)
         self._open_port = PortFinder(port, baud_rate) if isinstance(port, str) else port
-        self._link = Link(
-            self._open_port, self._queue, self.counters, capture=capture, silence=silence
-        )
+        self._link = Link(self._open_port, self._queue, silence=silence)
+        self._capture = capture
+        self.capture_error: Exception | None = None
+        """Error that ended the recording of the bytes for a replay; None without an error."""
         self._open_transport: Transport | None = None
         """Transport that was opened before the thread was started."""
         self._transport: Transport | None = None
@@ -172,11 +180,6 @@ class Driver:
         Before the first connection it is the time of the call of `open`.
         """
         return self._lost_since
-
-    @property
-    def capture_error(self) -> Exception | None:
-        """Error that ended the recording of the bytes for replay; None without an error."""
-        return self._link.capture_error
 
     @property
     def drift_ppm(self) -> float | None:
@@ -383,7 +386,7 @@ class Driver:
         self.close()
 
     def _require_commands(self) -> None:
-        if not self._accepts_commands:
+        if not self._decoder.accepts_commands:
             raise DeviceRefused(
                 f"{self.url or 'the instrument'}: expected an instrument that accepts commands, "
                 "got one that only sends lines; change its settings at the instrument itself"
@@ -423,6 +426,7 @@ class Driver:
             self._decoder.transfers.acknowledge(self._acknowledgements.popleft(), time.monotonic())
 
     def _take(self, chunk: Chunk) -> None:
+        self._keep("from", chunk.data, chunk.received, chunk.time_utc)
         for message in self._decoder.dialect.feed(chunk.data):
             action = self._conversation.receive(message, time.monotonic())
             if action is SampleAction.SUSPEND:
@@ -435,13 +439,11 @@ class Driver:
         dialect = self._decoder.dialect
         if dialect.outgoing and self._transport is not None:
             with self._sending:
-                self._link.send(self._transport, dialect.outgoing)
+                self._transmit(self._transport, dialect.outgoing)
             dialect.outgoing = b""
         self._items += self._decoder.idle(chunk.received)
-        lost, self._decoder.lost_time = self._decoder.lost_time, None
-        if lost is not None:
-            text = f"{lost:.2f} s of its samples are missing by the clock of this computer"
-            event = Event(EventKind.STOPPED, 0, text)
+        event = self._decoder.take_loss()
+        if event is not None:
             if self._conversation.receive(event, time.monotonic()) is SampleAction.SUSPEND:
                 self._decoder.suspend()
             self._items += self._decoder.take(event, chunk.received, chunk.time_utc)
@@ -466,8 +468,6 @@ class Driver:
             return
         if failure is None:
             for message in (*outbox, *self._decoder.requests(time.monotonic())):
-                if isinstance(message, Start):
-                    self._decoder.expect_restart()
                 self._send(transport, message)
             return
         conversation.closed()
@@ -477,13 +477,39 @@ class Driver:
 
     def _send(self, transport: Transport, message: HostMessage) -> None:
         with self._sending:
-            data = self._decoder.dialect.encode(message)
+            self._keep("message", encode_message(message, 0))
+            data = self._decoder.encode(message)
             if data:
-                self._link.send(transport, data)
+                self._transmit(transport, data)
+
+    def _transmit(self, transport: Transport, data: bytes) -> None:
+        self._keep("to", data)
+        self._link.send(transport, data)
+
+    def _keep(
+        self,
+        direction: CaptureDirection,
+        data: bytes,
+        monotonic: float | None = None,
+        time_utc: datetime.datetime | None = None,
+    ) -> None:
+        """Record bytes by the capture function; after an error in it continue without recording."""
+        if self._capture is None:
+            return
+        if self.capture_error is None:
+            try:
+                seconds = time.monotonic() if monotonic is None else monotonic
+                utc = time_utc or datetime.datetime.now(datetime.UTC)
+                self._capture(round(seconds * 1e9), utc, direction, data)
+                return
+            except Exception as err:
+                self.capture_error = err
+        self.counters.capture_failures += 1
 
     def _lose(self, lost: Lost) -> None:
         if lost.was_open:
             self._transport = None
+            self._keep("from", b"", time_utc=lost.time_utc)
             self._conversation.closed()
             self._items += self._decoder.cut()
         is_new = lost.was_open or self._last_reported is None

@@ -1,7 +1,7 @@
 """Thread that reads the port of an instrument and opens it again after a loss.
 
-The thread only passes the bytes to a queue and to the capture, a function that records them for a
-replay. So no byte waits for the processing of earlier ones.
+The thread only passes the bytes to a queue, so that no byte waits for the processing of earlier
+ones.
 """
 
 import datetime
@@ -10,16 +10,10 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
 
 from pfwd_device.acquisition.items import Counters
 from pfwd_device.errors import DeviceError, DeviceLost
 from pfwd_device.transport.base import Transport
-
-Capture = Callable[[int, datetime.datetime, Literal["from", "to"], bytes], object]
-"""Function that records bytes. Its arguments are the monotonic clock in ns, the time in UTC, the
-direction ("from" or "to" the instrument) and the bytes. A call with the direction "from" and no
-bytes means that the link was cut. Several threads call it."""
 
 MAX_QUEUE_BYTES = 16_000_000
 """Size of the queue, bytes: ten seconds of the fastest instrument."""
@@ -131,10 +125,6 @@ class Link:
         each loss.
     queue : Queue
         Queue that receives the events.
-    counters : Counters
-        Counter of the bytes that could not be recorded, which is updated.
-    capture : Capture or None
-        Function that records all bytes for a replay.
     silence : float, s
         Time without bytes after which the link counts as lost. It begins with the first bytes.
     """
@@ -143,17 +133,11 @@ class Link:
         self,
         open_port: Callable[[], Transport],
         queue: Queue,
-        counters: Counters,
         *,
-        capture: Capture | None = None,
         silence: float = SILENCE_TIMEOUT_S,
     ) -> None:
-        self.capture_error: Exception | None = None
-        """Error that ended the capture."""
         self._open_port = open_port
         self._queue = queue
-        self._counters = counters
-        self._capture = capture
         self._silence = silence
         self._lock = threading.Lock()
         self._transport: Transport | None = None
@@ -174,13 +158,11 @@ class Link:
         self._thread.start()
 
     def send(self, transport: Transport, data: bytes) -> None:
-        """Write bytes to the port and record them; an error of the port ends the link."""
+        """Write bytes to the port; an error of the port ends the link."""
         try:
             transport.write(data)
         except DeviceLost as err:
             self.drop(transport, str(err))
-        else:
-            self.keep("to", data)
 
     def drop(self, transport: Transport, reason: str) -> None:
         """Close a port that cannot be used; the thread opens it again after a pause.
@@ -205,19 +187,6 @@ class Link:
         """
         self._wait = _FIRST_RETRY_S
 
-    def keep(self, direction: Literal["from", "to"], data: bytes) -> None:
-        """Record bytes by the capture function; after an error in it continue without recording."""
-        if self._capture is None:
-            return
-        if self.capture_error is None:
-            try:
-                now = datetime.datetime.now(datetime.UTC)
-                self._capture(time.monotonic_ns(), now, direction, data)
-                return
-            except Exception as err:
-                self.capture_error = err
-        self._counters.capture_failures += 1
-
     def close(self) -> None:
         """Close the port and end the thread."""
         self._stop.set()
@@ -237,7 +206,6 @@ class Link:
                     reason = self._read(transport)
                 finally:
                     transport.close()
-                self.keep("from", b"")
                 with self._lock:
                     self._transport = None
                     reason, self._unwanted = self._unwanted or reason, None
@@ -274,7 +242,6 @@ class Link:
             if data:
                 received, empty = now, 0
                 self._queue.put(Chunk(data, now, _now()))
-                self.keep("from", data)
                 continue
             empty += 1
             # After a sleep of this computer a single empty read says nothing about the instrument.

@@ -2,8 +2,10 @@
 
 A capture can be replayed. Its records have the form of :mod:`pfwd_device.recording.framing`. The
 first record is the header (JSON), each following one contains bytes: ``u64 monotonic nanoseconds |
-u64 nanoseconds since 1970 UTC | u8 direction (0 from, 1 to the instrument) | bytes``. A capture is
-written every second. Killing the program loses the bytes of the last second, but no recorded drop.
+u64 nanoseconds since 1970 UTC | u8 direction (0 from, 1 to the instrument, 2 message) | bytes``. A
+message precedes its bytes to the instrument; it has the form of the binary protocol for every
+instrument. A capture is written every second. Killing the program loses the bytes of the last
+second, but no recorded drop.
 """
 
 import contextlib
@@ -30,10 +32,10 @@ FLUSH_INTERVAL_S = 1.0
 FLUSH_BYTES = 2**20
 """Number of waiting bytes from which they are written without delay."""
 
-Direction = Literal["from", "to"]
+Direction = Literal["from", "to", "message"]
 
 _PREFIX = struct.Struct("<QQB")
-_DIRECTIONS: tuple[Direction, Direction] = ("from", "to")
+_DIRECTIONS: tuple[Direction, ...] = ("from", "to", "message")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +47,7 @@ class CapturedBytes:
     utc_ns: int
     """Time since 1970, UTC, by the clock of the host, ns."""
     direction: Direction
-    """Direction: from or to the instrument."""
+    """Direction: from or to the instrument, or a message whose bytes to the instrument follow."""
     data: bytes
 
 
@@ -92,18 +94,26 @@ class CaptureWriter:
             self._shut()
             raise RecordingError(f"{path}: expected a new file, got {err}") from err
 
-    def write(self, direction: Direction, data: bytes) -> None:
+    def write(
+        self,
+        direction: Direction,
+        data: bytes,
+        monotonic_ns: int | None = None,
+        utc_ns: int | None = None,
+    ) -> None:
         """Add bytes to the capture; they are written to the file within a second.
 
         Parameters
         ----------
-        direction : "from" or "to"
-            From or to the instrument.
+        direction : "from", "to" or "message"
+            From or to the instrument, or a message whose bytes to the instrument follow.
         data : bytes
+        monotonic_ns, utc_ns : int or None, ns
+            Monotonic clock of the host and time since 1970; None: the present times.
         """
-        now = _PREFIX.pack(
-            time.monotonic_ns(), max(time.time_ns(), 0), _DIRECTIONS.index(direction)
-        )
+        monotonic_ns = time.monotonic_ns() if monotonic_ns is None else monotonic_ns
+        utc_ns = time.time_ns() if utc_ns is None else utc_ns
+        now = _PREFIX.pack(monotonic_ns, max(utc_ns, 0), _DIRECTIONS.index(direction))
         with self._lock:
             if self._descriptor is None:
                 return

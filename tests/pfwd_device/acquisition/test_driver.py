@@ -21,7 +21,7 @@ from pfwd_device.acquisition.items import (
     StreamBegan,
 )
 from pfwd_device.errors import DeviceRefused, PortError
-from pfwd_device.wire.binary import BinaryDialect
+from pfwd_device.wire.binary import BinaryDialect, BinaryInstrumentEnd
 from pfwd_device.wire.messages import (
     Configure,
     Event,
@@ -312,14 +312,17 @@ def test_a_capture_is_reproduced_by_a_replay(make: MakeDriver) -> None:
     items += collect(driver, lambda seen: len(of(seen, Samples)) > 5)
     driver.close()
 
-    decoder = Decoder(BinaryDialect())
+    decoder, messages = Decoder(BinaryDialect()), BinaryInstrumentEnd()
     replayed: list[Item] = []
     for host_ns, utc, direction, data in captured:
         if direction == "from" and data:
             replayed += decoder.feed(data, host_ns / 1e9, utc)
         elif direction == "from":
             replayed += decoder.cut()
-    assert {direction for *_, direction, _ in captured} == {"from", "to"}
+        elif direction == "message":
+            for message in messages.feed(data):
+                decoder.encode(message)
+    assert {direction for *_, direction, _ in captured} == {"from", "to", "message"}
 
     def summary(story: list[Item]) -> list[Any]:
         compared = [each for each in story if isinstance(each, Connected | StreamBegan | Gap)]

@@ -35,7 +35,7 @@ def absent() -> Any:
 def test_a_missing_port_is_tried_at_growing_intervals() -> None:
     counters = Counters(link=LinkCounters())
     queue = Queue(10_000, counters)
-    link = Link(absent, queue, counters)
+    link = Link(absent, queue)
     ended = Ended(8)
     link._stop = ended  # type: ignore[assignment]
     link._run()
