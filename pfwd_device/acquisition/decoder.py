@@ -164,9 +164,7 @@ class Decoder:
                 if self.accepted is not None:
                     self.status = message
             case DropOffer() | DropBlock() | Released():
-                items = []
-                if self._automatic and self.accepted is None and self._introduced:
-                    items = self.accept(time_utc)
+                items = self._accept_if_introduced(time_utc)
                 if self.accepted is None:  # the instrument offers the drop again later
                     return items
                 drop = self.transfers.take(message, received, self._clock_reading)
@@ -175,7 +173,10 @@ class Decoder:
                 if self._assembler is None:
                     return []
                 return self._assembler.mark_unavailable(message)
-            case Armed() | Refusal():
+            case Armed():
+                self.transfers.take(message, received, None)
+                return [*self._accept_if_introduced(time_utc), message]
+            case Refusal():
                 self.transfers.take(message, received, None)
             case Event(kind=EventKind.BOOT | EventKind.STOPPED):
                 self.counters.instrument_resets += 1
@@ -338,6 +339,11 @@ class Decoder:
 
     def _flush(self) -> list[Item]:
         return self._assembler.flush() if self._assembler is not None else []
+
+    def _accept_if_introduced(self, time_utc: datetime.datetime) -> list[Item]:
+        """Accept an identity at a message that an instrument sends only after its acceptance."""
+        is_due = self._automatic and self.accepted is None and self._introduced
+        return self.accept(time_utc) if is_due else []
 
     def _may_accept(self, block: SampleBlock) -> bool:
         """Return True if the latest identity describes the samples of a block.

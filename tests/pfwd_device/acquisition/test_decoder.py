@@ -22,7 +22,16 @@ from pfwd_device.acquisition.items import (
     StreamBegan,
 )
 from pfwd_device.wire.binary import BinaryDialect, encode_message
-from pfwd_device.wire.messages import Event, EventKind, Message, Refusal, SampleBlock, Status
+from pfwd_device.wire.messages import (
+    Armed,
+    Event,
+    EventKind,
+    Message,
+    Refusal,
+    SampleBlock,
+    Status,
+    Trigger,
+)
 from tests.pfwd_device.acquisition.scripted import block, counts, identity
 
 UTC = datetime.datetime(2026, 5, 4, tzinfo=datetime.UTC)
@@ -75,6 +84,13 @@ def test_a_recorded_session() -> None:
     (connected,) = [item for item in items if isinstance(item, Connected)]
     assert connected.url == "somewhere"
     assert connected.time_utc == UTC
+
+
+def test_a_confirmed_drop_detection_follows_the_connection() -> None:
+    """Otherwise the session would forget its settings, which belong to the drops after it."""
+    armed = Armed(Trigger(True, 0, 400, 3, 20, 75, 1000))
+    items = feed(Decoder(BinaryDialect()), encode([identity(), armed, block(0)]))
+    assert story(items) == [(identity(), False), armed, StreamBegan(7), (7, 0, 20, False)]
 
 
 def test_a_cut_link_that_goes_on() -> None:
