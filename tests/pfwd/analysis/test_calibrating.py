@@ -119,6 +119,7 @@ def test_a_diagnosis_identifies_a_rig(rig: str) -> None:
     masses = [each.value for each in effect.parameters or () if each.name == "moving_mass"]
     assert masses == pytest.approx([12.0 / 1.03], rel=0.05)
     assert known(result.after).modulus_pa is None
+    assert result.supported_modulus is None
     assert any("no modulus to report" in line for line in diagnosis_lines(result))
 
 
