@@ -230,7 +230,7 @@ def test_rubbish_among_the_numbers_is_refused(write: Write, rubbish: bytes) -> N
 
 def test_a_missing_file_and_a_folder_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError) as missing:
-        (tmp_path / "none.csv").read_bytes()
+        (tmp_path / "none.csv").stat()
     for path, message in (("none.csv", missing.value.strerror or ""), (".", "got a folder")):
         with pytest.raises(TraceError, match=message):
             read_traces(tmp_path / path)
