@@ -117,11 +117,8 @@ def test_targets_are_chosen_by_moisture_and_material() -> None:
         for value, low, high in ((80, 5, 7), (67, 7, 9))
     )
     procedure = parse_procedure(text, "t")
-    chosen = {
-        moisture: entries and entries.value.value
-        for moisture in (4.9, 5.0, 6.99, 7.0, 9.0)
-        if (entries := procedure.target_for(moisture, "gravel")) is not None or True
-    }
+    targets = {m: procedure.target_for(m, "gravel") for m in (4.9, 5.0, 6.99, 7.0, 9.0)}
+    chosen = {moisture: target and target.value.value for moisture, target in targets.items()}
     assert chosen == {4.9: None, 5.0: 80e6, 6.99: 80e6, 7.0: 67e6, 9.0: None}
     assert procedure.target_for(6.0, "clay") is None
     assert procedure.target_for(None, "gravel") is None, "the moisture is not known"
