@@ -22,6 +22,14 @@ def no_impulse() -> np.ndarray:
     return np.zeros_like(MOTION)
 
 
+def test_an_effect_leaves_the_stages_of_another_kind_unchanged() -> None:
+    drop, law, linear = context(), NonlinearStiffness(), np.full((2, 3), 1e-8 + 0j)
+    lag, values = BY_NAME["sensor_lag"], {"delay": 1e-3}
+    assert lag.compliance(linear, linear[0], values, drop) is linear
+    assert lag.nonlinear_stiffness(law, values, drop) is law
+    assert lag.motion(MOTION, values, drop, no_impulse) is MOTION
+
+
 def test_fixed_values_are_reported() -> None:
     ((name, unit, value),) = BY_NAME["stress_dependence"].fixed_values(context())
     assert (name, unit) == ("sigma_ref", "Pa")

@@ -16,10 +16,12 @@ from inversion.errors import RecordError
 from inversion.forward.model import Instrument
 from inversion.measured.record import (
     MAX_SIDE_DIFFERENCE_M,
+    ChannelNoise,
     NoiseModel,
     PreparedDrop,
     Record,
     Sensor,
+    displacement_rms,
     native_rows,
     prepare,
 )
@@ -371,6 +373,13 @@ def weighted_displacement(quantity: MotionName) -> tuple[Array, Array]:
 def test_native_rows_are_the_adjoint(quantity: Any) -> None:
     direct, through = weighted_displacement(quantity)
     assert through == pytest.approx(direct, rel=1e-10)
+
+
+def test_integrated_white_noise_without_a_baseline_is_a_random_walk() -> None:
+    # The variance after j steps is about j (sigma dt)^2.
+    channel = ChannelNoise(NoiseModel(np.array([SIGMA**2]), 100), True)
+    rms = displacement_rms(channel, 401, 1 / RATE)
+    assert rms == pytest.approx(SIGMA / RATE * math.sqrt(200), rel=0.03)
 
 
 # --- errors --------------------------------------------------------------------------------------
