@@ -338,6 +338,31 @@ def test_the_reserve_saves_the_drop_in_hand(tmp_path: Path, new_record: NewRecor
     assert check(tmp_path / "survey").ok
 
 
+@pytest.mark.parametrize("call", ["write", "sync"])
+def test_a_survey_that_failed_at_its_start_can_be_started_again(
+    tmp_path: Path, new_record: NewRecord, call: str
+) -> None:
+    failed = 0
+    for first in range(40):
+        failing = [call]
+
+        def fault(name: str, number: int, first: int = first, failing: Any = failing) -> Any:
+            is_due = name in failing and number >= first
+            return OSError(errno.EIO, "planted") if is_due else None
+
+        folder = tmp_path / str(first)
+        folder.mkdir()
+        storage = NotingStorage(folder, fault)
+        try:
+            open_survey(folder / "survey", storage=storage).close()
+        except RecordingError:
+            failed += 1
+        failing.clear()
+        with open_survey(folder / "survey", storage=storage) as writer:
+            assert writer.save_drop(new_record(1)) == 1
+    assert 1 < failed < 40
+
+
 def test_a_failed_sync_is_not_retried(tmp_path: Path, survey: Path, new_record: NewRecord) -> None:
     fail = 0
 
