@@ -1,6 +1,7 @@
 """Every format is opened by a reader of its own and holds what it promises."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,8 @@ from pfwd.files.importing import import_files
 from pfwd.files.opening import survey_content
 from pfwd.files.reading import read_points
 from pfwd.files.upkeep import check_survey
-from pfwd_device.recording import ReboundRecord, SurveyWriter, read_survey
+from pfwd_device import Drop
+from pfwd_device.recording import DropRecord, ReboundRecord, SurveyWriter, read_survey
 from tests.pfwd.export.conftest import BELONGS, rows_of
 from tests.pfwd.files.trace_lines import assert_same_drops
 from tests.records import known
@@ -300,3 +302,13 @@ def test_pddx_has_a_file_for_each_configuration(survey: Path, tmp_path: Path) ->
     assert len(radii) == 2
     assert "100" in radii
     assert any("r-2.pdx" in note for note in summary.notes)
+
+
+def test_trace_files_have_no_empty_values(tmp_path: Path, make_drop: Callable[..., Drop]) -> None:
+    facts = {"note": None, "loads": [1.0, None], "nested": {"lane": 2}}
+    declared = {"plate_radius_m": 0.15, "imported": facts}
+    with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
+        writer.save_drop(DropRecord("A", make_drop(), None, declared, {}))
+    export_survey(tmp_path / "s", "csv", tmp_path / "csv")
+    (point,) = read_points(tmp_path / "csv" / "0001-A.csv")
+    assert point.setup.extra["imported"] == {"loads": [1.0], "nested": {"lane": 2}}
