@@ -10,6 +10,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
+import pypdf
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
@@ -120,18 +121,24 @@ def test_whatever_stands_in_every_text_the_page_is_harmless(text: str, gathered:
     assert "<script" not in page
 
 
-def test_the_name_of_a_folder_is_made_harmless(survey: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("ending", ["html", "pdf"])
+def test_the_name_of_a_folder_is_made_harmless(ending: str, survey: Path, tmp_path: Path) -> None:
     name = ESCAPES.replace("\x00", "").replace("\ud800", "")
     for letter in '<>"\\|\r\x07':  # which some systems do not take
         name = name.replace(letter, "")
     folder = survey.rename(tmp_path / name)
     edit_survey(folder, [Edit("declared", {"site": ESCAPES.replace("\ud800", "")})], "A")
-    target = tmp_path / "report.html"
+    target = tmp_path / f"report.{ending}"
     report = write_report(folder, target, ReportOptions(title=None))
-    text = target.read_text(encoding="utf-8")
+    if ending == "html":
+        text = target.read_text(encoding="utf-8")
+        (title,) = re.findall("<title>(.*)</title>", text, re.DOTALL)
+        assert "\N{REPLACEMENT CHARACTER}" in title
+    else:
+        pages = pypdf.PdfReader(target).pages
+        text = "".join(page.extract_text() for page in pages)
+        assert text.startswith("?")  # a letter that no font has
     assert harmful_of(text) == set()
-    (title,) = re.findall("<title>(.*)</title>", text, re.DOTALL)
-    assert "\N{REPLACEMENT CHARACTER}" in title
     assert report.title
     assert read_survey(folder).points, "the survey itself is not changed"
 
