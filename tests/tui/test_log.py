@@ -62,7 +62,12 @@ def test_another_calibration_is_wrong_usage_until_it_is_accepted(tmp_path: Path)
 
 @pytest.mark.posix
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_a_signal_ends_it_cleanly(name: str, tmp_path: Path) -> None:
+def test_a_signal_ends_it_cleanly(
+    name: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    # A process inherits that a signal is ignored, as by nohup.
+    before = signal.signal(signal.Signals[name], signal.default_int_handler)
+    request.addfinalizer(lambda: signal.signal(signal.Signals[name], before))
     survey = tmp_path / "survey"
     with (
         serve(PLAIN, rate=RATE, seed=4) as instrument,

@@ -630,7 +630,7 @@ def test_the_setup_is_typed_in_the_units_of_the_screen() -> None:
         await pilot.press("ctrl+s")
         await until(pilot, lambda: app.source.starts == 2)  # type: ignore[attr-defined]
         assert app.source.plan.setup.declared["plate_radius_m"] == pytest.approx(0.1524)
-        assert app.state.job.target == pytest.approx(7 * 6894757.293168)
+        await until(pilot, lambda: app.state.job.target == pytest.approx(7 * 6894757.293168))
 
     play(App(settings=ScreenSettings(units="us")), script)
 
@@ -666,7 +666,7 @@ async def test_stations_are_chosen_with_their_targets(app: App, pilot: Any, tmp_
     requests = app.source.plan.job.stations
     assert requests is not None
     assert [(it.name, it.target) for it in requests] == [("12+320", 0.5e-3), ("12+340", None)]
-    assert app.state.job.stations == requests
+    await until(pilot, lambda: app.state.job.stations == requests)
     await pilot.press("5")
     await until(pilot, lambda: bool(app.screen.query("#stations")))
     field = app.screen.query_one("#stations", Input)
