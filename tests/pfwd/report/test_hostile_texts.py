@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import os
 import re
 import shutil
 import unicodedata
@@ -126,6 +127,8 @@ def test_the_name_of_a_folder_is_made_harmless(ending: str, survey: Path, tmp_pa
     name = ESCAPES.replace("\x00", "").replace("\ud800", "")
     for letter in '<>"\\|\r\x07':  # which some systems do not take
         name = name.replace(letter, "")
+    if os.name == "nt":
+        name = re.sub("[\x01-\x1f]", "", name)
     folder = survey.rename(tmp_path / name)
     edit_survey(folder, [Edit("declared", {"site": ESCAPES.replace("\ud800", "")})], "A")
     target = tmp_path / f"report.{ending}"
