@@ -84,7 +84,7 @@ def test_a_pipe_of_windows_gets_no_sign_that_code_pages_encode_differently(
 ) -> None:
     """PowerShell reads a pipe in the code page of the console, which is another one."""
     buffer = io.BytesIO()
-    stream = io.TextIOWrapper(buffer, encoding=page, write_through=True)
+    stream = io.TextIOWrapper(buffer, encoding=page, newline="\n", write_through=True)
     monkeypatch.setattr(stream, "isatty", lambda: is_terminal, raising=False)
     monkeypatch.setattr("tui.output.os", SimpleNamespace(name=name))
     spell_signs(stream)
@@ -97,6 +97,7 @@ def test_a_pipe_of_windows_gets_no_sign_that_code_pages_encode_differently(
         assert text == "50 µm ± 2 °C, kg/m³, nu 0.35, Süd \\u4e2d\n"
 
 
+@pytest.mark.posix  # Windows does not ask the environment for its code page
 def test_the_command_spells_where_the_locale_is_plain() -> None:
     done = subprocess.run(
         [*PFWD, "procedures", "tp-bf-stb-b8.3"],
