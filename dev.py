@@ -154,7 +154,9 @@ def tests(arguments: list[str]) -> tuple[bool, str]:
     command = [str(PYTHON), "-m", "pytest", *workers, "-q", *chosen, *arguments]
     last = ""
     pipe = {"stdout": subprocess.PIPE, "encoding": "utf-8", "errors": "replace"}
-    with subprocess.Popen(command, cwd=TOP, **pipe) as process:
+    # Else each of some hundred processes that tests start compiles the program again.
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    with subprocess.Popen(command, cwd=TOP, env=environment, **pipe) as process:
         for line in process.stdout or ():
             print(line, end="", flush=True)
             last = line if line.strip() else last
