@@ -6,7 +6,8 @@ import itertools
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from pfwd.analysis.plots import _figure
-from tests.tui.screen.scripted import curves, result
+from tests.tui.results import result
+from tests.tui.screen.scripted import curves
 
 
 def test_labels_of_the_axes_do_not_overlap() -> None:

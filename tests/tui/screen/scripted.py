@@ -3,7 +3,6 @@
 import asyncio
 import dataclasses
 import datetime
-import math
 import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -35,7 +34,7 @@ from pfwd_device.drop import Channel, Drop
 from pfwd_device.identity import ChannelIdentity, Identity
 from pfwd_device.wire.messages import Status
 from pfwd_plugins.quantities import Measurand
-from tests.records import read
+from tests.tui.results import result
 from tui.screen.app import PfwdApp
 from tui.screen.drawing.glyphs import BRAILLE, Glyphs
 from tui.screen.opened.app import OpenApp
@@ -129,51 +128,6 @@ def stored_drop(number: int, result: DropResult | None, **more: Any) -> DropView
     """A drop of the survey with its last result."""
     drop = DropView(PointDrop(number, Kind.MEASURED), 0.0, SETUP, **more)
     return drop.with_result(result)
-
-
-def result(modulus: float | None = 47.3e6, *, reason: str | None = None, **more: Any) -> DropResult:
-    fields: dict[str, Any] = {
-        "status": "measured",
-        "method": "posterior",
-        "model": "layer",
-        "modulus_pa": modulus,
-        "modulus_sd_pa": 0.1e6,
-        "modulus_interval_pa": modulus and [modulus - 0.6e6, modulus + 0.6e6],
-        "equivalent_modulus_pa": modulus,
-        "equivalent_modulus_interval_pa": modulus and [modulus - 0.6e6, modulus + 0.6e6],
-        "viscosity_pa_s": 54e3,
-        "viscosity_sd_pa_s": 3e3,
-        "density_kg_m3": 1980.0,
-        "density_sd_kg_m3": 40.0,
-        "bedrock_depth_m": 1.02,
-        "bedrock_depth_sd_m": 0.03,
-        "modulus_depth_correlation": -0.3,
-        "poisson_ratio": 0.35,
-        "plate_radius_m": 0.15,
-        "plate": "rigid-rough",
-        "load": "measured",
-        "half_sine": {
-            "peak_pressure_pa": 9900 / (math.pi * 0.15**2),
-            "duration_s": 0.0133,
-            "rms_over_peak": 0.004,
-        },
-        "peak_modulus_pa": 49.1e6,
-        "peak_factor": 1.571,
-        "r_squared": 0.99991,
-        "noise_rms_m": 1e-6,
-        "residual_rms_over_peak": 0.004,
-        "contact_residual_rms_over_peak": 0.003,
-        "explained": True,
-        "converged": True,
-        "at_bound": [],
-        "forward_solves": 800,
-        "elapsed_s": 0.2,
-        "seed": 0,
-        "warnings": [],
-    }
-    if reason is not None:
-        fields["reason"] = text_notice(reason).to_json()
-    return read(DropResult, fields | more)
 
 
 def curves() -> TimeHistories:
@@ -296,7 +250,9 @@ class QuietSource:
 
 
 class App(PfwdApp):
-    """The application with nothing that differs from run to run, and a bell that is heard."""
+    """Application without differences from run to run; it counts bells and stores settings."""
+
+    source: Any
 
     def __init__(
         self,
@@ -327,8 +283,28 @@ class App(PfwdApp):
     @property
     def text(self) -> str:
         """Text on the terminal, of any page and dialog."""
-        strips = self.screen._compositor.render_strips()
-        return "\n".join("".join(part.text for part in strip).rstrip() for strip in strips)
+        return terminal_text(self)
+
+    @property
+    def words(self) -> str:
+        """Text on the terminal without frames and line breaks."""
+        return " ".join(self.text.replace("│", " ").split())
+
+    @property
+    def page_name(self) -> str:
+        return getattr(self.screen, "NAME", "")
+
+    @property
+    def requests(self) -> list[tuple[Any, ...]]:
+        """Requests to the session."""
+        requests: list[tuple[Any, ...]] = self.source.session.requests
+        return requests
+
+
+def terminal_text(app: Any) -> str:
+    """Return the text on the terminal of an application."""
+    strips = app.screen._compositor.render_strips()
+    return "\n".join("".join(part.text for part in strip).rstrip() for strip in strips)
 
 
 Script = Callable[[Any, Any], Awaitable[None]]

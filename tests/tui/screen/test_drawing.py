@@ -5,11 +5,13 @@ import sys
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from rich.color import Color, ColorSystem
 
 from tui.output import SPELLED
 from tui.screen.drawing.digits import LETTER_ROWS, digit_lines, digit_width, largest_size
-from tui.screen.drawing.glyphs import ASCII, BRAILLE, glyphs_of_terminal
+from tui.screen.drawing.glyphs import ASCII, BRAILLE, Glyphs, glyphs_of_terminal
 from tui.screen.drawing.lines import text_of, width_of
 from tui.screen.drawing.plot import (
     Curve,
@@ -25,18 +27,13 @@ from tui.screen.drawing.profile import Bar, profile_lines
 from tui.screen.themes import THEMES
 
 
-def test_a_peak_of_a_single_sample_survives_the_reduction() -> None:
+def test_columns_have_the_extremes_and_no_gap_between_them() -> None:
     time = np.arange(100_000) / 100_000
     values = np.zeros(100_000)
     values[31_234] = 5.0
     low, high = min_max_columns(time, values, 0.0, 1.0, 240)
-    assert high.max() == 5.0
+    assert (high.max(), low.min()) == (5.0, 0.0)
     assert int(np.argmax(high)) == pytest.approx(0.31234 * 240, abs=1)
-    assert low.min() == 0.0
-
-
-def test_a_steep_curve_has_no_gap_between_columns() -> None:
-    time = np.linspace(0, 1, 1000)
     low, high = min_max_columns(time, 50 * time, 0.0, 1.0, 20)
     assert np.all(high[:-1] >= low[1:])
 
@@ -48,12 +45,8 @@ def test_gaps_and_times_outside_the_data_stay_empty() -> None:
     assert np.isnan(low[9:11]).all()
     assert np.isnan(low[21:]).all()
     assert np.isfinite(low[:7]).all()
-
-
-def test_a_gap_between_sparse_samples_is_not_bridged() -> None:
-    time = np.arange(10.0)
-    values = np.where(time == 5, np.nan, 1.0)
-    low, _ = min_max_columns(time, values, 0.0, 9.0, 90)
+    time = np.arange(10.0)  # sparse: a sample in every tenth column
+    low, _ = min_max_columns(time, np.where(time == 5, np.nan, 1.0), 0.0, 9.0, 90)
     assert np.isnan(low[45:58]).all()
     assert np.isfinite(low[2:38]).all()
 
@@ -68,9 +61,6 @@ def test_a_dot_has_the_right_cell() -> None:
     assert text_of(line) == chr(0x2840)  # the lowest dot on the left
     (line,) = draw_dots([trace([np.nan, 1.0])], 1, 1, 0.0, 1.0, BRAILLE)
     assert text_of(line) == chr(0x2808)  # the highest on the right
-
-
-def test_ascii_glyphs_are_ascii() -> None:
     lines = draw_dots([trace([0.0, 1.0, 2.0, 3.0])], 4, 4, 0.0, 3.0, ASCII)
     assert [text_of(row) for row in lines] == ["   *", "  * ", " *  ", "*   "]
 
@@ -99,11 +89,9 @@ def figure() -> Figure:
     return Figure("load", "kN", (curve, neighbour), 0.0, 20.0, note="peak 10.0", cursor=5.0)
 
 
-@pytest.mark.parametrize("width", [20, 40, 77, 150])
-@pytest.mark.parametrize("height", [3, 8, 30])
-@pytest.mark.parametrize("glyphs", [ASCII, BRAILLE])
-def test_a_plot_fills_just_its_place(width: int, height: int, glyphs: object) -> None:
-    lines = plot_lines(figure(), width, height, glyphs)  # type: ignore[arg-type]
+@given(st.integers(20, 150), st.integers(3, 30), st.sampled_from([ASCII, BRAILLE]))
+def test_a_plot_fills_just_its_place(width: int, height: int, glyphs: Glyphs) -> None:
+    lines = plot_lines(figure(), width, height, glyphs)
     assert len(lines) == height
     assert all(width_of(row) <= width for row in lines)
 
@@ -114,13 +102,12 @@ def test_a_plot_has_title_units_and_curve_forms() -> None:
         assert part in text
 
 
-@pytest.mark.parametrize("height", range(4, 30))
-@pytest.mark.parametrize("glyphs", [ASCII, BRAILLE])
-def test_a_tick_stands_where_a_curve_of_its_value_is_drawn(height: int, glyphs: object) -> None:
+@given(st.integers(4, 30), st.sampled_from([ASCII, BRAILLE]))
+def test_a_tick_stands_where_a_curve_of_its_value_is_drawn(height: int, glyphs: Glyphs) -> None:
     time = np.linspace(0, 20, 500)
     curve = Curve(time, np.full(500, 5.0), "load", "")
     flat = Figure("load", "kN", (curve,), 0.0, 20.0, bottom=-1.0, top=11.0)
-    lines = [text_of(row) for row in plot_lines(flat, 60, height, glyphs)]  # type: ignore[arg-type]
+    lines = [text_of(row) for row in plot_lines(flat, 60, height, glyphs)]
     drawn = [row for row in lines[1:-1] if row[6:].strip(" ─")]
     assert len(drawn) == 1
     marked = [row for row in lines if row.strip().startswith("5 ┤")]
@@ -199,7 +186,7 @@ def test_ascii_replacements_keep_the_columns() -> None:
     shown = ASCII.to_terminal(text)
     assert len(shown) == len(text)
     assert shown.isascii()
-    assert shown.count("?") == 1, "that of the replacement character alone"
+    assert shown.count("?") == 1, "the replacement character"
     assert ASCII.to_terminal("50 µm ± 2 %, ν 0.35") == "50 um ~ 2 %, v 0.35"
     assert ASCII.to_terminal("→ lift the plate") == "> lift the plate"
 

@@ -14,7 +14,8 @@ from pfwd.procedures import Quantity
 from pfwd.units import SI
 from pfwd_device import Drop
 from pfwd_device.drop import Peaks
-from tests.tui.screen.scripted import SETUP, curves, result, saved_drop, screen_drop
+from tests.tui.results import result
+from tests.tui.screen.scripted import SETUP, curves, saved_drop, screen_drop
 from tui.screen.drawing.drop_figures import drop_figures
 
 
@@ -31,8 +32,12 @@ def test_a_sensor_stays_when_the_fit_comes(
     assert raw[1].title == title
     figure = curves()
     rows = np.repeat(figure.observed, 4, axis=0)
-    of_all = replace(figure, observed=rows, predicted=rows, offsets=np.array([0.0, 0.3, -0.3, 0.6]))
-    fitted = drop_figures(screen_drop(result(), saved=stored, curves=of_all), SI, sensor=sensor)
+    all_sensors = replace(
+        figure, observed=rows, predicted=rows, offsets=np.array([0.0, 0.3, -0.3, 0.6])
+    )
+    fitted = drop_figures(
+        screen_drop(result(), saved=stored, curves=all_sensors), SI, sensor=sensor
+    )
     assert fitted[1].title == title
 
 
@@ -74,11 +79,11 @@ def test_a_drop_shows_the_fit_of_a_diagnosis_that_counts() -> None:
     assert residual.note == "5.0 % of the peak"
     assert drop.fitted(Quantity.MODULUS) == (4e7, ends)
     # A drop that the diagnosis did not fit has no curve.
-    other = replace(drop.view, own=replace(drop.view.own, number=2))
-    assert replace(drop, view=other).drawn_curves is None
+    second = replace(drop.view, own=replace(drop.view.own, number=2))
+    assert replace(drop, view=second).drawn_curves is None
 
 
 def test_a_drop_of_peaks_has_no_trace_to_draw() -> None:
-    only = Drop.of_peaks(1, Peaks(50e3, ((0.0, 5e-4), (0.3, 2e-4))))
-    stored = replace(saved_drop(), drop=only)
+    peaks = Drop.of_peaks(1, Peaks(50e3, ((0.0, 5e-4), (0.3, 2e-4))))
+    stored = replace(saved_drop(), drop=peaks)
     assert drop_figures(screen_drop(saved=stored), SI) == []

@@ -38,8 +38,7 @@ SIZES = [(80, 24), (120, 40), (200, 60)]
 def view(*events: Any, units: Units = SI, glyphs: Glyphs = BRAILLE, **more: Any) -> MeasureView:
     state = SessionState(target=45e6, clock=lambda: 1.0)
     report(state, SessionStarted(Session(), "7"))
-    for event in events:
-        report(state, event)
+    report(state, *events)
     rest = np.zeros((500, 2))
     envelope = Envelope(0.01, rest, rest, 50_000, Measurand.VELOCITY)
     word = status_of(state, 100.0)
@@ -57,20 +56,14 @@ def view(*events: Any, units: Units = SI, glyphs: Glyphs = BRAILLE, **more: Any)
 
 
 def text(on_page: MeasureView, size: tuple[int, int]) -> str:
-    return (
-        "\n".join(text_of(text_row).rstrip() for text_row in measure_lines(on_page, *size)) + "\n"
-    )
+    return "".join(text_of(row).rstrip() + "\n" for row in measure_lines(on_page, *size))
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_the_measure_page_matches_its_snapshot(size: tuple[int, int]) -> None:
-    page = text(view(*complete_point(), chosen=6), size)
-    check_snapshot(page, __file__, f"measure-{size[0]}x{size[1]}")
-
-
-@pytest.mark.parametrize("size", SIZES)
-def test_a_complete_point_matches_its_snapshot(size: tuple[int, int]) -> None:
-    check_snapshot(text(view(*complete_point()), size), __file__, f"done-{size[0]}x{size[1]}")
+def test_the_measure_page_matches_its_snapshots(size: tuple[int, int]) -> None:
+    for name, chosen in (("measure", 6), ("done", None)):
+        page = text(view(*complete_point(), chosen=chosen), size)
+        check_snapshot(page, __file__, f"{name}-{size[0]}x{size[1]}")
 
 
 CASES = {
@@ -78,20 +71,23 @@ CASES = {
     "ready": [ready(), status()],
     "rejected": [ready(), saved(1, status="rejected", reason="false trigger: 1.10 kN")],
     "first answer": [ready(), saved(1), analysed(1, full=False)],
-    "whole": complete_point(),
+    "complete": complete_point(),
     "bound": [ready(), saved(1), analysed(1, at_bound=["modulus"], explained=False)],
     "many": [event for n in range(1, 30) for event in (saved(n), analysed(n))],
     "long": [ready(), saved(1, "a very long name of a point, as long as one can be, 64 letter")],
 }
 
 
-@pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("size", [*SIZES, (60, 20), (100, 30), (99, 29), (132, 43), (40, 12)])
 @pytest.mark.parametrize("large", [False, True])
-def test_the_page_fills_just_the_terminal(case: str, size: tuple[int, int], large: bool) -> None:
-    lines = measure_lines(view(*CASES[case], large=large), *size)
-    assert len(lines) == size[1]
-    assert [width_of(text_row) for text_row in lines if width_of(text_row) > size[0]] == []
+def test_the_page_fills_just_the_terminal(size: tuple[int, int], large: bool) -> None:
+    for case, events in CASES.items():
+        lines = measure_lines(view(*events, large=large), *size)
+        assert len(lines) == size[1]
+        assert [width_of(row) for row in lines if width_of(row) > size[0]] == [], case
+        if size in SIZES:
+            assert "n next point" in text_of(lines[-1]), "the keys"
+            assert any("▶" in text_of(row) for row in lines[:4]), "the next action"
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -104,14 +100,10 @@ def test_the_modulus_in_large_type_is_shown_with_its_assumptions(size: tuple[int
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_bounds_and_unexplained_residuals_have_words(size: tuple[int, int]) -> None:
+def test_faults_have_words(size: tuple[int, int]) -> None:
     on_page = " ".join(text(view(*CASES["bound"]), size).replace("│", " ").split())
     assert "UNEXPLAINED" in on_page
     assert "AT THE LIMIT" in on_page
-
-
-@pytest.mark.parametrize("size", SIZES)
-def test_a_rejected_drop_says_why_in_words(size: tuple[int, int]) -> None:
     on_page = text(view(*CASES["rejected"]), size)
     assert "REPEAT" in on_page
     assert "false trigger: peak load 1.1 kN" in on_page
@@ -131,25 +123,11 @@ def test_an_ascii_terminal_gets_ascii() -> None:
     assert not any(0x2800 <= ord(letter) < 0x2900 for letter in on_page)
 
 
-def test_a_message_is_not_cut() -> None:
+@pytest.mark.parametrize("size", SIZES)
+def test_a_message_is_not_cut(size: tuple[int, int]) -> None:
     sentence = "the analysis process died twice; the drop is safe, invert it again later"
-    for size in SIZES:
-        on_page = " ".join(text(view(*complete_point(), message=sentence), size).split())
-        assert sentence in on_page
-
-
-def test_the_chosen_drop_is_on_the_page() -> None:
-    on_page = text(view(*complete_point(), chosen=2), (120, 40))
-    assert "E_eq, drop 2" in on_page
-    assert "▶   2" in on_page
-
-
-def test_next_action_and_keys_are_on_every_page() -> None:
-    for case in CASES.values():
-        for size in SIZES:
-            lines = text(view(*case), size).splitlines()
-            assert "n next point" in lines[-1]
-            assert any("▶" in text_row for text_row in lines[:4])
+    on_page = " ".join(text(view(*complete_point(), message=sentence), size).split())
+    assert sentence in on_page
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 40)])
@@ -171,8 +149,8 @@ def test_a_point_without_drops_has_no_verdict() -> None:
 
 def test_verdict_and_value_stand_side_by_side_where_they_do_not_fit_below() -> None:
     on_page = text(view(*complete_point(), message="a sentence that is longer " * 9), (80, 24))
-    (row, *_) = [text_row for text_row in on_page.split("\n") if text_row.startswith(" ████")]
-    assert len(row) > 60, "PASS, and the modulus beside it"
+    (row, *_) = [row for row in on_page.split("\n") if row.startswith(" ████")]
+    assert len(row) > 60, "PASS, and the modulus to its right"
 
 
 @pytest.mark.parametrize("large", [False, True])
@@ -182,8 +160,8 @@ def test_no_advice_is_cut_on_a_small_terminal(large: bool) -> None:
     on_page = view(JobReported(job), ready(), saved(1, marks=marks), analysed(1), large=large)
     advice = on_page.state.advice(on_page.drop)
     assert len(advice) == 2
-    shown = " ".join(text(on_page, (80, 24)).split())
-    assert [part for part in advice if part not in shown] == []
+    words = " ".join(text(on_page, (80, 24)).split())
+    assert [part for part in advice if part not in words] == []
 
 
 def test_the_mark_of_a_number_without_support_is_explained() -> None:

@@ -1,4 +1,4 @@
-"""A point that is done, seen and heard from a metre away; keys that meant another drop."""
+"""A complete point, legible and audible from a metre away; keys that meant another drop."""
 
 import time
 from pathlib import Path
@@ -55,9 +55,9 @@ async def test_the_judged_quantity_is_in_large_digits(app: App, pilot: Any) -> N
     assert "not judged: modulus 47.1 MPa (46.5 to 47.7)" in app.text
 
 
-@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
 @pytest.mark.parametrize(
-    ("target", "word"), [(40e6, "reaches the target"), (60e6, "misses the target")]
+    ("size", "target", "word"),
+    [((80, 24), 40e6, "reaches the target"), ((120, 40), 60e6, "misses the target")],
 )
 async def test_the_verdict_of_a_complete_point_fills_the_screen(
     app: App, pilot: Any, size: tuple[int, int], target: float, word: str
@@ -67,9 +67,8 @@ async def test_the_verdict_of_a_complete_point_fills_the_screen(
     app.state.saved_at = time.monotonic() - 60
     app.redraw()
     await pilot.pause()
-    assert word in app.text
-    assert "E_eq 47.5 MPa (46.9 to 48.2)" in app.text
-    assert "mean of 3 drops" in app.text
+    for part in (word, "E_eq 47.5 MPa (46.9 to 48.2)", "mean of 3 drops"):
+        assert part in app.text
     assert app.text.count("████") > 10
     await pilot.press("up")
     assert "soil on bedrock" in app.text, "a chosen drop is shown"
@@ -112,9 +111,9 @@ async def test_discard_applies_to_the_drop_on_the_terminal(app: App, pilot: Any)
     await deliver(app, pilot, saved(2), analysed(2))  # while the finger was on its way
     await pilot.press("d")
     assert app.message == "drop 2 has just come: d again discards it"
-    assert not [request for request in app.source.session.requests if request[0] == "discard"]
+    assert app.requests == []
     await pilot.press("d")
-    assert [request[3] for request in app.source.session.requests if request[0] == "discard"] == [2]
+    assert app.requests == [("discard", "by the operator", None, 2)]
 
 
 async def test_pasted_text_is_ignored(app: App, pilot: Any) -> None:
@@ -122,44 +121,46 @@ async def test_pasted_text_is_ignored(app: App, pilot: Any) -> None:
     app.post_message(events.Paste("dqn"))
     await until(pilot, lambda: app.message == "pasted text is ignored: it is not typed as keys")
     assert app.is_running
-    assert app.source.session.requests == []
+    assert app.requests == []
 
 
-async def test_earlier_losses_of_an_instrument_are_not_counted(app: App, pilot: Any) -> None:
+def test_earlier_losses_of_an_instrument_are_not_counted() -> None:
+    state = SessionState(clock=lambda: 1.0)
     before = status()
-    counters = dict(before.counters) | {"instrument_overruns": 5350}
-    old = type(before)(before.status, counters)
-    await deliver(app, pilot, ready(), old)
-    assert app.state.device.lost_samples == 0
-    new = type(before)(before.status, counters | {"instrument_overruns": 5353})
-    await deliver(app, pilot, new)
-    assert app.state.device.lost_samples == 3
+    for overruns, lost in ((5350, 0), (5353, 3)):
+        counters = dict(before.counters) | {"instrument_overruns": overruns}
+        report(state, ready(), type(before)(before.status, counters))
+        assert state.device.lost_samples == lost
 
 
-def test_the_next_station_by_the_list_and_by_the_receiver() -> None:
-    coming = next_station(LOT, {"12+300"}, None, "12+300")
-    assert coming is not None
-    assert coming.text == "next: 12+320, 20 m ahead"
-    surroundings = next_station(LOT, {"12+300"}, (48.1, 11.50058), "12+300")
-    assert surroundings is not None
-    assert surroundings.text == "next: 12+340, 1 m ahead"
-    back = next_station(LOT, {"12+340", "12+320"}, None, "12+340")
-    assert back is not None
-    assert back.text == "next: 12+300, 40 m back"
-    everything = {station.name for station in LOT.stations}
-    assert next_station(LOT, everything) is None
+@pytest.mark.parametrize(
+    ("measured", "position", "current", "text"),
+    [
+        ({"12+300"}, None, "12+300", "next: 12+320, 20 m ahead"),
+        ({"12+300"}, (48.1, 11.50058), "12+300", "next: 12+340, 1 m ahead"),
+        ({"12+340", "12+320"}, None, "12+340", "next: 12+300, 40 m back"),
+    ],
+)
+def test_the_next_station_by_the_list_and_by_the_receiver(
+    measured: set[str], position: tuple[float, float] | None, current: str, text: str
+) -> None:
+    station = next_station(LOT, measured, position, current)
+    assert station is not None
+    assert station.text == text
+
+
+def test_a_complete_lot_has_no_next_station() -> None:
+    assert next_station(LOT, {station.name for station in LOT.stations}) is None
     assert lot_progress(LOT, {"12+300"}) == "1 of 3 stations"
 
 
 def test_a_complete_point_gives_the_next_station() -> None:
     state = SessionState(clock=lambda: 1.0)
-    for event in (JobReported(LOT), *complete_point(point="12+300")):
-        report(state, event)
-    assert status_of(state, 100.0).action == "next: 12+320, 20 m ahead; there press n"
-    surroundings = status_of(state, 100.0, coordinates=(48.1, 11.50058))
-    assert surroundings.action == "next: 12+340, 1 m ahead; there press n"
+    report(state, JobReported(LOT), *complete_point(point="12+300"))
+    ahead = "next: 12+320, 20 m ahead; there press n"
+    assert status_of(state, 100.0).action == ahead
     report(state, JobReported(Job(procedure=E_LWD, step_m=20.0)))
-    assert status_of(state, 100.0).action == "next: 12+320, 20 m ahead; there press n"
+    assert status_of(state, 100.0).action == ahead
     report(state, JobReported(Job(procedure=E_LWD)))
     assert status_of(state, 100.0).action == "walk to the next point and press n"
 

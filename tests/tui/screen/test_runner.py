@@ -1,4 +1,4 @@
-"""The session beside the screen: what it tells, how it fails, how it is tried again."""
+"""The session in its thread: its events, its failures, its retries."""
 
 import threading
 import time
@@ -11,14 +11,14 @@ import pytest
 from pfwd.errors import DeviceError, RecordingError, SurveyError
 from pfwd.session.events import Ready, SessionNotice
 from pfwd.session.plan import Ending, SessionPlan
-from tests.tui.screen.scripted import QuietSource, Session, samples
+from tests.tui.screen.scripted import QuietSource, samples
 from tui.screen.session import runner as runner_module
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.screen_events import SessionEnded, SessionStarted
 
 
 class Failing(QuietSource):
-    """Fails so often, then is a quiet session."""
+    """Fails a number of times, then is a quiet session."""
 
     def __init__(self, error: Exception, times: int = 1) -> None:
         super().__init__()
@@ -52,69 +52,58 @@ def events_of(source: Any, count: int) -> list[Any]:
     return runner.take()
 
 
-def test_a_missing_port_is_retried() -> None:
-    error = DeviceError("/dev/ttyUSB0: expected a port, got none; is the cable in?")
-    arrived = events_of(Failing(error, times=2), 3)
-    first, second, third, *_ = arrived
-    assert isinstance(first, SessionEnded)
-    assert first.no_device
-    assert first.error == str(error)
-    assert isinstance(second, SessionEnded)
-    assert isinstance(third, SessionStarted)
+def test_a_missing_port_and_a_locked_survey_are_retried() -> None:
+    missing = DeviceError("/dev/ttyUSB0: expected a port, got none; is the cable in?")
+    locked = RecordingError("another program writes it")
+    for error, no_device in ((missing, True), (locked, False)):
+        first, second, third, *_ = events_of(Failing(error, times=2), 3)
+        assert (first.error, first.no_device) == (str(error), no_device)
+        assert first.retry is not None
+        assert [type(event) for event in (second, third)] == [SessionEnded, SessionStarted]
 
 
-def test_a_locked_survey_is_retried() -> None:
-    first, second, *_ = events_of(Failing(RecordingError("another program writes it")), 2)
-    assert (first.retry is not None, first.no_device) == (True, False)
-    assert isinstance(second, SessionStarted)
-
-
-def test_refused_data_end_the_session_with_a_sentence() -> None:
-    (only,) = events_of(Failing(SurveyError("survey: expected a survey, got none")), 1)
-    assert (only.retry, only.error) == (None, "survey: expected a survey, got none")
-
-
-def test_an_unexpected_error_is_a_sentence_with_details_in_the_log(
+def test_errors_of_data_and_program_end_the_session_with_a_sentence(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    (only,) = events_of(Failing(ZeroDivisionError("division by zero")), 1)
-    assert "unexpected error: ZeroDivisionError" in only.error
-    assert "\n" not in only.error
+    (end,) = events_of(Failing(SurveyError("survey: expected a survey, got none")), 1)
+    assert (end.retry, end.error) == (None, "survey: expected a survey, got none")
+    (end,) = events_of(Failing(ZeroDivisionError("division by zero")), 1)
+    assert "unexpected error: ZeroDivisionError" in end.error
+    assert "\n" not in end.error
     assert "Traceback" in caplog.text
 
 
 def test_a_stop_before_the_session_starts_is_obeyed() -> None:
     source = QuietSource()
     runner = SessionRunner(source)
-    entered = threading.Event()
-    original = source.run
+    entered, may_run = threading.Event(), threading.Event()
+    run = source.run
 
-    def slow(listener: Any, control: Any) -> Ending:
+    def run_late(listener: Any, control: Any) -> Ending:
         entered.set()
-        time.sleep(0.2)
-        return original(listener, control)
+        may_run.wait(5)
+        return run(listener, control)
 
-    source.run = slow  # type: ignore[method-assign]
+    source.run = run_late  # type: ignore[method-assign]
     runner.start()
     entered.wait(5)
-    source.session = StopsLate()
+    assert not runner.stop(0.0)
+    may_run.set()
     assert runner.stop(5.0)
 
 
-class StopsLate(Session):
-    """Is not stopped before it runs: the source clears what came earlier."""
-
-
-def test_samples_do_not_fill_the_mailbox_and_a_pulse_is_noticed() -> None:
+@pytest.mark.parametrize(("threshold", "pulse"), [(400.0, 420.0), (2000.0, 2100.0), (100.0, 105.0)])
+def test_a_pulse_exceeds_the_drop_load_of_the_session(threshold: float, pulse: float) -> None:
     runner = SessionRunner(QuietSource())
-    runner._listen(samples(0.0))
-    runner._listen(samples(0.0, first=1000))
-    assert runner.pulse_at is None
-    runner._listen(samples(9000.0, first=2000))
-    runner._listen(samples(0.0, first=3000))
-    assert runner.waiting == 0
-    assert runner.trace.samples == 4000
-    assert runner.trace.envelope().load.max() == pytest.approx(9000.0)
+    for number, load in enumerate((0.0, 0.95 * threshold, pulse)):
+        assert runner.pulse_at is None
+        event = samples(first=1000 * number, drop_load=threshold)
+        event.samples.counts[-50, 0] = round(load)  # a count is a newton
+        runner._listen(event)
+    assert runner.pulse_at is not None
+    assert runner.waiting == 0, "samples do not fill the mailbox"
+    assert runner.trace.samples == 3000
+    assert runner.trace.envelope().load.max() == pytest.approx(pulse)
 
 
 def test_a_display_that_fails_does_not_end_the_measurement(
@@ -151,19 +140,3 @@ def test_attributes_of_the_sources(tmp_path: Path) -> None:
     assert not viewed.writes
     assert viewed.survey == tmp_path
     assert ReplaySource(tmp_path, 1.0, None, output=tmp_path / "new").writes
-
-
-@pytest.mark.parametrize(("threshold", "pulse"), [(400.0, 420.0), (2000.0, 2100.0), (100.0, 105.0)])
-def test_a_pulse_exceeds_the_drop_load_of_the_session(threshold: float, pulse: float) -> None:
-    runner = SessionRunner(QuietSource())
-
-    def listen(load: float, first: int) -> None:
-        event = samples(first=first, drop_load=threshold)
-        event.samples.counts[-50, 0] = round(load)  # a count is a newton
-        runner._listen(event)
-
-    listen(0.0, 0)
-    listen(0.95 * threshold, 1000)
-    assert runner.pulse_at is None
-    listen(pulse, 2000)
-    assert runner.pulse_at is not None

@@ -19,10 +19,8 @@ from pfwd.session.events import (
     InstrumentLost,
     JobReported,
     NotReady,
-    PointBegan,
     PointDiagnosed,
     Ready,
-    Rebounded,
     SensorCheck,
     SessionNotice,
     StorageLow,
@@ -32,6 +30,7 @@ from pfwd.session.events import (
 )
 from pfwd.session.plan import Ending
 from pfwd.units import SI
+from tests.tui.results import result
 from tests.tui.screen.scripted import (
     NOON,
     Session,
@@ -39,12 +38,10 @@ from tests.tui.screen.scripted import (
     complete_point,
     ready,
     report,
-    result,
     saved,
     status,
     stored_drop,
 )
-from tui.diagnosis_lines import diagnosis_sentence
 from tui.screen.pages.drop_texts import modulus_of_drop, remark, verdict_of, verdict_word
 from tui.screen.session.screen_events import SessionEnded, SessionStarted
 from tui.screen.session.state import SessionState
@@ -63,9 +60,7 @@ SATURATED = Notice("saturated", {"samples": 16, "channel": "g0"})
 
 def state_after(*events: Any, target: float | None = None) -> SessionState:
     state = SessionState(target=target, clock=Clock())
-    report(state, SessionStarted(Session(), "7"))
-    for event in events:
-        report(state, event)
+    report(state, SessionStarted(Session(), "7"), *events)
     return state
 
 
@@ -95,12 +90,10 @@ def test_a_drop_appears_when_saved_and_gets_its_modulus_when_analysed() -> None:
     assert len(drop.memory.results) == 2
 
 
-def test_a_search_that_fails_takes_the_first_answer_not_back() -> None:
-    state = state_after(ready(), saved(1), analysed(1, full=False))
-    report(state, analysed(1, modulus=None, reason="the analysis process died twice"))
-    drop = state.current_drops[1]
-    assert drop.modulus == 47.3e6
-    assert not drop.is_refined
+def test_a_search_that_fails_keeps_the_quick_result() -> None:
+    failed = analysed(1, modulus=None, reason="the analysis process died twice")
+    drop = state_after(ready(), saved(1), analysed(1, full=False), failed).current_drops[1]
+    assert (drop.modulus, drop.is_refined) == (47.3e6, False)
     assert drop.status == "seating", "the first of three, whatever became of its search"
 
 
@@ -114,34 +107,9 @@ def test_a_drop_without_a_modulus_is_repeated_where_moduli_are_judged() -> None:
     assert word(state) != "REPEAT", "its deflection is as good as any"
 
 
-def test_rebounds_notes_marks_and_names_are_stored() -> None:
-    state = state_after(
-        ready(),
-        saved(1, marks=("3 samples missing",)),
-        Rebounded("7", 1, 0.4, 3300.0),
-        Edited("note", "wet", None, 1),
-        Edited("name", "km 3", "7", None),
-        Edited("position", {"latitude": 48.1, "longitude": 11.5}, "7", None),
-        Edited("discard", None, "7", None),
-    )
-    drop = state.current_drops[1]
-    assert drop.view.rebounds == (3300.0,)
-    assert drop.view.marks == (text_notice("3 samples missing"),)
-    assert drop.view.notes == ("wet",)
-    point = state.current
-    assert (point.shown_name, point.position, point.discarded) == ("km 3", (48.1, 11.5), True)
-
-
-def test_a_new_point_is_empty_and_the_first_point_stays() -> None:
-    state = state_after(*complete_point(), PointBegan("8"))
-    assert state.point == "8"
-    assert state.last is None
-    assert len(state.drops_of(state.points["7"])) == 6
-
-
 def test_the_stored_survey_is_merged_and_newer_results_win() -> None:
-    result = DropResult(modulus_pa=30e6, status="measured")
-    first = stored_drop(1, result, record=11, notes=("old",))
+    stored = DropResult(modulus_pa=30e6, status="measured")
+    first = stored_drop(1, stored, record=11, notes=("old",))
     second = stored_drop(2, None, record=12, discarded=Notice("discarded"))
     contents = PointView(
         "7", (first, second), 45e6, title="km 3", place={"latitude": 1.0, "longitude": 2.0}
@@ -157,8 +125,7 @@ def test_the_stored_survey_is_merged_and_newer_results_win() -> None:
 def test_old_traces_leave_memory_but_no_drop_does() -> None:
     state = state_after(ready())
     for number in range(1, 60):
-        report(state, saved(number))
-        report(state, analysed(number))
+        report(state, saved(number), analysed(number))
     drops = state.drops_of(state.points["7"])
     assert len(drops) == 59
     assert drops[1].saved is None
@@ -171,25 +138,77 @@ def test_every_state_has_its_word() -> None:
     assert word(SessionState(clock=Clock())) == "STARTING"
     state = state_after()
     assert word(state) == "WAITING"
-    report(state, ready())
-    assert word(state) == "SETTLING"
-    report(state, NotReady("the shunt is on"))
-    assert word(state) == "NOT READY"
-    report(state, Ready())
-    assert word(state) == "READY"
+    for event, expected in (
+        (ready(), "SETTLING"),
+        (NotReady("the shunt is on"), "NOT READY"),
+        (Ready(), "READY"),
+        (saved(2, status="rejected", reason="false trigger"), "REPEAT"),
+        (InstrumentLost("unplugged", NOON), "CABLE OUT"),
+    ):
+        report(state, event)
+        assert word(state) == expected
+    report(state, ready(restarted=True), DropNotSaved("7", 3, "no room"))
+    assert word(state) == "NOT SAFE"
+
+
+def test_the_word_of_a_drop_changes_with_time() -> None:
+    state = state_after(ready(), Ready())
     assert word(state, pulse_age=0.1) == "DROP"
     report(state, saved(1, status="seating"))
     assert word(state, later=0.1) == "COMPUTING"
     report(state, analysed(1, full=False, kind="seating"))
     assert word(state, later=0.3) == "SAFE"
     assert word(state, later=SAFE_WORD_S + 0.1) == "READY"
-    report(state, saved(2, status="rejected", reason="false trigger"))
-    assert word(state) == "REPEAT"
-    report(state, InstrumentLost("unplugged", NOON))
-    assert word(state) == "CABLE OUT"
-    report(state, ready(restarted=True))
-    report(state, DropNotSaved("7", 3, "no room"))
-    assert word(state) == "NOT SAFE"
+
+
+@pytest.mark.parametrize(
+    ("event", "expected", "action"),
+    [
+        (StorageLow("filling", serious=True, drops_remaining=500), "READY", ""),
+        (StorageLow("filling", serious=True, drops_remaining=40), "DISK LOW", "about 40 more"),
+        (SurveyFilesChanged("the journal is gone"), "NOT SAFE", "the journal is gone"),
+        (SensorCheck({}, (text_notice("zero of the load cell"),)), "CHECK", "zero"),
+        (TableBuilding("plate 0.15 m", 0.4), "COMPUTING", "40 %"),
+    ],
+)
+def test_a_fault_has_its_word_and_action(event: Any, expected: str, action: str) -> None:
+    state = state_after(ready(), Ready(), event)
+    assert word(state) == expected
+    assert action in status_of(state, 110.0).action
+
+
+def test_a_fault_that_is_over_has_no_word() -> None:
+    state = state_after(
+        ready(),
+        Ready(),
+        StorageLow("filling", serious=True, drops_remaining=40),
+        StorageLow("room again", drops_remaining=None),
+        TableBuilding("plate 0.15 m", 1.0),
+    )
+    assert word(state) == "READY"
+
+
+def test_a_discarded_drop_reopens_a_complete_point() -> None:
+    state = state_after(*complete_point(), Ready())
+    assert word(state) == "POINT DONE"
+    report(state, Edited("discard", None, None, 6))
+    assert word(state) == "READY"
+
+
+def test_a_low_battery_is_reported() -> None:
+    assert state_after(ready(), BatteryLow("low", serious=True)).device.battery_low
+    assert not state_after(ready(), SessionNotice("battery of a phone")).device.battery_low
+
+
+def test_advice_is_that_of_the_drop_and_of_the_last_diagnosis() -> None:
+    state = state_after(ready(), saved(1, marks=(SATURATED,)))
+    (saturated,) = state.advice(state.last)
+    effect = EffectResult(name="rough_contact", scope="point", advice="clear stones")
+    diagnosis = DiagnosisResult(drops=(1,), verdict="explained", effects=(effect,))
+    report(state, PointDiagnosed("7", diagnosis))
+    assert any("clear stones" in text for text in state.advice(state.last))
+    report(state, PointDiagnosed("7", dataclasses.replace(diagnosis, effects=())))
+    assert state.advice(state.last) == [saturated], "the effect is not accepted any more"
 
 
 def test_a_bounce_is_no_new_drop() -> None:
@@ -200,58 +219,13 @@ def test_a_bounce_is_no_new_drop() -> None:
     assert word(state, later=6.0, pulse_age=0.1) == "DROP"
 
 
-def test_the_action_says_which_drop_is_next() -> None:
+def test_the_action_names_the_next_drop() -> None:
     state = state_after(ready(), Ready())
     assert "seating drop 1 of 3" in status_of(state, 110.0).action
     for number in range(1, 5):
         kind = "seating" if number <= 3 else "measured"
-        report(state, saved(number, status=kind))
-        report(state, analysed(number))
+        report(state, saved(number, status=kind), analysed(number))
     assert "measured drop 2 of 3" in status_of(state, 110.0).action
-
-
-def test_a_discarded_drop_reopens_a_complete_point() -> None:
-    state = state_after(*complete_point(), Ready())
-    assert word(state) == "POINT DONE"
-    report(state, Edited("discard", None, None, 6))
-    assert word(state) == "READY"
-
-
-def test_a_disk_is_reported_before_it_is_full() -> None:
-    state = state_after(ready(), Ready(), StorageLow("filling", serious=True, drops_remaining=500))
-    assert word(state) == "READY"
-    report(state, StorageLow("filling", serious=True, drops_remaining=40))
-    assert word(state) == "DISK LOW"
-    assert "room for about 40 more drops" in status_of(state, 110.0).action
-    report(state, StorageLow("room again", drops_remaining=None))
-    assert word(state) == "READY"
-
-
-def test_a_low_battery_is_reported() -> None:
-    state = state_after(ready(), BatteryLow("whatever it says", serious=True))
-    assert state.device.battery_low
-    assert not state_after(ready(), SessionNotice("battery of something else")).device.battery_low
-
-
-def test_removed_files_have_priority() -> None:
-    state = state_after(ready(), Ready(), SurveyFilesChanged("the journal is gone"))
-    assert (word(state), status_of(state, 110.0).action) == ("NOT SAFE", "the journal is gone")
-
-
-def test_a_faulty_load_cell_is_reported() -> None:
-    state = state_after(
-        ready(), Ready(), SensorCheck({}, (text_notice("zero of the load cell is off"),))
-    )
-    point_diagnosis = status_of(state, 110.0)
-    assert (point_diagnosis.word, point_diagnosis.role) == ("CHECK", "alarm")
-    assert "zero" in point_diagnosis.action
-
-
-def test_the_table_is_awaited() -> None:
-    state = state_after(ready(), Ready(), TableBuilding("plate 0.15 m", 0.4))
-    assert status_of(state, 110.0).action.endswith("40 %")
-    report(state, TableBuilding("plate 0.15 m", 1.0))
-    assert word(state) == "READY"
 
 
 @pytest.mark.parametrize(
@@ -269,46 +243,22 @@ def test_every_end_has_its_word(ended: SessionEnded, expected: str) -> None:
     assert word(state_after(ready(), ended)) == expected
 
 
-def test_the_diagnosis_of_a_measured_point_gives_advice() -> None:
-    state = SessionState()
-    effect = EffectResult(name="rough_contact", scope="point", advice="clear stones")
-    point_diagnosis = DiagnosisResult(drops=(1,), verdict="explained", effects=(effect,))
-    for event in (ready(), saved(), PointDiagnosed("7", point_diagnosis)):
-        report(state, event)
-    assert [text for text in state.advice(state.last) if "clear stones" in text]
-    report(state, PointDiagnosed("7", dataclasses.replace(point_diagnosis, effects=())))
-    assert state.advice(state.last) == [], "with further drops it is not found any more"
-
-
 def test_a_verdict_on_a_fitted_modulus_waits_for_the_diagnosis() -> None:
     state = state_after(*complete_point(), target=45e6)
-    given, expected = state.progress.verdict, verdict_word(state.current)
-    assert given is not Verdict.NONE
-    report(state, DiagnosisAwaited("7", True))
+    verdict, text = state.progress.verdict, verdict_word(state.current)
+    assert verdict is not Verdict.NONE
+    for event in (DiagnosisAwaited("7", True), SurveyRead((PointView("7", job=state.job),))):
+        report(state, event)
+        assert verdict_word(state.current) == ("PENDING", "strong")
     assert state.progress.verdict is Verdict.NONE
-    assert verdict_word(state.current) == ("PENDING", "strong")
-    report(state, SurveyRead((PointView("7", job=state.job),)))
-    assert verdict_word(state.current) == ("PENDING", "strong")
     report(state, DiagnosisAwaited("7", False))
-    assert (state.progress.verdict, verdict_word(state.current)) == (given, expected)
+    assert (state.progress.verdict, verdict_word(state.current)) == (verdict, text)
 
     # Peaks need no diagnosis.
     report(state, JobReported(Job(procedure=find_procedure("tp-bf-stb-b8.3"), target=45e6), ()))
-    given = state.progress.verdict
+    verdict = state.progress.verdict
     report(state, DiagnosisAwaited("7", True))
-    assert state.progress.verdict is given is not Verdict.NONE
-
-
-def test_a_point_that_could_not_be_diagnosed_says_why() -> None:
-    no_drop = DiagnosisResult(
-        drops=(), verdict="unexplained", warnings=(Notice("no-measured-drop"),)
-    )
-    assert diagnosis_sentence(no_drop, SI) == "not made: no measured drop to diagnose"
-
-
-def test_a_drop_at_the_end_of_the_range_is_advised_at_once() -> None:
-    state = state_after(ready(), saved(1, marks=(SATURATED,)))
-    assert [text for text in state.advice(state.last) if "use a lower drop height" in text]
+    assert state.progress.verdict is verdict is not Verdict.NONE
 
 
 def test_a_saturated_drop_is_never_clean() -> None:
@@ -324,7 +274,7 @@ def test_a_saturated_drop_is_never_clean() -> None:
     assert verdict_of(drop, "EXPLAINED by saturation") == (text, role)
 
 
-def test_the_fit_of_a_drop_is_not_shown_where_its_point_has_no_modulus() -> None:
+def test_a_drop_has_no_modulus_where_its_point_has_no_modulus() -> None:
     events = [
         dataclasses.replace(event, result=result(at_bound=["bedrock_depth"]))
         if isinstance(event, DropAnalysed)
@@ -333,8 +283,8 @@ def test_the_fit_of_a_drop_is_not_shown_where_its_point_has_no_modulus() -> None
     ]
     state = state_after(*events)
     assert state.last is not None
-    shown = SI.value_and_ends(modulus_of_drop(state.last))
-    assert shown[0].endswith("*")
+    of_the_fit = SI.value_and_ends(modulus_of_drop(state.last))
+    assert of_the_fit[0].endswith("*")
     numbers = tuple(drop.number for drop in state.current.drops)
     basis = basis_of(state.current.setup)
     diagnosis = DiagnosisResult(
@@ -346,6 +296,6 @@ def test_the_fit_of_a_drop_is_not_shown_where_its_point_has_no_modulus() -> None
     assert SI.value_and_ends(modulus_of_drop(state.last)) == ("-", "")
     assert f"no modulus: {text_of(diagnosis.use_reason)}" in remark(state.last, SI)
     report(state, PointDiagnosed("7", dataclasses.replace(diagnosis, drops=())))
-    assert SI.value_and_ends(modulus_of_drop(state.last)) == shown, (
+    assert SI.value_and_ends(modulus_of_drop(state.last)) == of_the_fit, (
         "the diagnosis is not in force any more"
     )

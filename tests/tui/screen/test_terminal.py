@@ -1,4 +1,4 @@
-"""The commands in a real terminal of their own, with a simulated instrument, from start to end."""
+"""The commands in a real terminal, with a simulated instrument, from start to end."""
 
 import json
 import os
@@ -115,18 +115,6 @@ def test_remarks_on_the_options_are_in_the_help(tmp_path: Path) -> None:
             wait(program, lambda: "! point 12+36 is new, but 12+360 exists" in text(program))
             program.press("\x03")  # q belongs to the help page
             assert ended(program) == 0
-
-
-def test_a_replay_runs_on_the_screen_and_leaves_the_survey_as_it_was(tmp_path: Path) -> None:
-    survey = tmp_path / "survey"
-    with serve(PLAIN, drops=2, rate=20.0) as instrument:
-        assert pfwd("log", instrument.url, "-o", survey, "--no-invert").returncode == 0
-    before = sorted(path.name for path in survey.rglob("*"))
-    with terminal("replay", survey, "--live", "--speed", "5") as program:
-        wait(program, lambda: "END" in text(program) and "PFWD" in text(program))
-        program.press("q")
-        assert ended(program) == 0
-    assert sorted(path.name for path in survey.rglob("*")) == before
 
 
 def test_the_demo_has_the_screen_on_a_terminal_and_ends_by_sigterm(tmp_path: Path) -> None:

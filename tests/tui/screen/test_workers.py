@@ -24,7 +24,7 @@ PATIENCE = 120.0
 
 
 class Screen:
-    """What fits and diagnoses show and send to the screen."""
+    """Messages and events of fits and diagnoses."""
 
     def __init__(self) -> None:
         self.events: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -50,8 +50,8 @@ def diagnoses(screen: Screen, tmp_path: Path) -> Iterator[RequestedDiagnoses]:
 
 
 def test_a_trial_fit_runs_in_a_separate_process(screen: Screen) -> None:
-    nothing: Any = None
-    fits = DropFits(nothing, screen, nothing, screen.messages.append, nothing)  # type: ignore[arg-type]
+    unused: Any = None
+    fits = DropFits(unused, screen, unused, screen.messages.append, unused)  # type: ignore[arg-type]
     try:
         options = AnalysisOptions(model="half-space", method="posterior")
         fits.refit(saved_drop(4), options, options.label)
@@ -80,29 +80,22 @@ def test_an_impossible_diagnosis_is_a_sentence(
     assert diagnoses.task is None
 
 
-def test_diagnoses_that_are_not_stored_say_why(
-    diagnoses: RequestedDiagnoses, screen: Screen
-) -> None:
-    task = Task[Any]()
-    reason = "results are not stored: another program writes the survey"
-    task.set_result(([], reason))
-    diagnoses._finish("survey", task)
-    diagnoses.on_diagnosed(screen.event(), SI)
-    assert screen.messages == [f"the diagnosis is done: 4 shows it; {reason}"]
-
-
-def test_the_session_that_writes_the_survey_stores_its_diagnoses(
+def test_diagnoses_are_stored_by_the_session_of_their_survey_only(
     diagnoses: RequestedDiagnoses, screen: Screen, tmp_path: Path
 ) -> None:
     stored: list[tuple[int, DiagnosisResult]] = []
     session = SimpleNamespace(keep_diagnosis=lambda *diagnosis: stored.append(diagnosis))
     screen.request = lambda action: action(session) is None  # type: ignore[attr-defined]
-    new, known = DiagnosisResult(drops=(4,)), DiagnosisResult(drops=(8,), stored=True)
+    new, old = DiagnosisResult(drops=(4,)), DiagnosisResult(drops=(8,), stored=True)
+    reason = "results are not stored: another program writes the survey"
     task = Task[Any]()
-    task.set_result(([(4, new), (8, known)], "results are not stored: this program writes it"))
+    task.set_result(([(4, new), (8, old)], reason))
+    diagnoses._finish("survey", task)
+    diagnoses.on_diagnosed(screen.event(), SI)
+    assert screen.messages == [f"the diagnosis is done: 4 shows it; {reason}"]
     diagnoses._finish(str(tmp_path / "other"), task)
     finished = screen.event()
-    assert finished.results == (new, known)
+    assert finished.results == (new, old)
     assert finished.not_stored == ""
     assert stored == [(4, new)]
 
@@ -127,8 +120,8 @@ def test_a_second_diagnosis_waits_and_the_first_can_be_stopped(
     diagnoses.start(str(tmp_path / "one"))
     diagnoses.start(str(tmp_path / "two"))
     assert screen.messages[-1] == "a diagnosis is under way; 4 and k stop it"
-    started = time.monotonic()
-    while diagnoses.task and not diagnoses.task.process and time.monotonic() < started + PATIENCE:
+    end = time.monotonic() + PATIENCE
+    while diagnoses.task and not diagnoses.task.process and time.monotonic() < end:
         time.sleep(0.001)
     diagnoses.stop()
     stopped = screen.event()
