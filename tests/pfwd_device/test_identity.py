@@ -1,5 +1,8 @@
 """Limits of the values of an identity."""
 
+import dataclasses
+import datetime
+import json
 import math
 from dataclasses import replace
 from typing import Any
@@ -7,8 +10,9 @@ from typing import Any
 import pytest
 
 from pfwd_device.errors import DeviceError, SetupError
-from pfwd_device.identity import ChannelIdentity, Identity
+from pfwd_device.identity import ChannelIdentity, Identity, identity_as_dict, identity_from_dict
 from pfwd_plugins.quantities import Measurand
+from tests.pfwd.scripted_feed import IDENTITY
 
 LOAD = ChannelIdentity("load", Measurand.LOAD)
 
@@ -98,3 +102,19 @@ def test_volts_per_count() -> None:
     for bits, volts, expected in ((24, 2.5, 2.5 / 8_388_608), (8, 1.28, 0.01)):
         converter = identity(adc_bits=bits, adc_range=volts)
         assert converter.volts_per_count(converter.channels[0]) == expected
+
+
+def test_an_identity_survives_json() -> None:
+    dates = {"due": datetime.date(2027, 1, 1)}
+    dated = dataclasses.replace(
+        IDENTITY.channels[0], shunt=5000.0, adc_range=5.0, delay=5e-5, **dates
+    )
+    identity = dataclasses.replace(
+        IDENTITY, channels=(dated, IDENTITY.channels[1]), centre_sensor="ground"
+    )
+    table: Any = json.loads(json.dumps(identity_as_dict(identity)))
+    assert identity_from_dict(table) == identity
+    broken: Any
+    for broken in ({}, {**table, "channels": [1]}, {**table, "adc_bits": 99}, {**table, "x": 1}):
+        with pytest.raises(SetupError):
+            identity_from_dict(broken)

@@ -8,11 +8,7 @@ import pytest
 
 from inversion.inference import structures
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.results import (
-    DiagnosisResult,
-    EffectParameter,
-    EffectResult,
-)
+from pfwd.analysis.results import DiagnosisResult, EffectParameter, EffectResult
 from pfwd.analysis.screening.drops import Screening
 from pfwd.analysis.tasks import diagnose_single
 from pfwd.errors import SurveyError

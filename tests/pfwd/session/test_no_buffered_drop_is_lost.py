@@ -25,14 +25,7 @@ from pfwd_device.acquisition.drop_transfers import DropTransfers
 from pfwd_device.acquisition.items import BufferedDrop, Counters, UnusableDrop
 from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_device.wire.fields import pack_int24
-from pfwd_device.wire.messages import (
-    Acknowledge,
-    Armed,
-    DropBlock,
-    DropOffer,
-    Fetch,
-    Released,
-)
+from pfwd_device.wire.messages import Acknowledge, Armed, DropBlock, DropOffer, Fetch, Released
 from simulators.instrument.memory import DropBuffer, WaitingDrop
 from tests.pfwd import scripted_feed
 from tests.pfwd.judging.stories import UnsyncedStorage

@@ -1,7 +1,6 @@
 """A session against scripted samples: what is saved, told and when."""
 
 import dataclasses
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,7 +29,7 @@ from pfwd.session.session import Session
 from pfwd.session.setup_file import parse_setup
 from pfwd_device.acquisition.items import RateDeviation
 from pfwd_device.identity import ChannelIdentity
-from pfwd_device.recording import SurveyWriter, check, read_survey
+from pfwd_device.recording import read_survey
 from pfwd_device.wire.messages import Event, EventKind
 from pfwd_plugins.quantities import Measurand
 from tests.pfwd.report.surveys import result_of
@@ -260,15 +259,6 @@ def test_a_drop_with_the_shunt_on_is_reported_at_once_whoever_switched_it_on(
     assert log.index(hidden) <= log.index(live[-1]) + 4  # within 0.2 s
     assert log.of(DropSaved) == []
     assert "bounce" in bounce.text
-
-
-def test_a_survey_of_a_session_is_intact(log: Log, tmp_path: Path) -> None:
-    with SurveyWriter.open(tmp_path / "survey") as inner:
-        counts = stream(6.0, [(1.0, 8000.0), (1.5, 3000.0), (4.0, 8000.0)])
-        run(ScriptedFeed(connected(), began(), pieces(counts)), log, inner)
-    report = check(tmp_path / "survey")
-    assert report.ok
-    assert (report.drops_acknowledged, report.drops_published) == (2, 2)
 
 
 def test_an_unused_channel_is_recorded_and_not_inverted(log: Log, writer: Any) -> None:

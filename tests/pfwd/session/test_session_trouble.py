@@ -10,23 +10,27 @@ import numpy as np
 import pytest
 
 from pfwd.errors import OptionError
+from pfwd.session import events
 from pfwd.session.events import (
+    N_REPORTED_FIRST,
+    REPEAT_INTERVAL,
     DropNotSaved,
     DropSaved,
     InstrumentLost,
     InstrumentReady,
     LiveSamples,
     Ready,
+    Repeats,
     SessionNotice,
     SurveyFilesChanged,
 )
 from pfwd.session.measure import replay
 from pfwd.session.plan import Ending, SessionPlan
-from pfwd.session.session import Session
+from pfwd.session.session import TRIGGER_PAUSE, Session
 from pfwd_device.acquisition.decoder import Decoder
 from pfwd_device.acquisition.items import Item, RepeatedSamples, StreamBegan
 from pfwd_device.errors import RecordingError, SetupError
-from pfwd_device.recording import SurveyWriter, read_survey, recover
+from pfwd_device.recording import read_survey, recover
 from pfwd_device.wire.binary import BinaryDialect, encode_message
 from pfwd_device.wire.messages import Event, EventKind, Hello, Refusal, Start, Status
 from simulators.instrument.device import PortlessInstrument
@@ -37,6 +41,7 @@ from tests.pfwd.scripted_feed import (
     LOAD,
     NOW,
     ONE_DROP,
+    RATE,
     Log,
     ScriptedFeed,
     began,
@@ -151,7 +156,9 @@ def test_a_point_continues_after_a_reconnection(log: Log, writer: Any) -> None:
     assert links == ["connected", "lost", "connected"]
 
 
-def test_the_same_samples_are_never_recorded_twice(log: Log, writer: Any) -> None:
+@pytest.mark.parametrize("failures", [0, 2], ids=["recorded", "held"])
+def test_the_same_samples_are_never_recorded_twice(log: Log, writer: Any, failures: int) -> None:
+    writer.failures = failures
     counts = stream(4.0, [(1.0, 8000.0), (1.5, 2000.0)])
     repeated = [connected(again=True), began(), *pieces(counts)]
     run(ScriptedFeed(connected(), began(), pieces(counts), lost(), repeated), log, writer)
@@ -159,13 +166,6 @@ def test_the_same_samples_are_never_recorded_twice(log: Log, writer: Any) -> Non
     assert "not recorded twice" in log.texts
     (record,) = recorded(writer)
     assert len(record.rebounds) == 1
-
-
-def test_the_same_samples_are_not_held_twice_either(log: Log, writer: Any) -> None:
-    writer.failures = 2
-    repeated = [connected(again=True), began(), *pieces(ONE_DROP)]
-    run(ScriptedFeed(connected(), began(), pieces(ONE_DROP), lost(), repeated), log, writer)
-    assert [event.saved.number for event in log.of(DropSaved)] == [1]
 
 
 def test_an_unannounced_stream_cuts_off_the_drop(log: Log, writer: Any) -> None:
@@ -357,20 +357,103 @@ def test_a_survey_that_is_moved_while_a_replay_ends_is_reported(
     assert len(read_survey(tmp_path / "moved").drops) == 1
 
 
-@pytest.mark.posix
-def test_a_survey_that_is_moved_after_the_stop_is_reported(
-    tmp_path: Path,
+QUIET = stream(8.0)
+TRIGGER = Event(EventKind.TRIGGER, 0)
+
+
+def test_repeated_messages_are_counted_and_reported_at_intervals() -> None:
+    now = [0.0]
+    counted = Repeats(lambda: now[0])
+    assert [counted.due("a") for _ in range(N_REPORTED_FIRST)] == [0] * N_REPORTED_FIRST
+    assert [counted.due("a") for _ in range(1000)] == [None] * 1000
+    assert counted.due("b") == 0  # another kind is not hidden by it
+    now[0] = REPEAT_INTERVAL - 0.1
+    assert counted.due("a") is None
+    now[0] = REPEAT_INTERVAL
+    assert counted.due("a") == 1001
+    assert counted.due("a") is None
+    assert counted.rest() == {"a": 1}
+    assert counted.rest() == {}
+
+
+def test_a_flood_of_events_does_not_hide_a_different_event(log: Log) -> None:
+    flood = [Event(EventKind.BOOT, n, f"text {n}") for n in range(5000)]
+    flood += [Refusal(3, f"text {n}") for n in range(5000)]
+    battery = Event(EventKind.LOW_BATTERY, 1, "3.1 V")
+    feed = ScriptedFeed(connected(), began(), pieces(QUIET[:20_000]), flood, battery)
+    run(feed, log)
+    texts = [notice.text for notice in log.of(SessionNotice)]
+    assert "battery of the instrument is low 3.1 V" in texts
+    assert sum("the instrument restarted" in text for text in texts) == N_REPORTED_FIRST
+    assert sum("refuses" in text for text in texts) == N_REPORTED_FIRST
+    count = 5000 - N_REPORTED_FIRST
+    assert f"{count} more messages of the instrument about restarts were not shown" in texts
+    assert len(texts) < 30
+
+
+def test_a_repeated_message_has_the_count_of_the_unreported(
+    log: Log, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    log, survey = Log(), tmp_path / "survey"
-    with SurveyWriter.open(survey, publish=False) as writer:
+    boots = [Event(EventKind.BOOT, n) for n in range(100)]
 
-        def move() -> None:
-            session.stop()
-            survey.rename(tmp_path / "moved")
+    def wait() -> None:
+        monkeypatch.setattr(events, "REPEAT_INTERVAL", 0.0)
 
-        feed = ScriptedFeed(connected(), drops(8e3), move, forever=True)
-        session = Session(feed, log, SessionPlan(options=None), writer)
-        assert session.run() is Ending.DONE
-    assert not survey.exists()
-    assert len(log.of(SurveyFilesChanged)) == 1
-    assert len(read_survey(tmp_path / "moved").drops) == 1
+    run(ScriptedFeed(connected(), boots, wait, boots[:1]), log)
+    more = f"{100 - N_REPORTED_FIRST} more since the last message of this kind"
+    assert f"the instrument restarted ({more})" in log.texts
+
+
+def test_an_instrument_cannot_trigger_more_often_than_a_person(log: Log) -> None:
+    # After each of 160 blocks of 50 ms; the first 0.5 s teach what the load at rest is.
+    items = [item for block in pieces(QUIET) for item in (block, TRIGGER)]
+    run(ScriptedFeed(connected(), began(), items), log)
+    assert len(QUIET) / RATE / TRIGGER_PAUSE == 8
+    assert 6 <= len(log.of(DropSaved)) <= 8
+    assert "triggered again within a second" in log.texts
+
+
+def test_two_triggers_a_person_gives_are_two_drops(log: Log) -> None:
+    blocks = pieces(QUIET[:40_000])
+    parts = [*blocks[:30], TRIGGER, *blocks[30:55], TRIGGER, *blocks[55:]]
+    run(ScriptedFeed(connected(), began(), parts), log)
+    assert len(log.of(DropSaved)) == 2
+    assert "triggers again" not in log.texts
+
+
+def test_a_stopped_session_accepts_no_trigger(log: Log, writer: Any) -> None:
+    blocks = pieces(QUIET)
+    items = [item for block in blocks[30:] for item in (block, TRIGGER)]
+    stop = [lambda: session.stop()]
+    feed = ScriptedFeed(connected(), began(), blocks[:30], stop, items, forever=True)
+    session = Session(feed, log, SessionPlan(options=None), writer)
+    assert session.run() is Ending.DONE
+    assert writer.saved == []
+
+
+def test_a_drop_whose_samples_never_come_does_not_hold_up_the_end(
+    log: Log, writer: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pfwd.session.session.STOPPED_DROP", 0.05)
+    blocks = pieces(QUIET[:20_500])
+    feed = ScriptedFeed(
+        connected(), began(), blocks[:-1], TRIGGER, blocks[-1:], lambda: session.stop(),
+        forever=True,
+    )  # fmt: skip
+    session = Session(feed, log, SessionPlan(options=None), writer)
+    assert session.run() is Ending.DONE
+    (event,) = log.of(DropSaved)
+    assert "cut-off" in [mark.code for mark in event.saved.view.marks]
+
+
+def test_a_flood_of_connections_does_not_fill_the_survey(log: Log, writer: Any) -> None:
+    reconnections = [connected(again=True) for _ in range(3000)]
+    drop = [began(), *pieces(stream(3.0, [(1.0, 8000.0)]))]
+    run(ScriptedFeed(connected(), reconnections, drop), log, writer)
+    # A display has to know each of them, the survey does not.
+    assert len(log.of(InstrumentReady)) == 3001
+    events = [item for item in read_survey(writer.folder).events if item["event"] == "connected"]
+    # The last one is kept with the drop that it measured.
+    assert len(events) == N_REPORTED_FIRST + 1
+    assert events[-1]["details"]["more_before"] == 3001 - N_REPORTED_FIRST
+    assert len(log.of(DropSaved)) == 1

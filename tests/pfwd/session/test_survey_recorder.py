@@ -10,10 +10,7 @@ import numpy as np
 import pytest
 
 from pfwd.session import survey_recorder
-from pfwd.session.events import (
-    DropNotPublished,
-    StorageLow,
-)
+from pfwd.session.events import DropNotPublished, StorageLow
 from pfwd.session.survey_recorder import SurveyRecorder
 from pfwd_device.jobs import Jobs
 from pfwd_device.recording import DropRecord, SpareFolder, Storage, SurveyWriter

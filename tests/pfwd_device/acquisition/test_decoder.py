@@ -13,14 +13,7 @@ from hypothesis import strategies as st
 
 from pfwd_device.acquisition import decoder as decoder_module
 from pfwd_device.acquisition.decoder import Decoder
-from pfwd_device.acquisition.items import (
-    Connected,
-    Gap,
-    Item,
-    RateDeviation,
-    Samples,
-    StreamBegan,
-)
+from pfwd_device.acquisition.items import Connected, Gap, Item, RateDeviation, Samples, StreamBegan
 from pfwd_device.wire.binary import BinaryDialect, encode_message
 from pfwd_device.wire.messages import (
     Armed,

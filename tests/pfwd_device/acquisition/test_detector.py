@@ -9,12 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pfwd_device.acquisition.detection import (
-    DetectionSettings,
-    RawDrop,
-    RawRebound,
-    ReboundsOver,
-)
+from pfwd_device.acquisition.detection import DetectionSettings, RawDrop, RawRebound, ReboundsOver
 from pfwd_device.acquisition.detector import Detector
 from pfwd_device.acquisition.items import Gap, Samples
 from pfwd_device.errors import SetupError
@@ -196,24 +191,6 @@ def test_saturated_samples_are_counted():
     assert drop.saturated == ((1, 15),)
 
 
-def test_a_recorded_drop_is_reproduced_bit_for_bit():
-    load = stream((1.5, 6000.0), noise=20.0)
-    load += 40.0 * np.sin(2 * np.pi * 0.7 * np.arange(load.size) / RATE)
-    (live,) = drops(run(load))
-    detector = Detector(IDENTITY)
-    detector.begin(3, live.first, live.at_rest)
-    detections = detector.feed(Samples(3, live.first, live.counts, False, 0.0, NOW))
-    detections += detector.feed(Gap(3, live.first + len(live.counts), RATE))
-    (reproduced,) = drops(detections)
-    assert (reproduced.first, reproduced.trigger, reproduced.missing) == (
-        live.first,
-        live.trigger,
-        (),
-    )
-    np.testing.assert_array_equal(reproduced.counts, live.counts)
-    assert reproduced.at_rest == live.at_rest
-
-
 @settings(max_examples=40, deadline=None)
 @given(
     st.lists(st.integers(1, 39_999), max_size=40),
@@ -242,27 +219,6 @@ def test_a_drop_after_a_knock_is_not_lost_with_the_link():
     assert drop.first + drop.trigger == pytest.approx(15_000, abs=5)
     assert drop.cut_off == "link lost"
     assert knock.cut_off is None
-
-
-def test_in_a_replay_a_manual_trigger_has_priority():
-    """Whoever triggers by hand may do so with a weight on the plate."""
-    load = stream()
-    load[10_000:] += 900.0
-    detector = started()
-    counts = counts_of(load)
-    detections = drops(detector.feed(samples(counts[:12_000])))
-    detector.trigger_by_operator()
-    (live,) = drops(detector.feed(samples(counts[12_000:14_000], 12_000)))
-    assert len(detections) == 1
-    reproduced = Detector(IDENTITY)
-    reproduced.begin(7, live.first, live.at_rest)
-    reproduced.trigger_by_operator(live.first + live.trigger)
-    (replayed,) = drops(
-        reproduced.feed(samples(live.counts, live.first)) + reproduced.feed(Gap(7, 0, RATE))
-    )
-    assert (replayed.first, replayed.trigger) == (live.first, live.trigger)
-    np.testing.assert_array_equal(replayed.counts, live.counts)
-    assert replayed.by_operator
 
 
 @pytest.mark.parametrize("rate", [1e-9, 1.0, 125.0])

@@ -8,12 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pfwd_device.acquisition.detection import (
-    PulseReason,
-    PulseReport,
-    RawDrop,
-    RawRebound,
-)
+from pfwd_device.acquisition.detection import PulseReason, PulseReport, RawDrop, RawRebound
 from pfwd_device.acquisition.detector import Detector
 from pfwd_device.acquisition.items import Gap, Samples
 from pfwd_device.identity import Identity
@@ -267,31 +262,6 @@ def test_a_second_pulse_over_the_end_of_a_record_is_reported(after, peak):
     assert reasons(detections) or triggers(detections, RawRebound)
 
 
-@pytest.mark.parametrize("after", [0.0282, 0.0285])
-@pytest.mark.parametrize("peak", [650.0, 6000.0])
-def test_a_second_pulse_over_the_end_of_the_record_of_a_bounce_is_reported(after, peak):
-    pulses = pulses_at((1.0, 20_000.0), (1.5, 450.0), (1.5 + after, peak))
-    detections, _ = feed(stream_of(pulses, 4.0))
-    assert triggers(detections, RawRebound) == pytest.approx([15_050], abs=10)
-    assert triggers(detections, PulseReport) == pytest.approx([15_351], abs=5)
-
-
-def test_a_bounce_with_the_trigger_in_its_fall_is_recorded_with_its_peak():
-    counts = stream_of(pulses_at((0.8, 5061.0), (0.9719, 1523.0), (1.0689, 521.0)), 2.0)
-    times, loads = [0.454, 0.5, 0.509, 0.779, 0.8, 1.079], [0, 798, 987, 2150, 2150, 950]
-    person = np.interp(np.arange(len(counts)) / RATE, times, loads)
-    detections, _ = feed(counts + np.rint(person).astype(np.int32)[:, None])
-    bounce = [each for each in detections if isinstance(each, RawRebound)][-1]
-    assert bounce.first < 10_764 < bounce.trigger
-
-
-def test_a_pulse_after_the_record_of_a_load_that_is_put_on_is_reported():
-    counts = stream_of(pulses_at((0.8, 7459.0), (1.0813, 2492.0)), 2.0)
-    person = 957 * np.clip((np.arange(len(counts)) / RATE - 1.0363) / 0.05, 0, 1)
-    detections, _ = feed(counts + np.rint(person).astype(np.int32)[:, None])
-    assert triggers(detections, PulseReport) == pytest.approx([10_870], abs=5)
-
-
 def test_a_missing_part_of_a_pulse_is_no_second_pulse():
     detections, _ = feed(stream_of(pulses_at((1.0, 8000.0)), 4.0), gaps=[(10_070, 15)])
     assert reasons(detections) == []
@@ -328,16 +298,6 @@ def test_a_pulse_with_the_shunt_on_is_reported_and_its_bounce_is_no_drop(settlin
     assert first.trigger == pytest.approx(at * RATE, abs=100)
     assert len(bounces) == sum(part * peak > THRESHOLD for part in (0.4, 0.15))
     assert {each.reason for each in bounces} <= {PulseReason.BOUNCE_OF_SHUNTED}
-
-
-@pytest.mark.parametrize("distance", [0.016, 0.02, 0.028])
-def test_two_unrecorded_bounces_have_two_reports(distance):
-    counts = stream_of(pulses_at((1.0, 8000.0), (1.6, 500.0), (1.6 + distance, 500.0)), 3.0)
-    starts = pytest.approx([16_025, 16_025 + RATE * distance], abs=27)
-    detections = feed_shunted(counts, 10_000, 15_000)
-    assert triggers(detections, PulseReport)[1:] == starts
-    later = set(reasons(detections)[1:])
-    assert later <= {PulseReason.BOUNCE_OF_SHUNTED, PulseReason.NOT_RELEASED}
 
 
 @pytest.mark.parametrize("settling", [1, 300, 500])
@@ -404,13 +364,6 @@ def test_a_bounce_that_is_cut_off_is_reported():
     (report,) = [each for each in detections if isinstance(each, PulseReport)]
     assert report.reason is PulseReason.CUT_OFF
     assert report.peak == pytest.approx(3000, abs=30)
-
-
-def test_each_of_two_bounces_that_are_cut_off_is_reported():
-    pulses = pulses_at((1.0, 8000.0), (1.6, 500.0), (1.616, 500.0))
-    detections, _ = feed(stream_of(pulses, 2.0)[:16_325])
-    assert reasons(detections) == [PulseReason.CUT_OFF] * 2
-    assert triggers(detections, PulseReport) == pytest.approx([16_025, 16_185], abs=27)
 
 
 def test_a_pulse_at_the_end_of_the_first_rest_is_a_drop():

@@ -1,7 +1,6 @@
 """The driver with an instrument in the same process; real ports in test_driver_links.py."""
 
 import dataclasses
-import math
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -12,19 +11,11 @@ import pytest
 
 from pfwd_device.acquisition.decoder import Decoder
 from pfwd_device.acquisition.driver import Driver
-from pfwd_device.acquisition.items import (
-    Connected,
-    Disconnected,
-    Gap,
-    Item,
-    Samples,
-    StreamBegan,
-)
+from pfwd_device.acquisition.items import Connected, Disconnected, Gap, Item, Samples, StreamBegan
 from pfwd_device.errors import DeviceRefused, PortError
 from pfwd_device.wire.binary import BinaryDialect, BinaryInstrumentEnd
 from pfwd_device.wire.messages import (
     Configure,
-    Event,
     Hello,
     Refusal,
     RefusalCode,
@@ -93,19 +84,6 @@ def test_next_gives_up_in_time(make: MakeDriver) -> None:
     assert not driver.connected
 
 
-def test_the_requested_rate_is_set(make: MakeDriver) -> None:
-    instrument = Instrument(rate=1000.0)
-    instrument.begin()  # it streams already, at another rate
-    driver = make(Socket(instrument), sampling_rate=2500.0)
-    items = collect(driver, lambda seen: bool(of(seen, Samples)))
-    (connected,) = of(items, Connected)
-    assert connected.identity.sampling_rate == 2500.0
-    assert_each_sample_once(items)
-    assert of(items, Samples)[0].first == 0
-    request = [each for each in instrument.received if each != Hello()]
-    assert request == [Stop(), Configure(2500.0), Start()]
-
-
 def test_unplug_and_replug(make: MakeDriver) -> None:
     """Noticed within a second; the gap is exact; nothing twice; the stream is not begun anew."""
     instrument = Instrument()
@@ -145,22 +123,6 @@ def test_silence_is_a_loss(make: MakeDriver) -> None:
     assert_each_sample_once(items)
 
 
-@pytest.mark.parametrize("tell", [True, False])
-def test_a_reset_in_mid_stream(make: MakeDriver, tell: bool) -> None:
-    """Told by an event, or only by a status that says that it does not sample."""
-    instrument = Instrument()
-    driver = make(Socket(instrument), sampling_rate=3000.0)
-    items = collect(driver, lambda seen: bool(of(seen, Samples)))
-    instrument.reset(tell=tell)
-    instrument.identity = identity(rate=1000.0)  # it forgot its settings
-    items += collect(driver, lambda seen: bool(of(seen, StreamBegan)) and is_samples(seen[-1]))
-    assert_each_sample_once(items)
-    assert [each.identity.sampling_rate for each in of(items, Connected)] == [3000.0, 3000.0]
-    assert len(of(items, StreamBegan)) == 2
-    assert len(of(items, Event)) == driver.counters.instrument_resets == int(tell)
-    assert not of(items, Disconnected)
-
-
 @pytest.mark.parametrize("remaining", [0, 2])
 def test_drops_that_wait_at_the_end_are_in_the_last_status(
     make: MakeDriver, remaining: int
@@ -174,23 +136,6 @@ def test_drops_that_wait_at_the_end_are_in_the_last_status(
     instrument.drops_waiting = remaining
     status = driver.settle(30.0)
     assert status.drops_waiting == remaining
-
-
-def test_a_new_run_after_stop_and_start_may_have_the_same_number(make: MakeDriver) -> None:
-    instrument = Instrument()
-    driver = make(Socket(instrument), sampling_rate=1000.0)
-    collect(driver, lambda seen: len(of(seen, Samples)) > 20)
-    instrument._status_at = math.inf  # no status reports that it does not sample
-    n_stops = instrument.received.count(Stop())
-    driver.stop()
-    while instrument.received.count(Stop()) == n_stops:
-        driver.next(0.05)
-    instrument.stream -= 1
-    driver.start()
-    items = collect(driver, lambda seen: bool(of(seen, StreamBegan)) and is_samples(seen[-1]))
-    assert of(items, StreamBegan) == [StreamBegan(101)]
-    assert of(items[items.index(StreamBegan(101)) :], Samples)[0].first == 0
-    assert driver.counters.samples_repeated == 0
 
 
 def test_another_instrument_is_not_accepted(make: MakeDriver) -> None:
@@ -208,12 +153,6 @@ def test_another_instrument_is_not_accepted(make: MakeDriver) -> None:
     port.instrument = instrument
     items = collect(driver, lambda seen: bool(of(seen, Samples)))
     assert of(items, Connected)[0].reconnected
-
-
-def test_only_the_expected_instrument(make: MakeDriver) -> None:
-    driver = make(Socket(Instrument("SN-2")), expected_serial_number="SN-1")
-    items = collect(driver, lambda seen: bool(of(seen, Disconnected)))
-    assert "expected the instrument SN-1" in items[-1].reason  # type: ignore[union-attr]
 
 
 @pytest.mark.parametrize(
@@ -253,13 +192,6 @@ def test_commands(make: MakeDriver) -> None:
     assert of(items, Connected)[0].identity.sampling_rate == 1000.0
     assert not of(items, Disconnected)
     assert driver.counters.reconnects == 0
-
-
-def test_a_driver_without_samples_sends_a_greeting_only(make: MakeDriver) -> None:
-    instrument = Instrument()
-    items = collect(make(Socket(instrument), sampling=False), lambda seen: len(seen) > 3)
-    assert {type(item) for item in items} == {Connected, Status}
-    assert instrument.received == [Hello()]
 
 
 def test_a_missing_port_is_an_error_unless_waited_for(make: MakeDriver) -> None:
@@ -342,3 +274,65 @@ def test_a_failing_capture_does_not_end_the_stream(make: MakeDriver) -> None:
     collect(driver, lambda seen: len(of(seen, Samples)) > 3)
     assert "no space" in str(driver.capture_error)
     assert driver.counters.capture_failures > 3
+
+
+class Lines:
+    """A dialect without a word for anything, as lines of numbers."""
+
+    name = "lines"
+    counts_samples, outgoing = True, b""
+
+    def __init__(self) -> None:
+        self._inner = BinaryDialect()
+        self.counters = self._inner.counters
+        self._is_introduced = False
+
+    def feed(self, data: bytes) -> list[Any]:
+        blocks = [each for each in self._inner.feed(data) if hasattr(each, "counts")]
+        if blocks and not self._is_introduced:
+            self._is_introduced = True
+            return [identity(), *blocks]
+        return blocks
+
+    def encode(self, message: object) -> bytes:
+        return b""
+
+    def reset(self) -> None:
+        self._is_introduced = False
+        self._inner.reset()
+
+
+def test_an_instrument_that_only_sends_lines() -> None:
+    instrument = Instrument()
+    instrument.begin()
+    port = Socket(instrument)
+    with Driver(port, Lines()) as driver:
+        items = collect(driver, lambda seen: len(of(seen, Samples)) > 3)
+        with pytest.raises(DeviceRefused, match="only sends lines"):
+            driver.shunt(True)
+        with pytest.raises(DeviceRefused, match="only sends lines"):
+            driver.configure(1000.0)
+        port.unplug()
+        items += collect(driver, lambda seen: len(of(seen, Disconnected)) > 0)
+        port.instrument = instrument
+        items += collect(driver, lambda seen: len(of(seen, Samples)) > 3)
+    assert_each_sample_once(items)
+    assert len(of(items, Connected)) == 2
+    assert instrument.received == []
+    assert is_without_reader()
+
+
+def test_a_failing_reader_is_reported() -> None:
+    class Broken:
+        url = description = "broken"
+
+        def read(self, timeout: float) -> bytes:
+            raise ZeroDivisionError("a mistake")
+
+        def write(self, data: bytes) -> None: ...
+
+        def close(self) -> None: ...
+
+    with Driver(Broken, BinaryDialect()) as driver:
+        items = collect(driver, lambda seen: bool(of(seen, Disconnected)))
+    assert "unexpected error" in items[-1].reason  # type: ignore[union-attr]

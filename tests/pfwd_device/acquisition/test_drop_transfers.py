@@ -102,18 +102,6 @@ def with_same_name(seed: int) -> tuple[DropOffer, list[DropBlock]]:
     return offer, blocks
 
 
-def test_five_drops_with_the_same_name_are_fetched(transfers: DropTransfers) -> None:
-    for seed in range(5):
-        offer, blocks = with_same_name(seed)
-        transfers.take(offer, 10.0 * seed, None)
-        assert sent_by(transfers) == [Fetch(*NAME, 0, 10)]
-        *_, drop = [transfers.take(block, 10.0 * seed, None) for block in blocks]
-        np.testing.assert_array_equal(drop.counts, COUNTS + seed)
-        transfers.acknowledge(offer, 10.0 * seed + 1)
-        assert sent_by(transfers) == [Acknowledge(*NAME)]
-        transfers.take(Released(*NAME), 10.0 * seed + 2, None)
-
-
 def test_no_second_acknowledge_erases_the_next_drop_of_the_name(transfers: DropTransfers) -> None:
     """Released was lost: only an Offer shows which drop the instrument has under the name."""
     fetch(transfers)
@@ -144,26 +132,6 @@ def test_a_drop_that_is_safe_late_is_acknowledged_only_if_it_still_has_the_name(
     ]  # the other one is older, and would be erased
     transfers.cut()
     transfers.take(OFFER, 8.0, None)
-    assert sent_by(transfers) == [Acknowledge(*NAME)]
-
-
-def test_a_drop_behind_an_unusable_drop_of_its_name_is_not_acknowledged(
-    transfers: DropTransfers,
-) -> None:
-    fetch(transfers)
-    transfers.acknowledge(OFFER, 0.2)
-    transfers.take(Released(*NAME), 0.3, None)
-    sent_by(transfers)
-    transfers.channels = COUNTS.shape[1]
-    unusable = dataclasses.replace(OFFER, channels=1)
-    for cut in (False, True):
-        transfers.take(unusable, 1.0, None)
-        if cut:  # it is known all the same
-            transfers.cut()
-        transfers.take(OFFER, 2.0, None)
-        assert sent_by(transfers) == []
-    transfers.take(unusable, 3.0, None)  # offered after the drop: it is the younger one
-    transfers.take(OFFER, 4.0, None)
     assert sent_by(transfers) == [Acknowledge(*NAME)]
 
 

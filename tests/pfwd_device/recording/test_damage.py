@@ -6,19 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.jobs import Jobs
-from pfwd_device.recording import (
-    DropRecord,
-    RecoveryReport,
-    Storage,
-    check,
-    read_survey,
-    recover,
-)
+from pfwd_device.recording import DropRecord, RecoveryReport, Storage, check, read_survey, recover
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.files import set_aside
 from pfwd_device.recording.framing import RecordKind
@@ -221,35 +212,6 @@ def test_paths_in_a_journal_do_not_lead_out_of_the_survey(
     mend(tmp_path / "survey")
     assert not (tmp_path / "outside.json").exists()
     assert set(build_index(layout).files) == set(index.files)
-
-
-@settings(
-    deadline=None,
-    max_examples=40,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
-@given(
-    name=st.sampled_from(["journal/0001.pfwdj", "acknowledged.txt", "drops/drop-000001.h5"]),
-    cuts=st.lists(st.tuples(st.floats(0, 1), st.binary(max_size=30)), min_size=1, max_size=4),
-)
-def test_random_damage_raises_no_unexpected_error(
-    new_survey: NewSurvey,
-    tmp_path_factory: pytest.TempPathFactory,
-    name: str,
-    cuts: list[tuple[float, bytes]],
-) -> None:
-    """Bytes written over, or put in, at random places."""
-    survey = tmp_path_factory.mktemp("fuzz") / "survey"
-    new_survey(survey, drops=1)
-    data = (survey / name).read_bytes()
-    for place, garbage in cuts:
-        at = int(place * len(data))
-        data = data[:at] + garbage + data[at + len(garbage) // 2 :]
-    (survey / name).write_bytes(data)
-    readable(survey)
-    check(survey)
-    mend(survey)
-    assert mend(survey).actions == ()  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("name", ["journal/0001.pfwdj", "acknowledged.txt"])

@@ -2,7 +2,7 @@
 
 import functools
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -79,35 +79,6 @@ def test_single_bits_that_a_reader_sees_are_noticed(intact: bytes, step: int) ->
         for bit in range(0, 8 * len(intact), step)
     ]
     assert sum(items) > 10
-
-
-def attribute_bytes(data: bytes) -> Iterator[int]:
-    """Yield the positions of names and values of attributes."""
-    with h5py.File(io.BytesIO(data), "r") as file:
-        parts = {b"channel_1_offset", b"geophone", b"T. \xc3\x9cnal", b"K\xc3\xb6ln 1"}
-
-        def note(_: str, item: Any) -> None:
-            for name in item.attrs:
-                parts.add(name.encode())
-                value = item.attrs[name]
-                parts.add(value.tobytes())
-
-        note("", file)
-        file.visititems(note)
-    for part in parts:
-        start = data.find(part)
-        # Zeros and short texts stand everywhere.
-        while start >= 0 and part.strip(b"\0") and len(part) > 2:
-            yield from range(start, start + len(part))
-            start = data.find(part, start + 1)
-
-
-def test_no_bit_of_an_attribute_changes_unnoticed(intact: bytes) -> None:
-    before = visible(intact)
-    places = sorted(set(attribute_bytes(intact)))
-    assert len(places) > 300
-    # One bit of each byte, another one from byte to byte; the slow test turns all.
-    assert sum(refused_or_the_same(with_bit(intact, 8 * p + p % 8), before) for p in places) > 300
 
 
 def changed(data: bytes, change: Callable[[Any], None]) -> bytes:

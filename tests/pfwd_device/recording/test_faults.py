@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pfwd_device.errors import RecordingError, StorageFull
+from pfwd_device.errors import RecordingError
 from pfwd_device.jobs import Jobs
 from pfwd_device.recording import DropRecord, check, read_survey, recover
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.framing import RecordKind
 from tests.campaigns import noted_disk, power_loss
-from tests.campaigns.noted_disk import Disk, NoDirectorySync, NoSync, NotingStorage, NoTruncate
+from tests.campaigns.noted_disk import Disk, NoDirectorySync, NoSync, NotingStorage
 from tests.campaigns.power_loss import (
     Recorded,
     make_record,
@@ -62,28 +62,6 @@ def test_a_forgotten_sync_is_noticed(tmp_path: Path, planted: type[NotingStorage
     broken = record_run(tmp_path, 10, 3, storage_type=planted, faults=False, publish=False)
     outcome = replay_power_cuts(broken, 20, seed=1)
     assert outcome.losing + outcome.unreadable >= 5
-
-
-@pytest.mark.parametrize("planted", [NotingStorage, NoTruncate])
-def test_a_forgotten_cut_after_a_failed_append_is_noticed(
-    tmp_path: Path, survey: Path, planted: type[NotingStorage]
-) -> None:
-    full: list[int] = []
-
-    def fault(call: str, number: int) -> OSError | int | None:
-        if not full or call != "write":
-            return None
-        full[0] -= 1
-        return 900 if full[0] > 0 else OSError(errno.ENOSPC, "no space")
-
-    storage = planted(tmp_path, fault)
-    with open_survey(survey, storage=storage) as writer:
-        writer.save_drop(make_record(1, np.random.default_rng(0)))
-        full.append(2)
-        with pytest.raises(StorageFull):
-            writer.save_drop(make_record(2, np.random.default_rng(0)))
-        full.clear()
-    assert check(survey).ok == (planted is NotingStorage)
 
 
 States = set[tuple[int, frozenset[tuple[str, bytes | None]]]]
@@ -229,58 +207,35 @@ def test_power_cuts_preserve_synced_bytes_and_tear_the_rest() -> None:
     assert {("d/b" in state) for state in states} == {True, False}
 
 
-FAULTS = st.lists(
-    st.tuples(
-        st.integers(0, 120),
-        st.sampled_from(
-            [
-                ("write", errno.ENOSPC),
-                ("write", errno.EIO),
-                ("write", errno.EFBIG),
-                ("sync", errno.EIO),
-                ("sync", errno.ENOSPC),
-                ("truncate", errno.EIO),
-                ("open", errno.ENOSPC),
-                ("sync_directory", errno.EIO),
-                ("replace", errno.EIO),
-                ("unlink", errno.EIO),
-            ]
-        ),
-        st.integers(1, 6),
-    ),
-    max_size=5,
-)
+CALLS = ["write ENOSPC", "write EIO", "write EFBIG", "sync EIO", "sync ENOSPC", "truncate EIO"]
+CALLS += ["open ENOSPC", "sync_directory EIO", "replace EIO", "unlink EIO"]
+FAULTS = st.tuples(st.integers(0, 120), st.sampled_from(CALLS), st.integers(1, 6))
 
 
-SHORT = st.sampled_from([200, 1000, None])
-STEPS = st.integers(60, 150)
-RELAXED = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-
-
-@settings(RELAXED, max_examples=15)
-@given(faults=FAULTS, short=SHORT, step=STEPS)
+@pytest.mark.parametrize("examples", [15, pytest.param(300, marks=pytest.mark.slow)])
 def test_acknowledged_drops_survive_any_failure(
-    tmp_path_factory: pytest.TempPathFactory, faults: Any, short: int | None, step: int
+    tmp_path_factory: pytest.TempPathFactory, examples: int
 ) -> None:
-    check_faults(tmp_path_factory.mktemp("faults"), faults, short, step)
+    @settings(max_examples=examples, deadline=None)
+    @given(
+        faults=st.lists(FAULTS, max_size=5),
+        short=st.sampled_from([200, 1000, None]),
+        step=st.integers(60, 150),
+    )
+    def check_any(faults: Any, short: int | None, step: int) -> None:
+        check_faults(tmp_path_factory.mktemp("faults"), faults, short, step)
 
-
-@pytest.mark.slow
-@settings(RELAXED, max_examples=300)
-@given(faults=FAULTS, short=SHORT, step=STEPS)
-def test_whatever_fails_at_length(
-    tmp_path_factory: pytest.TempPathFactory, faults: Any, short: int | None, step: int
-) -> None:
-    check_faults(tmp_path_factory.mktemp("faults"), faults, short, step)
+    check_any()
 
 
 def check_faults(folder: Path, faults: Any, short: int | None, step: int) -> None:
     """Faults at any call, each lasting a few calls; every write may be short."""
 
     def fault(call: str, number: int) -> OSError | int | None:
-        for begin, (name, code), length in faults:
+        for begin, failure, length in faults:
+            name, code = failure.split()
             if name == call and begin <= number < begin + length:
-                return OSError(code, "planted")
+                return OSError(getattr(errno, code), "planted")
         return short if call == "write" else None
 
     storage = NotingStorage(folder, fault)
@@ -447,7 +402,7 @@ def test_an_interrupt_leaves_journal_and_ledger_intact(
     assert [drop.number for drop in read_survey(survey).drops] == [1, 2, 3]
 
 
-def test_a_file_put_in_place_survives_power_cuts(tmp_path: Path) -> None:
+def test_a_new_file_and_a_new_folder_survive_power_cuts(tmp_path: Path) -> None:
     storage = NotingStorage(tmp_path)
     storage.write_file(tmp_path / "a.json", b"x" * 2000)
     storage.write_file(tmp_path / "a.json", b"y" * 2000)
@@ -456,9 +411,6 @@ def test_a_file_put_in_place_survives_power_cuts(tmp_path: Path) -> None:
         disk.follow(note)
     states = [disk.power_cut(np.random.default_rng(seed)) for seed in range(20)]
     assert states == [{"a.json": b"y" * 2000}] * 20
-
-
-def test_a_new_folder_survives_power_cuts(tmp_path: Path) -> None:
     storage = NotingStorage(tmp_path)
     storage.make_folder(tmp_path / "a" / "b")
     disk = Disk()

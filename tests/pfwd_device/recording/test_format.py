@@ -8,13 +8,7 @@ import numpy as np
 import pytest
 
 from pfwd_device.jobs import Jobs
-from pfwd_device.recording import (
-    CaptureReader,
-    check,
-    read_drop_file,
-    read_survey,
-    recover,
-)
+from pfwd_device.recording import CaptureReader, check, read_drop_file, read_survey, recover
 
 TOP = Path(__file__).resolve().parents[3]
 RECORDING = TOP / "tests" / "data" / "recording"

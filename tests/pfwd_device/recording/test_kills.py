@@ -13,11 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from pfwd_device.jobs import Jobs
-from pfwd_device.recording import check, read_survey, recover
+from pfwd_device.recording import check, read_survey
 from pfwd_device.recording.drop_file import drop_digest
 from tests.campaigns.power_loss import lost_drops
-from tests.pfwd_device.recording.records import journal_of, open_survey, record_of
+from tests.pfwd_device.recording.records import open_survey, record_of
 
 TOP = Path(__file__).resolve().parents[3]
 
@@ -78,33 +77,6 @@ def test_a_killed_program_loses_no_drop(tmp_path: Path, kills: int) -> None:
     assert report.ok
     assert report.notes == ()
     assert report.drops_published == report.drops_acknowledged
-
-
-@pytest.mark.parametrize("kills", [3, pytest.param(40, marks=pytest.mark.slow)])
-def test_a_killed_recovery_is_repeated(tmp_path: Path, survey: Path, kills: int) -> None:
-    with open_survey(survey) as writer:
-        for number in range(1, 31):
-            writer.save_drop(record_of(number, 4096))
-    with (journal_of(survey)).open("ab") as stream:
-        stream.write(b"torn" * 100)
-    (survey / "acknowledged.txt").write_bytes((survey / "acknowledged.txt").read_bytes()[:700])
-    chance = random.Random(kills)
-    code = (
-        "import sys; from pfwd_device.recording import recover, Storage; print('go', flush=True); "
-        "from pfwd_device.jobs import Jobs; "
-        "recover(sys.argv[1], jobs=Jobs(0))"
-    )
-    for _ in range(kills):
-        with start(code, str(survey)) as child:
-            child.stdout.readline()
-            time.sleep(chance.uniform(0.0, 0.4))
-            child.kill()
-    assert lost_drops(tmp_path, 30, digests(30)) == []
-    assert check(survey).ok
-    assert check(survey).drops_published == 30
-    assert (survey / "damaged" / "acknowledged.txt").stat().st_size == 700
-    torn = [path for path in (survey / "damaged").iterdir() if path.name.startswith("journal")]
-    assert [path.read_bytes() for path in torn] == [b"torn" * 100]
 
 
 LIMITED = """
@@ -188,13 +160,6 @@ def fill_and_free(disk: Path) -> None:
     assert refused >= 2
     assert number > 4
     assert lost_drops(disk, number - 1, digests(number - 1)) == []
-
-
-def test_the_lock_is_free_after_a_kill(tmp_path: Path) -> None:
-    run_and_kill(tmp_path / "survey", 0.02, True)
-    assert "pid" in (tmp_path / "survey" / "writer.txt").read_text()
-    report = recover(tmp_path / "survey", jobs=Jobs(0))
-    assert report.ok
 
 
 @pytest.mark.posix

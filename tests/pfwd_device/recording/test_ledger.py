@@ -8,8 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from pfwd_device.errors import StorageFull
-from pfwd_device.jobs import Jobs
-from pfwd_device.recording import check, ledger, read_survey, recover
+from pfwd_device.recording import check, ledger, read_survey
 from pfwd_device.recording.framing import RecordKind
 from pfwd_device.recording.ledger import (
     MAX_LEDGER_BYTES,
@@ -141,34 +140,6 @@ def test_a_torn_long_line_leaves_no_bytes_behind_a_short_line(tmp_path: Path) ->
     writer.append(Entry(2, 1, 1, 90, 9, 1))
     writer.close()
     assert path.read_bytes() == ledger_bytes(ME, [ENTRIES[0], Entry(2, 1, 1, 90, 9, 1)])
-
-
-def test_a_ledger_that_is_no_ledger_of_ours_is_not_read(
-    survey: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Longer than any that a survey of ours has, whatever is in it: recovery makes it anew."""
-    assert ledger.MAX_LEDGER_BYTES == 24 * 2**20  # ten times that of a survey of 10,000 drops
-    with open_survey(survey, publish=True) as writer:
-        writer.save_drop(record_of(1))
-    path = survey / "acknowledged.txt"
-    intact = path.read_bytes()
-    path.write_bytes(intact + b"x" * 100_000)
-    monkeypatch.setattr(ledger, "MAX_LEDGER_BYTES", 10_000)
-    read: list[Path] = []
-    of = Path.read_bytes
-
-    def noted(path: Path) -> bytes:
-        read.append(path)
-        return of(path)
-
-    monkeypatch.setattr(Path, "read_bytes", noted)
-    assert len(read_survey(survey).drops) == 1
-    assert not check(survey).ok
-    assert recover(survey, jobs=Jobs(0)).ok
-    assert path not in [each for each in read if each.stat().st_size > 10_000]
-    monkeypatch.undo()
-    assert path.read_bytes().startswith(intact[:-30])
-    assert check(survey).ok
 
 
 def test_a_full_ledger_accepts_no_line(survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,12 +24,7 @@ from pfwd_device.recording.drop_payload import (
     rebound_payload,
     with_rebounds,
 )
-from pfwd_device.recording.payload import (
-    decode_json,
-    decode_payload,
-    encode_payload,
-    payload_data,
-)
+from pfwd_device.recording.payload import decode_json, decode_payload, encode_payload, payload_data
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),

@@ -16,6 +16,7 @@ from pfwd_device.recording import (
     DropRecord,
     Survey,
     SurveyPoint,
+    SurveyWriter,
     check,
     read_drop_file,
     read_survey,
@@ -24,8 +25,8 @@ from pfwd_device.recording import index as index_module
 from pfwd_device.recording.framing import RecordKind
 from pfwd_device.recording.index import Index, build_index, read_index
 from pfwd_device.recording.layout import Layout
-from pfwd_device.recording.ledger import ledger_bytes
-from pfwd_device.recording.recovery import lost_texts, recover
+from pfwd_device.recording.ledger import Entry, about_drop, ledger_bytes
+from pfwd_device.recording.recovery import recover
 from tests.pfwd_device.recording.operations import growth, operations
 from tests.pfwd_device.recording.records import journal_of, open_survey, record_of
 
@@ -104,40 +105,6 @@ def test_a_survey_whose_journal_is_lost_is_read_at_the_same_cost_for_each_drop(
     assert growth(joining, 50) < FLAT
 
 
-def plain_points(survey: Survey) -> list[tuple[Any, ...]]:
-    """The points with their drops, by a look at every drop for every point."""
-    index = survey._index
-    drops = {entry.number: survey._drop(entry) for entry in index.drops.values()}
-    for number in sorted({*index.lost_drops, *survey._layout.drop_files()} - set(drops)):
-        stored = survey._from_file(number)
-        if stored is not None:
-            drops[number] = survey._drop_of_file(number, stored)
-    points = dict(index.points)
-    for drop in drops.values():
-        points.setdefault(
-            drop.point, {"name": drop.point, "order": len(points) + 1, "declared": {}}
-        )
-    ordered = sorted(points.values(), key=lambda point: int(point["order"]))
-    return [
-        content(survey._point(point, tuple(d for _, d in sorted(drops.items()) if d.point == name)))
-        for point in ordered
-        for name in [point["name"]]
-    ]
-
-
-def plain_damage(survey: Survey) -> tuple[str, ...]:
-    """Return the losses that no file restores, by a scan of every drop for every text."""
-    return tuple(
-        text
-        for text in lost_texts(survey._index)
-        if not any(
-            text == f"drop {drop.point}/{drop.drop} is lost"
-            for drop in survey.drops
-            if drop.source == "file"
-        )
-    )
-
-
 def content(point: SurveyPoint) -> tuple[Any, ...]:
     """Everything that a point says of itself and its drops."""
     drops = [
@@ -202,8 +169,6 @@ def test_a_damaged_survey_agrees_with_a_plain_reader(
     assert (survey.damage, survey.info) == (indexed.damage, indexed.info)
     assert (survey.survey_id, survey.captures) == (indexed.survey_id, indexed.captures)
     assert (survey.events, survey.checks) == (indexed.events, indexed.checks)
-    assert [content(point) for point in survey.points] == plain_points(survey)
-    assert survey.damage == plain_damage(survey)
     numbers = [drop.number for drop in survey.drops]
     assert numbers == sorted(drop.number for point in survey.points for drop in point.drops)
 
@@ -319,3 +284,107 @@ def test_a_changed_result_does_not_count_and_is_reported_once(
     assert recover(tmp_path / "s").ok
     assert path.read_bytes() == content
     assert read_survey(tmp_path / "s").drops[0].read_results()[-1] == {"seed": 2}
+
+
+@pytest.fixture(scope="module")
+def small_survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("reopened") / "small_survey", 3)
+
+
+@pytest.fixture
+def copy(small_survey: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(small_survey, tmp_path / "copy"))
+
+
+@pytest.fixture
+def readings(monkeypatch: pytest.MonkeyPatch) -> list[Layout]:
+    layouts: list[Layout] = []
+    for module in ("survey_reader", "survey_writer", "recovery"):
+
+        def noted(layout: Layout) -> object:
+            layouts.append(layout)
+            return index_module.read_index(layout)
+
+        monkeypatch.setattr(f"pfwd_device.recording.{module}.read_index", noted)
+    return layouts
+
+
+def opened(folder: Path, survey_read: Survey) -> SurveyWriter:
+    return open_survey(folder, already_read=survey_read)
+
+
+def test_a_survey_that_was_just_read_is_not_reread(copy: Path, readings: list[Layout]) -> None:
+    survey_read = read_survey(copy)
+    assert len(readings) == 1
+    with opened(copy, survey_read) as writer:
+        writer.edit("note", "wet", number=2)
+        assert writer.contents().drops[1].notes[-1] == "wet"
+    assert len(readings) == 1
+    assert read_survey(copy).drops[1].notes[-1] == "wet"
+    assert check(copy).ok
+
+
+def test_a_survey_that_was_changed_since_is_reread(copy: Path, readings: list[Layout]) -> None:
+    survey_read = read_survey(copy)
+    with opened(copy, read_survey(copy)) as writer:
+        writer.edit("note", "said by another program", number=1)
+    readings.clear()
+    with opened(copy, survey_read) as writer:
+        assert writer.contents().drops[0].notes[-1] == "said by another program"
+        writer.edit("note", "wet", number=2)
+    assert len(readings) == 1
+    assert check(copy).ok
+
+
+def test_a_journal_damaged_since_is_reread(copy: Path, readings: list[Layout]) -> None:
+    survey_read = read_survey(copy)
+    path = journal_of(copy)
+    damaged = bytearray(path.read_bytes())
+    damaged[-20] ^= 1
+    with path.open("r+b") as stream:  # the same file, of the same length
+        stream.write(damaged)
+    readings.clear()
+    with opened(copy, survey_read):
+        assert len(readings) == 1
+
+
+def test_another_survey_is_reread(copy: Path, small_survey: Path, readings: list[Layout]) -> None:
+    survey_read = read_survey(small_survey)
+    readings.clear()
+    with opened(copy, survey_read):
+        assert len(readings) == 1
+
+
+POINTS = ("A", "B")
+
+DROPS = st.lists(st.tuples(st.integers(1, 6), st.sampled_from(POINTS), st.integers(1, 6)))
+"""Survey-wide number, point and number within it, over one another as no writer leaves them."""
+
+
+def entry_of(sequence: int, number: int, point: str, drop: int) -> Entry:
+    return Entry(sequence, RecordKind.DROP, 1, 0, 48, 0, about_drop(number, point, drop))
+
+
+def index_of(drops: list[tuple[int, str, int]], lost: list[tuple[int, str, int]]) -> Index:
+    index = Index()
+    for sequence, (number, point, drop) in enumerate(drops, start=1):
+        data = {"number": number, "point": point, "drop": drop}
+        index.add(entry_of(sequence, number, point, drop), data)
+        index.next_drop(point)  # what was said once must not be remembered for ever
+    for sequence, (number, point, drop) in enumerate(lost, start=len(drops) + 1):
+        index.lost[sequence] = entry_of(sequence, number, point, drop)
+    return index
+
+
+@given(drops=DROPS, lost=DROPS)
+def test_numbers_agree_with_a_scan_of_every_drop(
+    drops: list[tuple[int, str, int]], lost: list[tuple[int, str, int]]
+) -> None:
+    index = index_of(drops, lost)
+    assert index.next_number() == max([0, *index.drops, *index.lost_drops]) + 1
+    for point in (*POINTS, "C"):
+        used = [drop for _, name, drop in drops if name == point]
+        lost_numbers = [drop for name, drop in index.lost_drops.values() if name == point]
+        assert index.next_drop(point) == max([0, *used, *lost_numbers]) + 1
+        for drop in range(8):
+            assert index.is_used(point, drop) == (drop in used)

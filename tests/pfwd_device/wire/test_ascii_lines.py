@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pfwd_device.errors import SetupError
 from pfwd_device.identity import ChannelIdentity, Identity
-from pfwd_device.wire.ascii_lines import AsciiDialect
+from pfwd_device.wire.ascii_lines import AsciiDialect, LineLayout
 from pfwd_device.wire.messages import Refusal, SampleBlock, Start
 from pfwd_plugins.quantities import Measurand
 from tests.fuzz.targets import check_stream
@@ -332,3 +332,49 @@ def test_a_simulation_at_another_speed_is_no_real_time() -> None:
     for start, real_time in ((b"# anything\n", True), (b"# not in real time\r\n", False)):
         messages = dialect().feed(start + lines(range(0, 1000, 100)))
         assert messages[0].real_time is real_time
+
+
+TWO_COLUMNS = Identity(
+    "7", "lines", "", 1000.0, 24, 2.5,
+    (ChannelIdentity("load", Measurand.LOAD), ChannelIdentity("plate", Measurand.VELOCITY)),
+)  # fmt: skip
+
+
+def dialect_with(place: int | None, bits: int = 32) -> AsciiDialect:
+    layout = LineLayout(separator=" ", place=place, time_unit=None, counter_bits=bits)
+    return AsciiDialect(TWO_COLUMNS, (0, 1), layout=layout)
+
+
+@pytest.mark.parametrize("bits", [8, 16, 31, 32])
+def test_a_wrong_number_moves_no_sample(bits: int) -> None:
+    rng = np.random.default_rng(bits)
+    first = (1 << bits) - 150
+    lines = [b"%d %d 5\n" % ((first + i) % (1 << bits), i) for i in range(300)]
+    wrong = rng.choice(np.arange(2, 298, 5), 30, replace=False)
+    for at in wrong:
+        lines[at] = b"%d %d 5\n" % (rng.integers(1 << bits), at)
+    received = samples(dialect_with(1, bits).feed(b"".join(lines)))
+    assert {(stream, index - value) for stream, index, value in received} == {(0, 0)}
+    assert len(received) >= 270
+
+
+def test_lines_that_lost_their_end_are_discarded_with_any_separator() -> None:
+    lines = [b"%d %d 5\n" % (i, i) for i in range(20)]
+    data = b"".join(lines[:7]) + lines[7].replace(b"\n", b" ") + b"".join(lines[8:])
+    values = [value for _, _, value in samples(dialect_with(1).feed(data))]
+    assert values == [*range(7), *range(9, 20)]
+
+
+@pytest.mark.parametrize(("place", "bits", "streams"), [(1, 32, 1), (1, 16, 2), (None, 32, 2)])
+def test_samples_behind_a_lost_connection_are_a_new_run_unless_counted(
+    place: int | None, bits: int, streams: int
+) -> None:
+    dialect = dialect_with(place, bits)
+    head = b"" if place is None else b"%d "
+    lines = [(head % i if head else b"") + b"%d 5\n" % i for i in range(40)]
+    received = samples(dialect.feed(b"".join(lines[:20])))
+    dialect.reset()
+    received += samples(dialect.feed(b"".join(lines[30:])))
+    assert len({stream for stream, _, _ in received}) == streams
+    if streams == 1:
+        assert {index - value for _, index, value in received} == {0}

@@ -12,11 +12,7 @@ import pfwd
 from inversion.diagnosis.findings import DeviceValues
 from inversion.inference.instrument import InstrumentKnowledge
 from inversion.measured.record import CALIBRATED_ERROR
-from pfwd.analysis.diagnosis.device_file import (
-    device_of,
-    read_device,
-    write_device_file,
-)
+from pfwd.analysis.diagnosis.device_file import device_of, read_device, write_device_file
 from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_files
 from pfwd.analysis.diagnosis.entries import DiagnosisRequest
 from pfwd.analysis.results import DiagnosisResult

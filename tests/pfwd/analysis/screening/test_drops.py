@@ -1,7 +1,7 @@
 """Screening: what is no drop is rejected with its reason, what is odd is warned of."""
 
-import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -10,9 +10,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inversion.notices import Notice
+from inversion import InversionError, Record, Settings, SurrogateLibrary
+from inversion.notices import Notice, Value
+from pfwd.analysis import analyse
+from pfwd.analysis.analyse import analyse_drop, analyse_point
+from pfwd.analysis.diagnosis.entries import entry_of
+from pfwd.analysis.drop_result import drop_result
+from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.screening.bad_sensors import leave_out_bad_sensors
-from pfwd.analysis.screening.drops import Screening, screen, screen_point
+from pfwd.analysis.screening.drops import (
+    Screening,
+    clipped_samples,
+    duplicate_drops,
+    screen,
+    screen_point,
+    unbroken_part,
+)
 from pfwd.files.header import PointSetup
 from pfwd.files.reading import read_points
 from pfwd.files.traces import TracePoint, read_traces
@@ -68,7 +81,7 @@ def test_a_sound_drop_passes(
 
 
 def test_seating_drops_are_the_first(make_drop: MakeDrop) -> None:
-    setup = dataclasses.replace(SETUP, seating_drops=2)
+    setup = replace(SETUP, seating_drops=2)
     screenings = [screen(make_drop(number=number), setup).status for number in (1, 2, 3)]
     assert screenings == ["seating", "seating", "measured"]
 
@@ -221,7 +234,7 @@ def test_a_flat_top_below_the_peak_of_another_drop_is_not_clipped(
         return [screening.clipped for screening in screenings]
 
     assert clipped(cut) == [True]
-    assert clipped(cut, dataclasses.replace(cut, number=2)) == [True, True]
+    assert clipped(cut, replace(cut, number=2)) == [True, True]
     assert clipped(cut, make_drop(number=2)) == [False, False]
     assert clipped(cut, make_drop(number=2, peak=6000.0)) == [True, False]
 
@@ -232,25 +245,19 @@ def test_a_refuted_channel_does_not_clear_another(make_drop: MakeDrop) -> None:
     both = changed(
         drop, load=lambda v: np.minimum(v, 7000.0), centre=lambda v: np.minimum(v, limit)
     )
-    load_only = changed(dataclasses.replace(drop, number=2), centre=lambda v: np.minimum(v, limit))
+    load_only = changed(replace(drop, number=2), centre=lambda v: np.minimum(v, limit))
     first, _ = screen_point(TracePoint("made up", SETUP, (both, load_only)))
     assert first.clipped
     assert [warning.code for warning in first.warnings] == ["sensor-clipped"]
-
-
-def test_a_clipped_trough_is_compared_with_troughs(make_drop: MakeDrop) -> None:
-    drop = make_drop(quantity="velocity")
     lowest = 0.6 * drop.channels[0].values.min()
-    cut = changed(drop, centre=lambda v: np.maximum(v, lowest))
-    first, _ = screen_point(
-        TracePoint("made up", SETUP, (cut, dataclasses.replace(drop, number=2)))
-    )
-    assert not first.clipped
+    trough = changed(drop, centre=lambda v: np.maximum(v, lowest))
+    first, _ = screen_point(TracePoint("made up", SETUP, (trough, replace(drop, number=2))))
+    assert not first.clipped, "a trough is compared with troughs"
 
 
 def point_of(make_drop: MakeDrop, *peaks: float, seating: int = 0) -> TracePoint:
     drops = tuple(make_drop(number=i, peak=peak) for i, peak in enumerate(peaks, start=1))
-    return TracePoint("made up", dataclasses.replace(SETUP, seating_drops=seating), drops)
+    return TracePoint("made up", replace(SETUP, seating_drops=seating), drops)
 
 
 def test_a_rebound_is_rejected_in_comparison_with_its_drop(make_drop: MakeDrop) -> None:
@@ -265,17 +272,14 @@ def test_a_rebound_is_rejected_in_comparison_with_its_drop(make_drop: MakeDrop) 
 def test_a_partial_drop_is_warned_of(make_drop: MakeDrop) -> None:
     screenings = screen_point(point_of(make_drop, 3900, 8000, 7000, seating=1))
     assert [each.status for each in screenings] == ["seating", "measured", "measured"]
-    assert [[each.code for each in each.warnings] for each in screenings] == [
-        ["partial-drop"],
-        [],
-        [],
-    ]
+    codes = [[each.code for each in screening.warnings] for screening in screenings]
+    assert codes == [["partial-drop"], [], []]
 
 
 def test_a_rejected_drop_is_not_compared_with(make_drop: MakeDrop) -> None:
     point = point_of(make_drop, 8000, 100e3)
     dead = changed(point.drops[1], centre=np.zeros_like)
-    screenings = screen_point(dataclasses.replace(point, drops=(point.drops[0], dead)))
+    screenings = screen_point(replace(point, drops=(point.drops[0], dead)))
     assert screenings[0] == Screening("measured")
 
 
@@ -313,3 +317,282 @@ def test_in_sound_records_no_sensor_is_omitted(shared: Path, folder: str) -> Non
         assert all(not each.left_out for each in leave_out_bad_sensors(point, screenings))
         if folder in ("fe_drops", "layered"):
             assert set(screenings) == {Screening("measured")}, point.file
+
+
+def pulse(samples: int, phase: float = 0.3) -> np.ndarray:
+    """A half-sine of so many samples amid rest, on a grid that its middle does not fall on."""
+    x = (np.arange(-samples, 3 * samples) + phase) / samples
+    return np.where((x > 0) & (x < 1), np.sin(np.pi * x), 0.0)
+
+
+@pytest.mark.parametrize("level", [0.5, 0.8, 0.95])
+@pytest.mark.parametrize("samples", [50, 270, 2000])
+def test_clipped_samples_of_a_pulse_are_counted(samples: int, level: float) -> None:
+    clipped = np.minimum(pulse(samples), level)
+    assert clipped_samples(clipped) == np.count_nonzero(clipped == level)
+
+
+@pytest.mark.parametrize("bits", [8, 12, 24])
+@pytest.mark.parametrize("samples", [15, 270, 20_000])
+def test_a_rounded_pulse_is_not_clipped(samples: int, bits: int) -> None:
+    step = 2.0**-bits
+    assert clipped_samples(np.round(pulse(samples) / step) * step) == 0
+
+
+def test_noise_digits_and_rest_are_no_clipping() -> None:
+    noise = np.random.default_rng(1).normal(0, 0.003, 2000)
+    digits = np.array([f"{value:.2e}" for value in 9.7e-3 * pulse(270)], dtype=float)
+    sound = (np.round(pulse(500) + noise, 3), digits, -pulse(100), np.cumsum(pulse(100)))
+    for values in (*sound, np.zeros(16), np.ones(3), np.arange(16.0)):
+        assert clipped_samples(values) == 0
+    assert clipped_samples(np.minimum(pulse(500) + 3 * noise, 0.8)) > 100
+
+
+def without(drop: Drop, start_s: float, end_s: float) -> Drop:
+    """The drop without the samples from `start_s` to before `end_s`."""
+    missing = (drop.time > start_s - 1e-9) & (drop.time < end_s - 1e-9)
+    gap: Change = lambda values: np.where(missing, np.nan, values)  # noqa: E731
+    return changed(drop, load=gap, centre=gap, extra=gap)
+
+
+@pytest.fixture
+def drop(make_drop: Callable[..., Drop]) -> Drop:
+    return make_drop(pre_trigger=0.02, window=0.1)
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "expected"),
+    [
+        (-0.020, -0.010, (-0.010, 0.0999)),
+        (-0.015, -0.003, (-0.003, 0.0999)),
+        (0.0501, 0.06, (-0.020, 0.0500)),
+        (0.099, 0.2, (-0.020, 0.0989)),
+    ],
+)
+def test_gaps_outside_of_the_needed_part(
+    drop: Drop, start: float, end: float, expected: tuple[float, float]
+) -> None:
+    part, reason, warning = unbroken_part(without(drop, start, end))
+    assert reason is None
+    assert known(warning).values["first_missing_s"] == pytest.approx(start)
+    assert (part.time[0], part.time[-1]) == pytest.approx(expected)
+    for values in (part.load, *(channel.values for channel in part.channels)):
+        assert np.isfinite(values).all()
+    screening = screen(without(drop, start, end), PointSetup(plate_radius=0.15))
+    assert screening.status == "measured"
+    assert warning in screening.warnings
+
+
+@pytest.mark.parametrize(
+    ("start", "end"),
+    [(-0.0029, -0.0028), (0.0, 0.0001), (0.005, 0.006), (0.0498, 0.0499), (-1.0, 1.0)],
+)
+def test_gaps_in_the_needed_part(drop: Drop, start: float, end: float) -> None:
+    damaged = without(drop, start, end)
+    part, reason, warning = unbroken_part(damaged)
+    assert part is damaged
+    assert (known(reason).code, warning) == ("record-damaged", None)
+    assert screen(damaged, PointSetup(plate_radius=0.15)).status == "rejected"
+
+
+def test_a_record_that_is_short_by_its_settings_is_not_damaged_for_that(
+    make_drop: Callable[..., Drop],
+) -> None:
+    short = make_drop(pre_trigger=0.02, window=0.04)
+    part, reason, _ = unbroken_part(without(short, -0.02, -0.015))
+    assert reason is None
+    assert part.time[-1] == short.time[-1]
+    assert unbroken_part(short) == (short, None, None)
+
+
+@pytest.mark.parametrize("gap", [(-0.02, -0.01), (0.06, 0.07), (0.01, 0.02)])
+def test_no_nan_reaches_the_inversion(
+    drop: Drop, gap: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    inverted: list[Any] = []
+
+    def spy(records: list[Any], *_: object) -> list[None]:
+        inverted.extend(records)
+        return [None] * len(records)
+
+    monkeypatch.setattr(analyse, "invert_joint", spy)
+    setup, damaged = PointSetup(plate_radius=0.15), without(drop, *gap)
+    library: Any = None
+    options = AnalysisOptions()
+    analyse.analyse_drop(damaged, setup, screen(damaged, setup), options, library)
+    analyse.analyse_point(TracePoint("x", setup, (damaged,), ()), options, library)
+    assert len(inverted) == (0 if gap == (0.01, 0.02) else 2)
+    for record in inverted:
+        assert np.isfinite(record.load).all()
+        assert all(np.isfinite(sensor.values).all() for sensor in record.sensors)
+
+
+SAME = Notice("samples-copied", {"drop": 1})
+QUICK = AnalysisOptions(method="posterior", bedrock_depth="none")
+
+
+@pytest.fixture
+def point(make_drop: Callable[..., Drop]) -> TracePoint:
+    """Four drops: one, its copy, another one, and a second copy."""
+    first = make_drop(number=1)
+    drops = (
+        first,
+        replace(first, number=2),
+        make_drop(number=3, peak=7000.0),
+        replace(first, number=4),
+    )
+    return TracePoint("f", PointSetup(plate_radius=0.15), drops)
+
+
+def test_every_copy_of_a_measured_drop_is_detected(point: TracePoint) -> None:
+    assert duplicate_drops(point.drops, screen_point(point)) == {1: SAME, 3: SAME}
+
+
+def test_a_drop_that_is_not_measured_is_no_original(point: TracePoint) -> None:
+    seating = replace(point, setup=replace(point.setup, seating_drops=1))
+    copy = Notice("samples-copied", {"drop": 2})
+    assert duplicate_drops(seating.drops, screen_point(seating)) == {3: copy}
+
+
+def test_copies_count_once_in_a_joint_inversion(
+    point: TracePoint, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    groups: list[int] = []
+
+    def counted(records: list[Record], *_: Settings | SurrogateLibrary) -> None:
+        groups.append(len(records))
+        raise InversionError("enough")
+
+    monkeypatch.setattr(analyse, "invert_joint", counted)
+    analyse_point(point, replace(QUICK, joint=True), SurrogateLibrary())
+    # The two that differ share a ground; each copy is inverted by itself.
+    assert groups == [2, 1, 1]
+
+
+def test_copies_count_once_in_a_diagnosis(point: TracePoint) -> None:
+    entry = entry_of("f", point, QUICK)
+    assert entry.records.numbers == (1, 3)
+    assert entry.left_out == (2, 4)
+    assert [notice.values for notice in entry.rejected] == [
+        {"drop": number, "reason": SAME} for number in (2, 4)
+    ]
+
+
+def test_the_copies_of_an_original(shared: Path) -> None:
+    (first, *_) = read_points(shared / "originals/mapview/minidyn-two-points.dynz")
+    reasons = duplicate_drops(first.drops, screen_point(first))
+    measured = [screening.status for screening in screen_point(first)].count("measured")
+    assert len(reasons) == measured - 1
+
+
+PLACES = (0.0, 0.3, -0.3, 0.6, -0.6)
+
+Make = Callable[..., Drop]
+
+
+def with_sensor(drop: Drop, values: Vector, place: float = -0.6) -> Drop:
+    """The same drop, in which a sensor has other values."""
+    channels = [replace(c, values=values) if c.offset == place else c for c in drop.channels]
+    return replace(drop, channels=tuple(channels))
+
+
+def loose(drop: Drop) -> Drop:
+    """The same drop, in which a sensor runs away by the plate's own peak."""
+    return with_sensor(drop, 5e-4 * np.clip(drop.time / 0.02, 0.0, 1.0))
+
+
+@pytest.fixture
+def loose_point(make_drop: Make) -> TracePoint:
+    """Three drops, in the second of which a sensor is loose."""
+    first, second, third = (make_drop(number=n, peak=8000.0 + n, offsets=PLACES) for n in (1, 2, 3))
+    return TracePoint("f", PointSetup(plate_radius=0.15), (first, loose(second), third))
+
+
+def screened(loose_point: TracePoint) -> tuple[Screening, ...]:
+    return leave_out_bad_sensors(loose_point, screen_point(loose_point))
+
+
+def faults(warnings: Iterable[Notice] | None) -> list[Value]:
+    """Faults of each bad sensor."""
+    return [each.values["faults"] for each in warnings or () if each.code == "sensor-bad"]
+
+
+def test_a_sensor_that_is_bad_in_a_drop_is_omitted_from_all_drops_of_its_point(
+    loose_point: TracePoint,
+) -> None:
+    for screening in screened(loose_point):
+        assert screening.left_out == (-0.6,)
+        assert len(faults(screening.warnings)) == 1
+    sound = replace(loose_point, drops=(loose_point.drops[0], loose_point.drops[2]))
+    assert screened(sound) == screen_point(sound)
+
+
+def test_each_fault_of_a_sensor_is_named_once(loose_point: TracePoint) -> None:
+    first, second, third = loose_point.drops
+    large = with_sensor(third, 3 * first.channels[0].values)
+    for screening in screened(replace(loose_point, drops=(loose(first), second, large))):
+        assert faults(screening.warnings) == [("drift", "against the others")]
+
+
+def test_a_rejected_drop_and_two_sensors_judge_no_sensor(
+    loose_point: TracePoint, make_drop: MakeDrop
+) -> None:
+    two = replace(loose_point, drops=(loose(make_drop(offsets=(0.0, -0.6))),))
+    assert screened(two) == screen_point(two)
+    first, second, third = loose_point.drops
+    knock = Drop(2, second.time, 0.1 * second.load, second.channels)
+    screenings = screened(replace(loose_point, drops=(first, knock, third)))
+    assert [each.status for each in screenings] == ["measured", "rejected", "measured"]
+    assert all(each.left_out == () for each in screenings)
+    noted = screened(replace(loose_point, drops=(loose(first), knock, third)))
+    assert noted[1] == screen_point(replace(loose_point, drops=(first, knock, third)))[1]
+
+
+def test_an_inversion_goes_on_without_it(
+    loose_point: TracePoint, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    used: list[list[list[float]]] = []
+
+    def noted(records: list[Record], *_: Settings | SurrogateLibrary) -> None:
+        used.append([[sensor.offset for sensor in record.sensors] for record in records])
+        raise InversionError("enough")
+
+    monkeypatch.setattr(analyse, "invert_joint", noted)
+    library = SurrogateLibrary()
+    every = analyse_point(loose_point, QUICK, library)
+    assert used == [[[0.0, 0.3, -0.3, 0.6]]] * 3
+    used.clear()
+    analyse_point(loose_point, replace(QUICK, joint=True), library)
+    assert used == [[[0.0, 0.3, -0.3, 0.6]] * 3]
+    used.clear()
+    # As it comes from the instrument: what the drop itself tells.
+    (judged,) = screen_point(replace(loose_point, drops=loose_point.drops[1:2]))
+    alone = analyse_drop(loose_point.drops[1], loose_point.setup, judged, QUICK, library)
+    assert used == [[[0.0, 0.3, -0.3, 0.6]]]
+    for each in (*every, alone):
+        assert len(faults(drop_result("f", each).warnings)) == 1
+
+
+def test_a_diagnosis_goes_on_without_it(loose_point: TracePoint) -> None:
+    entry = entry_of("f", loose_point, QUICK)
+    for record in entry.records.records:
+        assert [sensor.offset for sensor in record.sensors] == [0.0, 0.3, -0.3, 0.6]
+    assert len(faults(entry.warnings)) == 1
+
+
+# Real records
+
+
+def jils(shared: Path, folder: Path) -> list[TracePoint]:
+    inches = [0, 8, 12, 18, 24, 36, 48, 60, -12]
+    header = folder / "h.toml"
+    header.write_text(
+        f"plate_radius_m = 0.15\nsensor_offsets_m = {[round(0.0254 * i, 4) for i in inches]}\n"
+    )
+    return read_points(shared / "originals/pywave/stations-1-5.THY", header)
+
+
+def test_the_loose_sensors_of_a_trailer_are_detected(shared: Path, tmp_path: Path) -> None:
+    screenings = [{each.left_out for each in screened(point)} for point in jils(shared, tmp_path)]
+    distant = (0.9144, 1.2192, 1.524)
+    assert screenings == [{(-0.3048, *distant)}, {(-0.3048, *distant)}, {distant}, {()}, {()}]
