@@ -132,29 +132,18 @@ class Case:
     """Name of the effect; `clean` without one."""
     key: str
     """Name of the effect with its variant."""
-    known: bool
-    """True if the diagnosis knows the effect, so that it is expected to name it."""
-    scope: str
-    """Part that the effect concerns: `drop`, `point` or `device`."""
     level: int
     """Strength: 0 the weakest; -1 for clean and for strengths that were drawn."""
     strength: float
     parameters: dict[str, float | list[float]]
     """True values, SI units in the names."""
-    misread: str
-    """Usual misinterpretation of the record."""
     modulus_pa: float | None
     """Modulus that a perfect diagnosis reports. For a modulus that grows with depth: that of the
     uniform ground with the same static stiffness. Constant-Q soil: the absolute modulus at
     1/(2 T0) of the load."""
-    viscosity_pa_s: float
-    density_kg_m3: float
     bedrock_depth_m: float | None
     """True depth of the rigid base, m; None without rock."""
-    depth_declared: bool
-    """True if the header declares a depth."""
     radius_m: float
-    poisson_ratio: float
     drops: int
     """Number of drops."""
     sensors: int
@@ -163,8 +152,6 @@ class Case:
     """Quantity of the sensors, `velocity` or `displacement`."""
     noise: float
     """Root mean square over the peak of each channel."""
-    noise_colour: float
-    """Correlation between successive samples."""
     device: str | None
     """Key shared by the files of a survey."""
     group: str = "known"
@@ -381,7 +368,6 @@ def _make(plan: _Plan, path: Path, laboratory: Laboratory, noise: float | None) 
     effect, generator = plan.effect, scene.generator
     converter = Converter.drawn(generator, scene.device, noise)
     outcome = effect.build(scene, plan.strength)
-    below = scene.ground.layers[-1]
     depth = scene.ground.bedrock_depth if effect.name != "layer" else math.inf
     header = _header(scene, site, outcome, depth, plan, generator)
     offsets = scene.offsets[: len(outcome.signals[0].velocity)]
@@ -390,24 +376,16 @@ def _make(plan: _Plan, path: Path, laboratory: Laboratory, noise: float | None) 
         file=path.name,
         effect=effect.name,
         key=effect.key,
-        known=effect.is_in_vocabulary,
-        scope=effect.scope,
         level=plan.level,
         strength=plan.strength,
         parameters=dict(outcome.parameters),
-        misread=effect.misread,
         modulus_pa=outcome.modulus,
-        viscosity_pa_s=below.viscosity,
-        density_kg_m3=below.density,
         bedrock_depth_m=depth if math.isfinite(depth) else None,
-        depth_declared="bedrock_depth_m" in header,
         radius_m=scene.radius,
-        poisson_ratio=site.poisson_ratio,
         drops=len(outcome.signals),
         sensors=len(offsets),
         quantity=converter.quantity,
         noise=converter.noise,
-        noise_colour=converter.colour,
         device=plan.device,
         group=effect.group,
         soil=scene.ground.soil,

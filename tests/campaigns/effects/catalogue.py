@@ -37,8 +37,6 @@ class SimulatedEffect:
     `build`."""
     build: Build
     """Function that simulates a point with the effect, given its scene and the strength."""
-    misread: str
-    """Usual misinterpretation of the record."""
     group: Literal["clean", "known", "unknown", "soil"] = "known"
     """`known`: in the vocabulary of effects; `unknown`: not in it; `soil`: the ground is no
     Kelvin-Voigt soil, and there is no other effect."""
@@ -232,168 +230,84 @@ EFFECTS: dict[str, SimulatedEffect] = {
     effect.key: effect
     for effect in (
         SimulatedEffect(
-            CLEAN,
-            "drop",
-            (0.0,),
-            lambda scene, _: undisturbed(scene),
-            "nothing",
-            "clean",
-            "kelvin-voigt",
+            CLEAN, "drop", (0.0,), lambda scene, _: undisturbed(scene), "clean", "kelvin-voigt"
         ),
-        SimulatedEffect(
-            "bedrock", "point", (12.0, 6.0, 3.0), _m.bedrock, "stiffer ground", "known", "shallow"
-        ),
-        SimulatedEffect(
-            "layer", "point", (1.15, 0.6, 2.5), _m.layer, "one modulus", "known", "few", 1, 2
-        ),
+        SimulatedEffect("bedrock", "point", (12.0, 6.0, 3.0), _m.bedrock, sites="shallow"),
+        SimulatedEffect("layer", "point", (1.15, 0.6, 2.5), _m.layer, sites="few", min_sensors=2),
         SimulatedEffect(
             "layer",
             "point",
             (0.7, 1.4, 1.8),
             _m.two_layers,
-            "one modulus",
-            "known",
-            "few",
-            1,
-            3,
-            "two",
+            sites="few",
+            min_sensors=3,
+            variant="two",
         ),
-        SimulatedEffect(
-            "stress_dependence", "point", (0.05, 0.2, 0.45), _m.stress_within, "damping, a lag"
-        ),
+        SimulatedEffect("stress_dependence", "point", (0.05, 0.2, 0.45), _m.stress_within),
         SimulatedEffect(
             "stress_dependence",
             "point",
             (0.05, 0.2, 0.4),
             _m.stress_between,
-            "scatter",
-            "known",
-            "few",
-            2,
-            1,
-            "between_drops",
+            sites="few",
+            min_drops=2,
+            variant="between_drops",
         ),
-        SimulatedEffect(
-            "hysteretic_unloading", "drop", (0.02, 0.1, 0.3), _m.hysteretic_unloading, "damping"
-        ),
-        SimulatedEffect(
-            "permanent_set", "drop", (0.01, 0.05, 0.2), _m.permanent_set, "softer ground"
-        ),
-        SimulatedEffect(
-            "plate_inertia", "device", (0.03, 0.15, 0.5), _m.plate_inertia, "wrong density"
-        ),
+        SimulatedEffect("hysteretic_unloading", "drop", (0.02, 0.1, 0.3), _m.hysteretic_unloading),
+        SimulatedEffect("permanent_set", "drop", (0.01, 0.05, 0.2), _m.permanent_set),
+        SimulatedEffect("plate_inertia", "device", (0.03, 0.15, 0.5), _m.plate_inertia),
         SimulatedEffect(
             "rough_contact",
             "point",
             (1.0, 0.97, 0.9),
             _m.rough_contact,
-            "softer ground",
-            "known",
-            "contact",
-            1,
-            2,
-        ),
-        SimulatedEffect("rebound", "drop", (0.002, 0.008, 0.02), _m.rebound, "ringing ground"),
-        SimulatedEffect(
-            "spring_rig",
-            "point",
-            (0.01, 0.03, 0.1),
-            _m.spring_rig,
-            "ground without damping",
-            "known",
-            "kelvin-voigt",
-        ),
-        SimulatedEffect("load_shape", "drop", (0.1, 0.3, 0.6), _m.load_shape, "wrong peak"),
-        SimulatedEffect("acquisition_filter", "device", (1500.0, 500.0, 200.0), _filter, "damping"),
-        SimulatedEffect("sensor_lag", "device", (2e-5, 1e-4, 5e-4), _lag, "viscosity"),
-        SimulatedEffect("load_filter", "device", (800.0, 200.0, 60.0), _smoothed_load, "a lead"),
-        SimulatedEffect("geophone_response", "device", (0.3, 2.0, 8.0), _geophone, "bedrock"),
-        SimulatedEffect("baseline_drift", "drop", (2e-4, 2e-3, 2e-2), _drift, "a permanent set"),
-        SimulatedEffect("mains_hum", "drop", (5e-4, 5e-3, 5e-2), _hum, "a resonance"),
-        SimulatedEffect(
-            "saturation", "drop", (0.98, 0.85, 0.6), _saturation, "stiffer or softer ground"
-        ),
-        SimulatedEffect("false_trigger", "drop", (0.03, 0.1, 0.3), _m.false_trigger, "a drop"),
-        SimulatedEffect(
-            "plate_flexure", "device", (0.002, 0.02, 0.1), _flexure, "softer", "unknown"
-        ),
-        SimulatedEffect(
-            "plate_rocking", "point", (0.005, 0.03, 0.15), _rocking, "softer", "unknown"
-        ),
-        SimulatedEffect(
-            "cable_crosstalk", "device", (0.002, 0.02, 0.1), _crosstalk, "viscosity", "unknown"
-        ),
-        SimulatedEffect(
-            "time_base_error", "device", (0.002, 0.02, 0.06), _clock, "another depth", "unknown"
-        ),
-        SimulatedEffect("gain_glitch", "drop", (0.005, 0.03, 0.15), _glitch, "a set", "unknown"),
-        SimulatedEffect(
-            "passing_traffic", "drop", (0.002, 0.02, 0.1), _traffic, "a set", "unknown"
-        ),
-        SimulatedEffect(
-            "load_cell_curvature", "device", (0.01, 0.04, 0.12), _curvature, "stress", "unknown"
-        ),
-        SimulatedEffect("loose_sensor", "drop", (400.0, 150.0, 60.0), _loose, "a lag", "unknown"),
-        SimulatedEffect(
-            "tilted_plate", "point", (0.003, 0.02, 0.1), _f.tilted_plate, "softer", "unknown"
-        ),
-        SimulatedEffect(
-            "sensor_creep",
-            "device",
-            (0.03, 0.15, 0.5),
-            _f.sensor_creep,
-            "a set",
-            "unknown",
+            sites="contact",
             min_sensors=2,
         ),
+        SimulatedEffect("rebound", "drop", (0.002, 0.008, 0.02), _m.rebound),
         SimulatedEffect(
-            "ringing_load_cell",
-            "device",
-            (1200.0, 600.0, 250.0),
-            _f.ringing_load_cell,
-            "a lead",
-            "unknown",
+            "spring_rig", "point", (0.01, 0.03, 0.1), _m.spring_rig, sites="kelvin-voigt"
+        ),
+        SimulatedEffect("load_shape", "drop", (0.1, 0.3, 0.6), _m.load_shape),
+        SimulatedEffect("acquisition_filter", "device", (1500.0, 500.0, 200.0), _filter),
+        SimulatedEffect("sensor_lag", "device", (2e-5, 1e-4, 5e-4), _lag),
+        SimulatedEffect("load_filter", "device", (800.0, 200.0, 60.0), _smoothed_load),
+        SimulatedEffect("geophone_response", "device", (0.3, 2.0, 8.0), _geophone),
+        SimulatedEffect("baseline_drift", "drop", (2e-4, 2e-3, 2e-2), _drift),
+        SimulatedEffect("mains_hum", "drop", (5e-4, 5e-3, 5e-2), _hum),
+        SimulatedEffect("saturation", "drop", (0.98, 0.85, 0.6), _saturation),
+        SimulatedEffect("false_trigger", "drop", (0.03, 0.1, 0.3), _m.false_trigger),
+        SimulatedEffect("plate_flexure", "device", (0.002, 0.02, 0.1), _flexure, "unknown"),
+        SimulatedEffect("plate_rocking", "point", (0.005, 0.03, 0.15), _rocking, "unknown"),
+        SimulatedEffect("cable_crosstalk", "device", (0.002, 0.02, 0.1), _crosstalk, "unknown"),
+        SimulatedEffect("time_base_error", "device", (0.002, 0.02, 0.06), _clock, "unknown"),
+        SimulatedEffect("gain_glitch", "drop", (0.005, 0.03, 0.15), _glitch, "unknown"),
+        SimulatedEffect("passing_traffic", "drop", (0.002, 0.02, 0.1), _traffic, "unknown"),
+        SimulatedEffect("load_cell_curvature", "device", (0.01, 0.04, 0.12), _curvature, "unknown"),
+        SimulatedEffect("loose_sensor", "drop", (400.0, 150.0, 60.0), _loose, "unknown"),
+        SimulatedEffect("tilted_plate", "point", (0.003, 0.02, 0.1), _f.tilted_plate, "unknown"),
+        SimulatedEffect(
+            "sensor_creep", "device", (0.03, 0.15, 0.5), _f.sensor_creep, "unknown", min_sensors=2
         ),
         SimulatedEffect(
-            "ringing_guide_rod",
-            "device",
-            (0.005, 0.02, 0.1),
-            _f.ringing_guide_rod,
-            "bedrock",
-            "unknown",
+            "ringing_load_cell", "device", (1200.0, 600.0, 250.0), _f.ringing_load_cell, "unknown"
         ),
         SimulatedEffect(
-            "coil_at_stop", "drop", (0.98, 0.85, 0.6), _f.coil_at_stop, "a set", "unknown"
+            "ringing_guide_rod", "device", (0.005, 0.02, 0.1), _f.ringing_guide_rod, "unknown"
+        ),
+        SimulatedEffect("coil_at_stop", "drop", (0.98, 0.85, 0.6), _f.coil_at_stop, "unknown"),
+        SimulatedEffect(
+            "missing_codes", "device", (0.003, 0.01, 0.05), _f.missing_codes, "unknown"
         ),
         SimulatedEffect(
-            "missing_codes", "device", (0.003, 0.01, 0.05), _f.missing_codes, "noise", "unknown"
+            "channel_crosstalk", "device", (0.002, 0.02, 0.1), _f.channel_crosstalk, "unknown"
         ),
         SimulatedEffect(
-            "channel_crosstalk",
-            "device",
-            (0.002, 0.02, 0.1),
-            _f.channel_crosstalk,
-            "viscosity",
-            "unknown",
+            "damping_law", "point", (20.0, 10.0, 5.0), _m.undeclared_soil, "soil", "constant-q"
         ),
         SimulatedEffect(
-            "damping_law",
-            "point",
-            (20.0, 10.0, 5.0),
-            _m.undeclared_soil,
-            "viscosity, a lag",
-            "soil",
-            "constant-q",
+            "modulus_gradient", "point", (0.1, 0.4, 1.0), _m.undeclared_soil, "soil", "growth"
         ),
-        SimulatedEffect(
-            "modulus_gradient",
-            "point",
-            (0.1, 0.4, 1.0),
-            _m.undeclared_soil,
-            "bedrock",
-            "soil",
-            "growth",
-        ),
-        SimulatedEffect("lost_samples", "drop", (0.01, 0.03, 0.1), _lost, "a lead", "unknown"),
+        SimulatedEffect("lost_samples", "drop", (0.01, 0.03, 0.1), _lost, "unknown"),
     )
 }

@@ -11,11 +11,11 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.signal import butter, lfilter, sosfilt
+from scipy.signal import butter, sosfilt
 
 from simulators.mesh import Array, require
+from simulators.traces import Geophone, geophone_output
 from tests.campaigns.effects.signals import Signals
 
 
@@ -42,31 +42,6 @@ def delayed(values: Array, samples: float) -> Array:
     return result
 
 
-def geophone_coefficients(
-    frequency: float, damping: float, time_step: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    r"""Return the digital filter of a geophone: coefficients of numerator and denominator.
-
-    The bilinear rule :math:`s \to (2/h)(1 - z^{-1})/(1 + z^{-1})`, with h the time step, is applied
-    to the response :math:`s^2/(s^2 + 2 \zeta \omega s + \omega^2)`.
-
-    Parameters
-    ----------
-    frequency : float, Hz
-        Natural frequency.
-    damping : float
-        Damping as a fraction of critical damping.
-    time_step : float, s
-    """
-    omega, rate = 2 * math.pi * frequency, 2 / time_step
-    friction, spring = 2 * damping * omega * rate, omega**2
-    numerator = rate**2 * np.array([1.0, -2.0, 1.0])
-    denominator = np.array(
-        [rate**2 + friction + spring, 2 * (spring - rate**2), rate**2 - friction + spring]
-    )
-    return numerator / denominator[0], denominator / denominator[0]
-
-
 def geophone_response(signals: Signals, frequency: float, damping: float) -> Signals:
     """Return the signals with the sensors' velocity filtered by the response of a geophone.
 
@@ -79,8 +54,8 @@ def geophone_response(signals: Signals, frequency: float, damping: float) -> Sig
         Damping as a fraction of critical damping.
     """
     require(frequency > 0, "frequency", "Hz, > 0", frequency)
-    numerator, denominator = geophone_coefficients(frequency, damping, signals.time_step)
-    return signals.with_velocity(lfilter(numerator, denominator, signals.velocity, axis=-1))
+    geophone = Geophone(frequency, damping)
+    return signals.with_velocity(geophone_output(signals.velocity, signals.time_step, geophone))
 
 
 AffectedChannels = Literal["load", "sensors", "both"]

@@ -1,6 +1,7 @@
 """Hammer, plate and non-linear contact on finite-element ground, against independent results."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,34 +23,38 @@ GROUND = SoilProfile.uniform(40e6, 54e3, 1900.0, 0.35, 0.5)
 RADIUS, OFFSETS, DURATION = 0.15, (0.0, 0.3), 0.045
 HAMMER = Hammer(10.0, 3e5, 2.0)
 MASS, SAMPLES = 10.0, 800
+# The march takes its ground from these finite elements, however coarse they are.
+COARSE = replace(RESOLUTION, edge_element=0.01, elements_per_wavelength=2.0)
 
 
 @pytest.fixture(scope="module")
 def response() -> GroundResponse:
-    return ground_response(GROUND, RADIUS, OFFSETS, duration=DURATION)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tests.campaigns.effects.response.RESOLUTION", COARSE)
+        return ground_response(GROUND, RADIUS, OFFSETS, duration=DURATION)
 
 
 def slow_force(peak: float) -> Array:
-    """So slow that the ground is at rest in all but name."""
+    """Return a force so slow that the ground is practically at rest, N."""
     return peak * np.sin(math.pi * np.arange(SAMPLES) / SAMPLES) ** 2
 
 
-def test_the_march_is_the_finite_elements_with_a_plate_of_that_mass(
+def test_the_march_agrees_with_finite_elements_that_include_the_plate(
     response: GroundResponse,
 ) -> None:
     drop = strike(response, MASS, HAMMER, SAMPLES)
     duration = (SAMPLES - 1) * RESPONSE_STEP_S
     simulator = DropSimulator(
-        GROUND, Plate(RADIUS, MASS), OFFSETS, duration, RESPONSE_STEP_S, MIN_PULSE_S, RESOLUTION
+        GROUND, Plate(RADIUS, MASS), OFFSETS, duration, RESPONSE_STEP_S, MIN_PULSE_S, COARSE
     )
-    whole = simulator.run(HAMMER)
+    reference = simulator.run(HAMMER)
     for name in ("load", "contact_force", "ground_displacement", "ground_velocity"):
-        ours, theirs = getattr(drop, name), getattr(whole, name)
+        marched, expected = getattr(drop, name), getattr(reference, name)
         # the two grids differ a little in size: the record is shorter than the answer
-        np.testing.assert_allclose(ours, theirs, atol=2e-4 * np.max(np.abs(theirs)))
+        np.testing.assert_allclose(marched, expected, atol=2e-4 * np.max(np.abs(expected)))
 
 
-def test_motion_is_the_sum_of_shifted_answers(response: GroundResponse) -> None:
+def test_motion_is_the_convolution_of_force_and_response(response: GroundResponse) -> None:
     force = np.zeros(50)
     force[[1, 4, 30]] = [2.0, -1.0, 5.0]
     moved, _ = response.motion(force)
@@ -62,7 +67,7 @@ def test_motion_is_the_sum_of_shifted_answers(response: GroundResponse) -> None:
         response.motion(np.ones(5))
 
 
-def test_other_units_are_another_ground(response: GroundResponse) -> None:
+def test_a_rescaled_response_is_that_of_the_rescaled_ground(response: GroundResponse) -> None:
     scaled = response.rescaled(time=1.25, density=0.9)
     layer = scaled.ground.layers[0]
     assert layer.density == pytest.approx(0.9 * 1900)
@@ -71,7 +76,7 @@ def test_other_units_are_another_ground(response: GroundResponse) -> None:
     plate = Plate(RADIUS, MASS)
     duration = (SAMPLES - 1) * scaled.time_step
     simulator = DropSimulator(
-        scaled.ground, plate, OFFSETS, duration, scaled.time_step, 0.01, RESOLUTION
+        scaled.ground, plate, OFFSETS, duration, scaled.time_step, 0.01, COARSE
     )
     expected = simulator.run(HAMMER)
     drop = strike(scaled, MASS, HAMMER, SAMPLES)
@@ -81,23 +86,13 @@ def test_other_units_are_another_ground(response: GroundResponse) -> None:
     )
 
 
-def test_answers_are_kept_in_the_cache(tmp_path: Path) -> None:
+def test_responses_are_stored_in_the_cache(tmp_path: Path) -> None:
     ground = SoilProfile.uniform(40e6, 54e3, 1900.0, 0.35, 0.3)
     first = ground_response(ground, 0.15, (0.0,), duration=0.002, cache=tmp_path)
     assert len(list(tmp_path.glob("*.npz"))) == 1
     again = ground_response(ground, 0.15, (0.0,), duration=0.002, cache=tmp_path)
     np.testing.assert_array_equal(first.velocity, again.velocity)
     assert first.static_stiffness == again.static_stiffness
-
-
-def test_newton_holds_for_the_plate(response: GroundResponse) -> None:
-    drop = strike(response, MASS, HAMMER, SAMPLES)
-    # the trapezoidal rule: means of forces change the momentum
-    net = drop.load - drop.contact_force
-    gained = MASS * np.diff(drop.plate_velocity)
-    np.testing.assert_allclose(
-        gained, RESPONSE_STEP_S * (net[1:] + net[:-1]) / 2, atol=1e-9 * np.max(drop.load)
-    )
 
 
 def test_the_plate_flies_on_a_parabola(response: GroundResponse) -> None:
@@ -120,28 +115,24 @@ def test_the_plate_flies_on_a_parabola(response: GroundResponse) -> None:
     np.testing.assert_allclose(height, curve(time), atol=1e-6 * np.ptp(height))
 
 
-def test_without_a_pull_the_weight_changes_nothing_that_matters(response: GroundResponse) -> None:
-    heavy = strike(response, MASS, HAMMER, SAMPLES, weight=1e9)
-    free = strike(response, MASS, HAMMER, SAMPLES)
-    np.testing.assert_array_equal(heavy.plate_displacement, free.plate_displacement)
-
-
-def test_indentation_stays_and_is_the_plates_alone(response: GroundResponse) -> None:
+def test_indentation_is_permanent_and_concerns_the_plate_only(response: GroundResponse) -> None:
     force = slow_force(5e3)
     plain = strike(response, MASS, force, SAMPLES)
     set_ = Indentation(depth=5e-5, force=float(np.max(plain.contact_force)))
     sunk = strike(response, MASS, force, SAMPLES, indentation=set_)
-    left = sunk.plate_displacement - plain.plate_displacement
-    assert left[-1] == pytest.approx(5e-5, rel=0.01)
+    extra = sunk.plate_displacement - plain.plate_displacement
+    assert extra[-1] == pytest.approx(5e-5, rel=0.01)
     rising = slice(0, SAMPLES // 2)
     share = plain.contact_force[rising] / np.max(plain.contact_force)
-    np.testing.assert_allclose(left[rising], 5e-5 * share**2, atol=1e-6)
-    far, near = plain.ground_displacement[1], sunk.ground_displacement[1]
-    np.testing.assert_allclose(near, far, atol=0.01 * np.max(far))  # but for inertia
+    np.testing.assert_allclose(extra[rising], 5e-5 * share**2, atol=1e-6)
+    plain_ground, sunk_ground = plain.ground_displacement[1], sunk.ground_displacement[1]
+    np.testing.assert_allclose(
+        sunk_ground, plain_ground, atol=0.01 * np.max(plain_ground)
+    )  # but for inertia
 
 
 @pytest.mark.parametrize("exponent", [-0.2, 0.3, 0.5])
-def test_slow_load_follows_the_power_law(response: GroundResponse, exponent: float) -> None:
+def test_a_slow_load_follows_the_power_law(response: GroundResponse, exponent: float) -> None:
     stiffness = response.static_stiffness
     law = PowerLaw(stiffness, reference=2e-4, exponent=exponent, rest=1e-5)
     drop = strike(response, MASS, slow_force(stiffness * 2e-4), SAMPLES, law=law)
@@ -155,21 +146,21 @@ def test_slow_load_follows_the_power_law(response: GroundResponse, exponent: flo
     assert law.curve(2e-4)[0] == pytest.approx(2e-4)
 
 
-def test_power_law_has_the_slope_it_states() -> None:
+def test_the_power_law_states_its_slope_and_exponent() -> None:
     law = PowerLaw(1e7, 2e-4, 0.4, 1e-5)
     for w in (-2e-5, -1e-6, 1e-5, 1e-4, 3e-4):
         slope = (law.curve(w + 1e-10)[0] - law.curve(w - 1e-10)[0]) / 2e-10
         assert law.curve(w)[1] == pytest.approx(slope, rel=1e-4)
     # modulus ~ stress^n: the secant grows so where the weight at rest is forgotten
-    far = PowerLaw(1e7, 2e-4, 0.4, 1e-9)
-    secants = [far.curve(w)[0] / w for w in (1e-4, 2e-4)]
-    stresses = [far.curve(w)[0] for w in (1e-4, 2e-4)]
+    free = PowerLaw(1e7, 2e-4, 0.4, 1e-9)
+    secants = [free.curve(w)[0] / w for w in (1e-4, 2e-4)]
+    stresses = [free.curve(w)[0] for w in (1e-4, 2e-4)]
     assert math.log(secants[1] / secants[0]) == pytest.approx(
         0.4 * math.log(stresses[1] / stresses[0]), rel=1e-3
     )
 
 
-def test_hysteresis_leaves_what_it_says(response: GroundResponse) -> None:
+def test_hysteresis_leaves_the_stated_settlement(response: GroundResponse) -> None:
     law = Hysteresis(response.static_stiffness, exponent=1.0, unrecovered=0.2)
     force = np.concatenate([slow_force(5e3)[::2], np.zeros(SAMPLES // 2)])
     drop = strike(response, MASS, force, SAMPLES, law=law)
@@ -182,23 +173,23 @@ def test_hysteresis_leaves_what_it_says(response: GroundResponse) -> None:
     assert plain.plate_displacement[-1] == pytest.approx(0.0, abs=0.002 * law.largest)
 
 
-def test_hysteresis_takes_the_energy_between_its_curves() -> None:
+def test_hysteresis_dissipates_the_energy_between_its_curves() -> None:
     law = Hysteresis(1.0, exponent=1.5, unrecovered=0.2)
     path = np.linspace(0.0, 3.0, 2001)
     loading = [law.curve(w)[0] for w in path]
     law.commit(3.0)
     unloading = [law.curve(w)[0] for w in path]
     above = path >= 0.6
-    given_back = np.trapezoid(np.array(unloading)[above], path[above])
+    recovered = np.trapezoid(np.array(unloading)[above], path[above])
     # K w^2 / 2 and K w^2 (1 - f) / (m + 1)
     assert np.trapezoid(loading, path) == pytest.approx(9 / 2, rel=1e-5)
-    assert given_back == pytest.approx(9 * 0.8 / 2.5, rel=1e-4)
+    assert recovered == pytest.approx(9 * 0.8 / 2.5, rel=1e-4)
     for w in (0.3, 1.0, 2.5):
         slope = (law.curve(w + 1e-6)[0] - law.curve(w - 1e-6)[0]) / 2e-6
         assert law.curve(w)[1] == pytest.approx(slope, rel=1e-4)
 
 
-def test_wrong_values_are_refused(response: GroundResponse) -> None:
+def test_invalid_values_are_rejected(response: GroundResponse) -> None:
     with pytest.raises(GroundError, match="plate_mass"):
         strike(response, 0.0, HAMMER, SAMPLES)
     with pytest.raises(GroundError, match="samples"):
