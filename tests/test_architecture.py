@@ -22,7 +22,7 @@ PACKAGES = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
     [
         ("pfwd_device", ["scipy", "textual", "rich", "matplotlib", "inversion", "pfwd"]),
         ("inversion", ["textual", "rich", "matplotlib", "serial", "h5py", "pfwd_device"]),
-        ("simulators", ["textual", "inversion", "pfwd"]),
+        ("simulators.demo, simulators.instrument", ["textual", "tui", "inversion", "pfwd"]),
         # Its physics is not the inversion's either.
         ("tests.campaigns.blind", ["inversion", "pfwd"]),
         ("pfwd.files.traces", ["textual", "rich", "matplotlib", "scipy", "h5py", "tui"]),

@@ -1,4 +1,4 @@
-"""A host of the mock instrument that reads the wire by hand: offsets and COBS, nothing shared."""
+"""Plain host of the mock instrument: it reads messages by COBS and byte offsets only."""
 
 import struct
 from typing import Any, NamedTuple
@@ -34,7 +34,7 @@ class Block(NamedTuple):
 
 
 def frames(data: bytes) -> list[Frame]:
-    """Every frame, by COBS and offsets alone; the check sums are the business of other tests."""
+    """Return all frames; their check sums are not compared."""
     assert data.endswith(b"\0") or not data
     packets = [cobs.decode(part) for part in data.split(b"\0") if part]
     return [Frame(p[0], int.from_bytes(p[1:3], "little"), bytes(p[3:-4])) for p in packets]
@@ -54,7 +54,7 @@ def blocks(data: bytes) -> list[Block]:
 
 
 def events(data: bytes) -> list[tuple[int, int, str]]:
-    """Kind, clock and text."""
+    """Return kind, clock (us) and text of each event."""
     return [
         (*struct.unpack("<HQ", f.payload[:10]), f.payload[11:].decode())
         for f in frames(data)
@@ -63,7 +63,7 @@ def events(data: bytes) -> list[tuple[int, int, str]]:
 
 
 def statuses(data: bytes) -> list[tuple[int, float, float, int, int]]:
-    """Clock, battery, temperature, overruns, flags."""
+    """Return clock, battery, temperature, overruns and flags of each status."""
     return [struct.unpack("<QffQB", f.payload[:25]) for f in frames(data) if f.type == STATUS]
 
 
@@ -71,19 +71,19 @@ def refusals(data: bytes) -> list[int]:
     return [struct.unpack("<H", f.payload[:2])[0] for f in frames(data) if f.type == REFUSAL]
 
 
-def taken(instrument: PortlessInstrument) -> bytes:
+def drain(instrument: PortlessInstrument) -> bytes:
     data = bytes(instrument.output)
     instrument.sent(len(data))
     return data
 
 
-def say(instrument: PortlessInstrument, *messages: HostMessage) -> bytes:
+def send(instrument: PortlessInstrument, *messages: HostMessage) -> bytes:
     instrument.receive(b"".join(b"\0" + encode_message(message, 0) for message in messages))
-    return taken(instrument)
+    return drain(instrument)
 
 
 def started(tables: Any = "default", **options: Any) -> PortlessInstrument:
-    """An instrument that samples, with nothing of it taken yet."""
+    """Return an instrument that samples and whose output has not been read."""
     instrument = PortlessInstrument(load_scenario(tables), **options)
     instrument.connect()
     instrument.receive(b"\0" + encode_message(Start(), 0))

@@ -89,7 +89,7 @@ def example(file: str, changes: dict[str, str]) -> str:
     return text
 
 
-def own(name: LoggerName) -> str:
+def generated(name: LoggerName) -> str:
     return logger_setup(load_scenario("compacted"), name)
 
 
@@ -97,13 +97,13 @@ UNPLUGS = LoggerFault(1.5, "unplug"), LoggerFault(4.0, "unplug")
 OVERFLOW, ROTATION = LoggerFault(0.7, "overflow", 100), LoggerFault(3.3, "rotate")
 COMMANDS = '[logger]\nstart = "go"\nstop = "end"'
 FAMILIES: dict[str, tuple[type[PortlessLogger], Callable[[], str], tuple[LoggerFault, ...]]] = {
-    "dataq": (DataqLogger, lambda: own("dataq"), (OVERFLOW, ROTATION, *UNPLUGS)),
+    "dataq": (DataqLogger, lambda: generated("dataq"), (OVERFLOW, ROTATION, *UNPLUGS)),
     "dataq-ethernet": (
         DataqEthernetLogger,
-        lambda: own("dataq-ethernet"),
+        lambda: generated("dataq-ethernet"),
         (OVERFLOW, ROTATION, *UNPLUGS, LoggerFault(3.0, "lose", 3)),
     ),
-    "labjack": (LabjackLogger, lambda: own("labjack"), (OVERFLOW, *UNPLUGS)),
+    "labjack": (LabjackLogger, lambda: generated("labjack"), (OVERFLOW, *UNPLUGS)),
     "ascii": (Lines, lambda: (EXAMPLES / "hx711-lines.toml").read_text(), UNPLUGS),
     "ascii, uncounted": (
         UncountedLines,

@@ -1,4 +1,4 @@
-"""Loggers that no code knows: the setup files of the examples describe them."""
+"""Loggers that are described by the setup files of the examples."""
 
 import threading
 from contextlib import closing

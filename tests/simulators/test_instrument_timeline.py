@@ -1,14 +1,14 @@
-"""The samples of the mock instrument: physics, channels, and what they may depend on."""
+"""Samples of the mock instrument: physics, channels and independence of the reading order."""
 
 import itertools
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from simulators.demo import demo_ground
 from simulators.drop import DropSimulator, Hammer, simulate_drop
 from simulators.instrument import units
 from simulators.instrument.response import DropResponse
@@ -22,8 +22,17 @@ from simulators.instrument.units import (
     compute_unit_drop,
     with_drawn_soil,
 )
-from simulators.mesh import Plate
+from simulators.mesh import Plate, Resolution
 from simulators.traces import Geophone, geophone_output
+
+COARSE = Resolution(edge_element=0.01, elements_per_wavelength=1.5, damped_wavelengths=0.5)
+
+
+@pytest.fixture
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the instrument compute its drops with coarse finite elements."""
+    monkeypatch.setattr(units, "simulate_drop", partial(simulate_drop, resolution=COARSE))
+
 
 VOLTS_PER_COUNT = 5.0 / 2**17  # of the scenario `default`
 QUIET: dict[str, Any] = {
@@ -37,7 +46,7 @@ def channel(**keys: Any) -> dict[str, Any]:
 
 
 def scenario(*channels: dict[str, Any], **tables: Any) -> Scenario:
-    """A noiseless instrument with these channels and one regular drop."""
+    """Return a scenario without noise, with these channels and regular drops."""
     device = {"channels": list(channels) or [channel()]}
     return load_scenario({**QUIET, "device": device, **tables})
 
@@ -48,7 +57,7 @@ def timeline(chosen: Scenario, rate: float = 10e3, seed: int = 0, **options: Any
 
 
 def half_sine(duration: float = 0.013) -> UnitDrop:
-    """A made-up drop whose shape is known in closed form."""
+    """Return a drop with the shape of a squared sine."""
     time = np.arange(round(UNIT_DROP_DURATION_S / UNIT_DROP_STEP_S) + 1) * UNIT_DROP_STEP_S
     pulse = np.where(time < duration, np.sin(np.pi * time / duration) ** 2, 0.0)
     return UnitDrop(8e3 * pulse, 0.1 * pulse[None], 1e-3 * pulse[None])
@@ -80,34 +89,22 @@ def test_a_noiseless_drop_is_that_of_the_finite_elements() -> None:
         assert error < VOLTS_PER_COUNT / 2 + 0.003 * np.max(np.abs(true))
 
 
-def test_the_default_soil_is_of_the_kind_of_the_demonstration() -> None:
-    soil, ground = load_scenario("default").soil, demo_ground(0)
-    assert soil.modulus == pytest.approx(ground.layers[0].modulus, rel=0.3)
-    assert soil.bedrock_depth == pytest.approx(ground.bedrock_depth, rel=0.3)
-
-
-def test_samples_do_not_depend_on_the_portions_in_which_they_are_asked_for() -> None:
+def test_samples_do_not_depend_on_the_portions_of_reading() -> None:
     chosen = load_scenario("typical")
-    whole = timeline(chosen, seed=3).counts(29_000, 29_000 + 3 * PAGE)
-    pieces, other = timeline(chosen, seed=3), []
+    expected = timeline(chosen, seed=3).counts(29_000, 29_000 + 3 * PAGE)
+    line, portions = timeline(chosen, seed=3), []
     start = 29_000
     for length in (1, 7, PAGE - 1, 200, PAGE, 3 * PAGE):
         stop = min(start + length, 29_000 + 3 * PAGE)
-        other.append(pieces.counts(start, stop))
+        portions.append(line.counts(start, stop))
         start = stop
-    np.testing.assert_array_equal(np.concatenate(other), whole)
+    np.testing.assert_array_equal(np.concatenate(portions), expected)
     later_first = timeline(chosen, seed=3)
     later_first.counts(90_000, 90_010)
-    np.testing.assert_array_equal(later_first.counts(29_000, 29_000 + 3 * PAGE), whole)
+    np.testing.assert_array_equal(later_first.counts(29_000, 29_000 + 3 * PAGE), expected)
 
 
-def test_another_seed_is_another_record() -> None:
-    chosen = load_scenario("default")
-    first, other = (timeline(chosen, seed=seed).counts(0, 1000) for seed in (0, 1))
-    assert not np.array_equal(first, other)
-
-
-def test_noise_hum_drift_and_rest_have_the_size_that_is_asked_for() -> None:
+def test_noise_hum_drift_and_rest_have_the_stated_sizes() -> None:
     def quiet(**keys: float) -> NDArray[np.float64]:
         # The first drop comes late; nothing but the channel's own signal before.
         chosen = scenario(channel(**keys), drops={**QUIET["drops"], "first": 90.0})
@@ -137,9 +134,9 @@ def test_a_drop_passes_through_the_geophone_that_the_channel_names() -> None:
     assert DropResponse(real, unit).duration > 0.8  # rings down after the ground is at rest
 
 
-def test_effects_change_the_channel_that_they_name_alone() -> None:
+def test_effects_change_only_the_channel_that_they_name() -> None:
     unit, time = half_sine(), np.arange(0, 0.1, UNIT_DROP_STEP_S)
-    channels = [channel(), channel(name="other")]
+    channels = [channel(), channel(name="second")]
 
     def read(*effects: dict[str, Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         chosen = scenario(*channels, effects=list(effects))
@@ -158,9 +155,9 @@ def test_effects_change_the_channel_that_they_name_alone() -> None:
             np.concatenate([np.zeros(10), true[:-10]]),
         ),
     ):
-        changed, other = read({**effect, "channel": "load"})
+        changed, second = read({**effect, "channel": "load"})
         np.testing.assert_allclose(changed, expected, atol=1e-6 * np.max(true))
-        np.testing.assert_array_equal(other, same)
+        np.testing.assert_array_equal(second, same)
 
 
 def test_a_loose_sensor_rings_at_its_frequency() -> None:
@@ -174,7 +171,7 @@ def test_a_loose_sensor_rings_at_its_frequency() -> None:
     assert np.argmax(spectrum) * 0.5 == pytest.approx(120.0, abs=2.0)
 
 
-def test_rebounds_are_whole_drops_scaled() -> None:
+def test_rebounds_are_scaled_drops() -> None:
     chosen = load_scenario(
         {
             **QUIET,
@@ -198,17 +195,19 @@ def test_rebounds_are_whole_drops_scaled() -> None:
     np.testing.assert_allclose(ratios, expected, rtol=2e-3)
 
 
-def test_a_damped_hammer_rebounds_as_it_flies_in_the_finite_elements() -> None:
-    chosen = load_scenario({**QUIET, "base": "damped-hammer", "drops": {"bounces": [1, 1]}})
+def test_a_damped_hammer_rebounds_as_in_the_finite_elements(coarse: None) -> None:
+    tables = {"base": "damped-hammer", "drops": {"bounces": [1, 1]}, "soil": {"modulus": 46e6}}
+    chosen = load_scenario({**QUIET, **tables})
     hammer = chosen.hammer
     falling = Hammer(hammer.mass, hammer.stiffness, hammer.velocity, 9.80665, hammer.damping)
-    drop = simulate_drop(chosen.soil.ground(1.0), chosen.device.plate, falling, (0.0,), 0.5, 2e-4)
+    ground, plate = chosen.soil.ground(1.0), chosen.device.plate
+    drop = simulate_drop(ground, plate, falling, (0.0,), 0.5, 2e-4, COARSE)
     touches = np.flatnonzero(np.diff((drop.load > 0).astype(int)) > 0)
     _, rebound = Schedule(chosen, 0, UnitDrops(chosen, (1.0,))).drop(9).impacts
     assert rebound.delay == pytest.approx(2e-4 * (touches[1] - touches[0]), abs=4e-4)
 
 
-def test_a_second_contact_within_a_computed_drop_is_refused() -> None:
+def test_a_second_contact_within_a_computed_drop_is_refused(coarse: None) -> None:
     hammer = {"damping": 3.0, "drop_height": 0.1}
     chosen = load_scenario({**QUIET, "hammer": hammer})
     with pytest.raises(ScenarioError, match="reduce damping or increase drop_height"):
@@ -220,14 +219,11 @@ def test_seating_softens_the_first_drops_of_every_point() -> None:
     schedule = Schedule(load_scenario({"base": "default", "drops": drops}), 0)
     factors = [schedule.drop(number).modulus_factor for number in range(1, 10)]
     assert factors == [0.8, 0.9, 1.0, 1.0, 0.8, 0.9, 1.0, 1.0, 0.8]
-
-
-def test_softer_soil_gives_way_further() -> None:
     bench = Bench(load_scenario("default"), UnitDrops(load_scenario("default"), (0.85, 1.0)), 0)
     assert bench.peaks(0.85)[1] > 1.08 * bench.peaks(1.0)[1]
 
 
-def test_drop_heights_scatter_as_asked_and_drops_keep_their_interval() -> None:
+def test_drop_heights_and_times_scatter_as_stated() -> None:
     chosen = load_scenario({"base": "default", "drops": {"height_scatter": 0.05, "jitter": 0.1}})
     line = timeline(chosen)
     drops = [Schedule(chosen, 0).drop(number) for number in range(1, 400)]
@@ -245,7 +241,7 @@ def test_a_knock_is_no_drop() -> None:
     assert 0.7 * 500 - 1 < np.max(load[10_000:]) <= 500 + 1
 
 
-def test_what_exceeds_the_converter_is_cut_off_at_its_limits() -> None:
+def test_values_beyond_the_converter_are_clipped() -> None:
     chosen = load_scenario(
         {**QUIET, "device": {"adc_range": 1.0, "adc_bits": 16, "channels": [channel()]}}
     )
@@ -269,7 +265,7 @@ def test_the_shipped_drops_fit_all_built_in_scenarios() -> None:
         assert all(drops.ready(factor) for factor in chosen.drops.seating)
 
 
-def test_a_soil_that_is_not_shipped_is_computed_and_scatters_with_the_seed() -> None:
+def test_a_soil_that_is_not_shipped_is_computed_and_scatters_with_the_seed(coarse: None) -> None:
     tables = {**QUIET, "soil": {"modulus": 30e6, "scatter": 0.1}}
     chosen = load_scenario({**tables, "device": {"channels": [channel(), {"name": "centre"}]}})
     drawn, other = (with_drawn_soil(chosen, seed) for seed in (1, 2))
@@ -281,20 +277,8 @@ def test_a_soil_that_is_not_shipped_is_computed_and_scatters_with_the_seed() -> 
     assert 5e-4 < deflection < 1.2e-3
 
 
-def test_soil_that_cannot_be_computed_is_told_to_whoever_asks(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def fail(*_: object) -> UnitDrop:
-        raise MemoryError("grid")
-
-    monkeypatch.setattr(units, "compute_unit_drop", fail)
-    chosen = scenario(soil={"modulus": 1e7})
-    with pytest.raises(MemoryError, match="grid"):
-        UnitDrops(chosen, (1.0,)).get(1.0)
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_the_demonstration_drops_with_the_load_that_e_vd_takes_for_granted(seed: int) -> None:
+@pytest.mark.parametrize("seed", [0, 3])
+def test_the_demonstration_has_the_load_that_e_vd_assumes(seed: int) -> None:
     chosen = load_scenario("compacted")
     bench = Bench(chosen, UnitDrops(chosen, (*chosen.drops.seating, 1.0)), seed)
     truths = [bench.truth(number) for number in (4, 5, 6)]

@@ -1,4 +1,4 @@
-"""Trace files of simulated drops: what is in them, and what is kept out."""
+"""Content of the trace files of simulated drops."""
 
 import csv
 import tomllib
@@ -18,7 +18,7 @@ TIME_STEP = 1e-4
 
 @pytest.fixture
 def drop() -> SimulatedDrop:
-    """Any drop will do: a half-sine load, a velocity that follows it, no finite elements."""
+    """Drop with a half-sine load and a velocity in proportion to it."""
     time = np.arange(401) * TIME_STEP
     pulse = np.where(time < 0.013, np.sin(np.pi * time / 0.013), 0.0)
     ground = np.array([1.0, 0.3])[:, None] * pulse
@@ -28,14 +28,14 @@ def drop() -> SimulatedDrop:
 
 
 def read(path: Path) -> tuple[dict[str, object], list[str], NDArray[np.float64]]:
-    """Header, column names and numbers, by nothing but TOML and CSV."""
+    """Return header, column names and numbers, read as TOML and CSV."""
     lines = path.read_text(encoding="utf-8").splitlines()
     header = [line.removeprefix("# ") for line in lines if line.startswith("# ")]
     rows = list(csv.reader(lines[len(header) :]))
     return tomllib.loads("\n".join(header)), rows[0], np.array(rows[1:], dtype=float)
 
 
-def test_a_file_declares_what_the_operator_knows(drop: SimulatedDrop, tmp_path: Path) -> None:
+def test_a_file_declares_plate_and_sensors_only(drop: SimulatedDrop, tmp_path: Path) -> None:
     declared = {"bedrock_depth_m": float("inf"), "site": 'Hill "A"', "seating_drops": 1}
     path = write_traces(tmp_path / "t.csv", [drop, drop], DEMO_PLATE, 0.35, declared=declared)
     header, columns, table = read(path)
@@ -58,7 +58,7 @@ def test_a_file_declares_what_the_operator_knows(drop: SimulatedDrop, tmp_path: 
     np.testing.assert_allclose(first[first[:, 1] > -1e-9, 3:].T, drop.ground_velocity, rtol=1e-8)
 
 
-def test_displacement_can_be_written_instead(drop: SimulatedDrop, tmp_path: Path) -> None:
+def test_displacement_is_written_on_request(drop: SimulatedDrop, tmp_path: Path) -> None:
     recording = Recording(quantity="displacement", pre_trigger=0.0)
     _, columns, table = read(write_traces(tmp_path / "t.csv", [drop], DEMO_PLATE, 0.35, recording))
     assert columns[3] == "displacement_m@0.0000"
@@ -76,7 +76,7 @@ def test_noise_has_the_stated_size_on_each_channel(drop: SimulatedDrop) -> None:
     assert abs(neighbours) < 0.05
 
 
-def test_quantised_values_are_whole_counts(drop: SimulatedDrop) -> None:
+def test_quantised_values_are_integer_counts(drop: SimulatedDrop) -> None:
     recording = Recording(load_resolution=5.0, sensor_resolution=1e-3, load_noise=3.0)
     record = record_drop(drop, recording, np.random.default_rng(0))
     counts = record.load / 5
@@ -84,7 +84,7 @@ def test_quantised_values_are_whole_counts(drop: SimulatedDrop) -> None:
     assert np.max(np.abs(record.sensors[:, 150:] - drop.ground_velocity)) <= 0.5e-3 + 1e-12
 
 
-@pytest.mark.parametrize("frequency", [1.0, 2.0, 4.5, 10.0, 40.0])
+@pytest.mark.parametrize("frequency", [1.0, 4.5, 40.0])
 def test_a_geophone_has_its_textbook_response(frequency: float) -> None:
     # |s^2 / (s^2 + 2 z w0 s + w0^2)| and its phase, at s = i w, once the start has died away.
     geophone = Geophone(natural_frequency=4.5, damping=0.6)
@@ -97,18 +97,7 @@ def test_a_geophone_has_its_textbook_response(frequency: float) -> None:
     np.testing.assert_allclose(output[late], expected[late], atol=2e-3)
 
 
-def test_a_geophone_forgets_a_step_as_the_closed_form_says() -> None:
-    # Critically damped: a step of velocity reads (1 - w0 t) exp(-w0 t).
-    time = np.arange(2000) * TIME_STEP
-    natural = 2 * np.pi * 10.0
-    velocity = np.ones((1, time.size))
-    output = geophone_output(velocity, TIME_STEP, Geophone(10.0, 1.0))[0]
-    np.testing.assert_allclose(output, (1 - natural * time) * np.exp(-natural * time), atol=1e-9)
-
-
-def test_a_geophone_is_declared_and_refuses_displacement(
-    drop: SimulatedDrop, tmp_path: Path
-) -> None:
+def test_a_geophone_is_declared_and_needs_velocity(drop: SimulatedDrop, tmp_path: Path) -> None:
     recording = Recording(geophone=Geophone(4.5, 0.6))
     header, _, table = read(write_traces(tmp_path / "t.csv", [drop], DEMO_PLATE, 0.35, recording))
     assert header["geophone_natural_frequency_hz"] == 4.5
@@ -117,9 +106,6 @@ def test_a_geophone_is_declared_and_refuses_displacement(
     wrong = Recording(quantity="displacement", geophone=Geophone(4.5, 0.6))
     with pytest.raises(GroundError, match="geophone: expected velocity channels"):
         record_drop(drop, wrong, np.random.default_rng(0))
-
-
-def test_a_file_needs_drops_of_one_kind(drop: SimulatedDrop, tmp_path: Path) -> None:
     with pytest.raises(GroundError, match="drops: expected at least one"):
         write_traces(tmp_path / "t.csv", [], DEMO_PLATE, 0.35)
 
@@ -129,7 +115,7 @@ def demonstration(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return demo_drops(3, 7, tmp_path_factory.mktemp("demo") / "new")
 
 
-def test_the_demonstration_is_one_point_without_the_truth(demonstration: Path) -> None:
+def test_the_demonstration_is_a_single_point_without_the_truth(demonstration: Path) -> None:
     header, columns, table = read(demonstration)
     assert set(table[:, 0]) == {1, 2, 3}
     assert columns[3:] == [f"velocity_m_s@{r:.4f}" for r in (0.0, 0.3, 0.6)]
@@ -144,20 +130,11 @@ def test_the_demonstration_is_one_point_without_the_truth(demonstration: Path) -
     assert max(loads) > 1.002 * min(loads)
 
 
-def test_the_demonstration_moves_as_soil_does(demonstration: Path) -> None:
-    _, _, table = read(demonstration)
-    first = table[table[:, 0] == 1]
-    deflection = np.cumsum(first[:, 3:], axis=0) * (first[1, 1] - first[0, 1])
-    peaks = np.max(deflection, axis=0)
-    assert 3e-4 < peaks[0] < 1e-3
-    assert np.all(np.diff(peaks) < 0)
-
-
-def test_the_demonstration_repeats_itself(demonstration: Path, tmp_path: Path) -> None:
+def test_the_demonstration_is_reproducible(demonstration: Path, tmp_path: Path) -> None:
     assert demo_drops(3, 7, tmp_path).read_bytes() == demonstration.read_bytes()
 
 
-def test_another_seed_is_another_ground() -> None:
+def test_the_ground_depends_on_the_seed() -> None:
     moduli = [demo_ground(seed).layers[0].modulus for seed in range(40)]
     assert np.mean(moduli) == pytest.approx(45e6, rel=0.1)
     assert 0.05 < np.std(moduli) / np.mean(moduli) < 0.25
