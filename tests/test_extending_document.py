@@ -1,4 +1,4 @@
-"""docs/extending.md, done as it says: its files in an empty folder, and each of them used."""
+"""The files of docs/extending.md in an empty folder, each of them used."""
 
 import dataclasses
 import inspect
@@ -11,6 +11,7 @@ import sys
 import tomllib
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ TOP = Path(__file__).resolve().parents[1]
 TEXT = (TOP / "docs" / "extending.md").read_text(encoding="utf-8")
 FILES = dict(re.findall(r"<!-- file: (\S+) -->\n```\w+\n(.*?)```", TEXT, re.S))
 EXAMPLES = dict(re.findall(r"<!-- example: (\w+) -->\n```python\n(.*?)```", TEXT, re.S))
-PATIENCE = 240
+PATIENCE_S = 240
 COMMAND = "import sys; from tui.cli import main; sys.exit(main())"
 
 
@@ -47,8 +48,79 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def survey(folder: Path) -> Path:
-    """A survey of a toy file: a plate of 10 kg on a spring and a dashpot."""
+def results(folder: Path) -> dict[str, list[Any]]:
+    """Status, output and errors of each command and example, all in one process."""
+    (folder / "point.toy").write_text(toy_file(), encoding="utf-8")
+    (folder / "cut.toy").write_text("toy 1\n150\n0 1\n", encoding="utf-8")
+    (entry,) = re.findall(r"`(PageEntry\(.*?\))`", TEXT)
+    page = PAGE.replace("FOLDER", str(folder)).replace("ENTRY", entry)
+    data, size = lines_of_an_instrument(), 1900
+    with talker(lambda number: data[number * size :][:size]) as url:
+        log = ("log", url, "--setup", "pairs-setup.toml", "-o", "measured", "--drops", "1")
+        report = ("report", "site-7", "--language", "norsk.toml", "--procedure", "lot-7.toml")
+        steps: dict[str, tuple[str, ...] | str] = {
+            **EXAMPLES,
+            "cuts": CUTS,
+            "log": (*log, "--no-invert", "--json"),
+            "ports": ("ports", url, "--json"),
+            "import": ("import", "point.toy", "-o", "site-7"),
+            "invert": ("invert", "cut.toy"),
+            "export": ("export", "site-7", "--format", "peaks", "-o", "peaks.txt"),
+            "unknown format": ("export", "site-7", "--format", "peak", "-o", "other.txt"),
+            "click": CLICK,
+            "report": (*report, "-o", "site.html"),
+            "page": page,
+        }
+        command = [sys.executable, "-P", "-c", RUNNER]
+        run = subprocess.run(
+            command,
+            input=json.dumps(steps),
+            cwd=folder,
+            env=environment(folder / "site", TOP),
+            capture_output=True,
+            encoding="utf-8",
+            timeout=PATIENCE_S,
+        )
+    assert run.returncode == 0, run.stderr
+    outcomes: dict[str, list[Any]] = json.loads(run.stdout)
+    return outcomes
+
+
+RUNNER = """
+import contextlib, io, json, sys, traceback
+from tui.cli import main
+
+outcomes = {}
+for name, step in json.load(sys.stdin).items():
+    output, errors, status = io.StringIO(), io.StringIO(), 0
+    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
+        try:
+            if isinstance(step, str):
+                exec(compile(step, name, "exec"), {"__name__": "__main__"})
+            else:
+                status = main(step)
+        except SystemExit as exit_request:
+            status = exit_request.code
+        except Exception:
+            traceback.print_exc()
+            status = -1
+    outcomes[name] = status, output.getvalue(), errors.getvalue()
+print(json.dumps(outcomes))
+"""
+
+
+def output_of(outcome: list[Any]) -> str:
+    status, output, errors = outcome
+    assert status == 0, errors
+    return str(output)
+
+
+def environment(*paths: Path | str) -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, paths)), "PYTHONUTF8": "1"}
+
+
+def toy_file() -> str:
+    """Return a toy file of a plate of 10 kg on a spring and a dashpot."""
     step, stiffness, damping, mass = 1e-4, 15.4e6, 2e4, 10.0
     time = np.arange(-100, 600) * step
     load = np.where((time > 0) & (time < 0.018), 8e3 * np.sin(np.pi * time / 0.018), 0.0)
@@ -57,36 +129,11 @@ def survey(folder: Path) -> Path:
         speed += step * (force - damping * speed - stiffness * moved[-1]) / mass
         moved.append(moved[-1] + step * speed)
     rows = np.column_stack([time * 1e3, load / 1e3, np.array(moved) * 1e6])
-    lines = ["toy 1", "150", *(f"{t:.6f} {force:.6f} {far:.6f}" for t, force, far in rows)]
-    (folder / "point.toy").write_text("\n".join(lines) + "\n")
-    done = pfwd(folder, "import", "point.toy", "-o", "site-7")
-    assert (done.returncode, done.stderr) == (0, "")
-    return folder / "site-7"
-
-
-def environment(folder: Path) -> dict[str, str]:
-    paths = [str(folder / "site"), str(TOP)]
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "PYTHONUTF8": "1"}
-
-
-def pfwd(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
-    return python(folder, "-c", COMMAND, *arguments)
-
-
-def python(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-P", *map(str, arguments)],
-        cwd=folder,
-        env=environment(folder),
-        capture_output=True,
-        encoding="utf-8",
-        timeout=PATIENCE,
-        stdin=subprocess.DEVNULL,
-    )
+    return "\n".join(["toy 1", "150", *(f"{t:.6f} {f:.6f} {u:.6f}" for t, f, u in rows), ""])
 
 
 def lines_of_an_instrument() -> bytes:
-    """12 s at 10 kHz with a drop of 8 kN after 2 s; a line of it is damaged."""
+    """Return 12 s at 10 kHz with a drop of 8 kN after 2 s and a damaged line."""
     time = np.arange(120_000) * 1e-4 - 2.0
     during = (time > 0) & (time < 0.02)
     force = np.where(during, 8000 * np.sin(np.pi * time / 0.02), 0.0)
@@ -99,7 +146,7 @@ def lines_of_an_instrument() -> bytes:
     return "".join(lines).encode()
 
 
-def test_the_table_names_what_is_there() -> None:
+def test_the_files_that_the_document_names_exist() -> None:
     rows = re.findall(r"^\| [^|]+ \| ([^|]+) \| ([^|]+) \|[^|]*\|$", TEXT, re.M)[1:]
     assert len(rows) == 7
     for place, entry in rows:
@@ -110,7 +157,7 @@ def test_the_table_names_what_is_there() -> None:
         assert (TOP / name).exists(), name
 
 
-def test_what_a_stage_gets_is_as_the_table_says() -> None:
+def test_the_arguments_of_a_stage_are_those_of_the_table() -> None:
     rows = dict(re.findall(r"^\| `(\w+)` \| `([\w, ]+)` \|", TEXT, re.M))
     stages = {"ground", "compliance", "nonlinear_stiffness", "motion", "record"}
     assert rows.keys() == stages
@@ -122,32 +169,25 @@ def test_what_a_stage_gets_is_as_the_table_says() -> None:
     assert set(re.findall(r"`([a-z_]+)`", named)) - {"drop", "record"} <= fields
 
 
-def test_the_fields_of_a_block_are_as_the_table_says() -> None:
+def test_the_fields_of_a_block_are_those_of_the_table() -> None:
     (row,) = re.findall(r"^\| `SampleBlock` \| (.*) \|$", TEXT, re.M)
     fields = [field.name for field in dataclasses.fields(SampleBlock)]
     assert re.findall(r"`(\w+)`", row) == fields[:4]
 
 
-def test_what_is_installed_is_found(folder: Path, tmp_path: Path) -> None:
-    done = python(folder, "-c", EXAMPLES["found"])
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines() == ["('connector_click',)", "()"]
+def test_installed_plugins_are_listed(results: dict[str, list[Any]]) -> None:
+    assert output_of(results["found"]).splitlines() == ["('connector_click',)", "()"]
 
 
-def test_a_dialect_measures(folder: Path) -> None:
-    data, size = lines_of_an_instrument(), 1900
-    with talker(lambda number: data[number * size :][:size]) as url:
-        options = ("--setup", "pairs-setup.toml", "-o", "measured", "--drops", 1)
-        done = pfwd(folder, "log", url, *options, "--no-invert", "--json")
-        found = pfwd(folder, "ports", url, "--json")
-    assert done.returncode == 0, done.stderr
-    (line,) = [one for text in done.stdout.splitlines() if (one := json.loads(text)).get("drop")]
-    assert line["saved"]
+def test_a_dialect_measures(folder: Path, results: dict[str, list[Any]]) -> None:
+    lines = [json.loads(line) for line in output_of(results["log"]).splitlines()]
+    (drop,) = [line for line in lines if line.get("drop")]
+    assert drop["saved"]
     record = read_survey(folder / "measured").drops[0].read()
     assert record.drop.load.max() == pytest.approx(8000, rel=0.01)
-    (port,) = map(json.loads, found.stdout.splitlines())
+    port = json.loads(output_of(results["ports"]))
     assert (port["answers"], port["identity"]) == ("pairs", None)
-    assert port["reason"] == "sends pairs of numbers; declare the instrument in a setup file"
+    assert "declare the instrument in a setup file" in port["reason"]
 
 
 CUTS = """
@@ -162,11 +202,11 @@ identity = Identity("1", "m", "1", 1e4, 18, 5.0, channels)
 data = b"1 2\\n3 4\\nx\\n5 6\\n" + 60 * b"9" + b"\\n7 8\\n9 "
 for size in range(1, len(data) + 1):
     dialect = find_dialect("pairs").make(DeclaredLink(identity, first_stream=3))
-    found = [m for at in range(0, len(data), size) for m in dialect.feed(data[at : at + size])]
-    assert found.pop(0) is identity
+    messages = [m for at in range(0, len(data), size) for m in dialect.feed(data[at : at + size])]
+    assert messages.pop(0) is identity
     samples = [
         (block.stream, block.first_sample + i, *row)
-        for block in found
+        for block in messages
         for i, row in enumerate(block.counts.tolist())
     ]
     assert samples[:3] == [(3, 0, 1, 2), (3, 1, 3, 4), (3, 3, 5, 6)], samples
@@ -174,34 +214,27 @@ for size in range(1, len(data) + 1):
 """
 
 
-def test_a_dialect_does_not_depend_on_how_the_bytes_were_cut(folder: Path) -> None:
-    (folder / "cuts.py").write_text(CUTS)
-    done = python(folder, "cuts.py")
-    assert done.returncode == 0, done.stderr
+def test_a_dialect_does_not_depend_on_the_division_of_bytes(results: dict[str, list[Any]]) -> None:
+    assert output_of(results["cuts"]) == ""
 
 
-def test_an_import_format_is_read(folder: Path, survey: Path) -> None:
-    code = "from pfwd.files.reading import read_points; (p,) = read_points('point.toy');"
-    done = python(folder, "-c", code + "print(p.setup.plate_radius, p.drops[0].load.max())")
-    radius, peak = map(float, done.stdout.split())
-    assert radius == 0.15
-    assert peak == pytest.approx(8000, rel=1e-3)
-    (folder / "cut.toy").write_text("toy 1\n150\n0 1\n")
-    done = pfwd(folder, "invert", "cut.toy")
-    assert done.returncode == 1
-    assert "cut.toy, line 3: expected three numbers, got 0 1" in done.stderr
+def test_an_import_format_is_read(folder: Path, results: dict[str, list[Any]]) -> None:
+    assert results["import"] == [0, results["import"][1], ""]
+    record = read_survey(folder / "site-7").drops[0].read()
+    assert record.declared["plate_radius_m"] == 0.15
+    assert record.drop.load.max() == pytest.approx(8000, rel=1e-3)
+    status, _, errors = results["invert"]
+    assert (status, "cut.toy, line 3" in errors) == (1, True)
 
 
-def test_an_export_format_is_written(folder: Path, survey: Path) -> None:
-    done = pfwd(folder, "export", survey, "--format", "peaks", "-o", "peaks.txt")
-    assert done.returncode == 0, done.stderr
+def test_an_export_format_is_written(folder: Path, results: dict[str, list[Any]]) -> None:
+    output_of(results["export"])
     name, load, deflection = (folder / "peaks.txt").read_text().split()
     assert name == "point/1"
     assert float(load) == pytest.approx(8.0, rel=1e-3)
     assert 0.1 < float(deflection) < 2
-    done = pfwd(folder, "export", survey, "--format", "peak", "-o", "other.txt")
-    assert done.returncode == 2
-    assert "pddx, peaks, got 'peak'" in done.stderr
+    status, _, errors = results["unknown format"]
+    assert (status, "pddx, peaks" in errors) == (2, True)
 
 
 CLICK = """
@@ -210,8 +243,9 @@ from inversion import Instrument, Record, Sensor
 from inversion.diagnosis.model import PointRecords
 from inversion.inference.diagnose import diagnose_point
 from inversion.effects import BY_NAME
-from simulators.demo import DEMO_PLATE, demo_simulations
+from simulators.demo import DEMO_PLATE, demo_ground, demo_simulations
 
+depth = sum(layer.thickness for layer in demo_ground(4).layers)
 (drop,) = demo_simulations(1, 4)
 time = np.arange(-100, drop.time.size) * (drop.time[1] - drop.time[0])
 load = np.concatenate([np.zeros(100), drop.load])
@@ -220,46 +254,36 @@ moved += 0.2 * moved.max() * np.exp(-(((time - 0.034) / 2e-3) ** 2))
 moved += 1e-3 * moved.max() * np.random.default_rng(2).standard_normal(time.size)
 instrument = Instrument(plate_radius=DEMO_PLATE.radius, plate_mass=DEMO_PLATE.mass)
 sensors = (Sensor(0.0, "displacement", moved),)
-record = Record(time, load, sensors, instrument, poisson_ratio=0.35, bedrock_depth=BEDROCK)
-found = diagnose_point(PointRecords("toy", (record,), (1,)))
-print(list(BY_NAME)[-1], found.verdict, *(effect.name for effect in found.effects))
-(click,) = [effect for effect in found.effects if effect.name == "connector_click"]
+record = Record(time, load, sensors, instrument, poisson_ratio=0.35, bedrock_depth=depth)
+diagnosis = diagnose_point(PointRecords("toy", (record,), (1,)))
+print(list(BY_NAME)[-1], diagnosis.verdict, *(effect.name for effect in diagnosis.effects))
+(click,) = [effect for effect in diagnosis.effects if effect.name == "connector_click"]
 print(click.parameters[0].value / moved.max(), click.advice)
 """
 
 
-def test_an_effect_is_listed_and_found(folder: Path) -> None:
-    from simulators.demo import demo_ground
-
-    depth = sum(layer.thickness for layer in demo_ground(4).layers)
-    (folder / "click.py").write_text(CLICK.replace("BEDROCK", repr(depth)))
-    done = python(folder, "click.py")
-    assert done.returncode == 0, done.stderr
-    first, second = done.stdout.splitlines()
+def test_an_effect_is_listed_and_detected(results: dict[str, list[Any]]) -> None:
+    first, second = output_of(results["click"]).splitlines()
     assert first == "connector_click explained connector_click"
     value, _, advice = second.partition(" ")
     assert float(value) == pytest.approx(0.2, rel=0.1)
     assert advice.startswith("press the connector")
 
 
-def test_a_procedure_judges(folder: Path) -> None:
-    done = python(folder, "-c", EXAMPLES["procedure"])
-    assert done.returncode == 0, done.stderr
-    verdict, value = done.stdout.split()
+def test_a_procedure_judges(results: dict[str, list[Any]]) -> None:
+    verdict, value = output_of(results["procedure"]).split()
     assert verdict == "pass"
     assert float(value) == pytest.approx(0.4e-3)
 
 
-def test_a_language_is_reported_in(folder: Path, survey: Path) -> None:
-    done = python(folder, "-c", EXAMPLES["language"])
-    assert done.returncode == 0, done.stderr
-    options = ("--language", "norsk.toml", "--procedure", "lot-7.toml", "-o", "site.html")
-    done = pfwd(folder, "report", survey, *options)
-    assert done.returncode == 0, done.stderr
+def test_a_report_is_written_in_a_new_language(folder: Path, results: dict[str, list[Any]]) -> None:
+    output_of(results["language"])
+    output_of(results["report"])
     page = (folder / "site.html").read_text("utf-8")
     assert '<html lang="nb">' in page
     assert "Sammendrag" in page
     assert "Subgrade, lot 7" in page
+    assert files("pfwd.report").joinpath("catalogues", "en.toml").is_file()
 
 
 PAGE = """
@@ -276,58 +300,50 @@ async def script(app, pilot):
     await deliver(app, pilot, ready())
     await pilot.press("6")
     await pilot.pause(0.2)
-    print(app.text)
+    texts.append(app.text)
 
 
+texts = []
 play(App(), script)
+print(texts[0])
 """
 
 
-def test_a_page_is_shown_by_its_key(folder: Path) -> None:
-    (entry,) = re.findall(r"`(PageEntry\(.*?\))`", TEXT)
-    script = PAGE.replace("FOLDER", str(folder)).replace("ENTRY", entry)
-    (folder / "page.py").write_text(script)
-    done = python(folder, "page.py")
-    assert done.returncode == 0, done.stderr
-    assert "Last messages" in done.stdout
+def test_a_page_is_shown_by_its_key(results: dict[str, list[Any]]) -> None:
+    assert "Last messages" in output_of(results["page"])
 
 
-def test_the_catalogue_of_texts_that_is_copied_is_there() -> None:
-    assert files("pfwd.report").joinpath("catalogues", "en.toml").is_file()
-
-
-def test_without_the_package_nothing_of_it_is_known(folder: Path, tmp_path: Path) -> None:
-    # It lies in the current folder: that is no installation.
+def test_a_package_in_the_current_folder_is_not_loaded(folder: Path, tmp_path: Path) -> None:
     shutil.copytree(folder / "site", tmp_path / "received")
     script = tmp_path / "script.py"
-    script.write_text("import sys\nfrom tui.cli import main\nsys.exit(main())\n")
+    script.write_text(COMMAND)
     for entry in ("", ".", str(tmp_path / "received")):
         done = subprocess.run(
             [sys.executable, script, "export", "x", "--format", "peaks", "-o", "y"],
             cwd=tmp_path / "received",
-            env={**os.environ, "PYTHONPATH": os.pathsep.join([str(TOP), entry])},
+            env=environment(TOP, entry),
             capture_output=True,
             text=True,
-            timeout=PATIENCE,
+            timeout=PATIENCE_S,
         )
         assert done.returncode == 2
         assert "gpx, pddx, got 'peaks'" in done.stderr
 
 
-def test_a_package_that_cannot_be_loaded_costs_one_remark(folder: Path, survey: Path) -> None:
+def test_a_package_that_cannot_be_loaded_is_reported_in_a_line(
+    folder: Path, results: dict[str, list[Any]]
+) -> None:
     broken = folder / "broken"
     points = "[pfwd.effects]\nno_such = no_such_module:X\n[pfwd.import_formats]\nbad = no_such:X\n"
     install(broken, {}, points, "broken-toy", "2.0")
-    env = environment(folder)
-    env["PYTHONPATH"] = os.pathsep.join([str(broken), env["PYTHONPATH"]])
     done = subprocess.run(
         [sys.executable, "-P", "-c", COMMAND, "import", "point.toy", "-o", "site-8"],
         cwd=folder,
-        env=env,
+        env=environment(broken, folder / "site", TOP),
         capture_output=True,
         text=True,
-        timeout=PATIENCE,
+        timeout=PATIENCE_S,
     )
     assert done.returncode == 0
     (line,) = done.stderr.splitlines()
-    assert line.startswith("pfwd: plug-in bad of broken-toy 2.0 (pfwd.import_formats) is left out")
+    assert line.startswith("pfwd: plug-in bad of broken-toy 2.0 (pfwd.import_formats)")
