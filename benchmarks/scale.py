@@ -20,6 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import psutil
+
 from benchmarks.output import Reporter, parse_options
 from benchmarks.screen import PFWD, first_paint
 from pfwd_device.jobs import Jobs
@@ -141,7 +143,7 @@ def _run(report: Reporter, folder: Path, counts: tuple[int, ...], repeats: int) 
                 cost = Cost(min(painted), 0.0, 0.0)
                 costs_by_name.setdefault(name, []).append(cost)
                 report.record(part=name, drops=drops, seconds=cost.seconds, largest=max(painted))
-    report.record(part="machine", cores=os.cpu_count(), load=os.getloadavg()[0])
+    report.record(part="machine", cores=os.cpu_count(), load=psutil.getloadavg()[0])
     return _judge(report, costs_by_name, counts)
 
 

@@ -61,15 +61,24 @@ def run(arguments: list[str]) -> int:
     return 0 if good else 1
 
 
+def open_terminal(size: tuple[int, int]) -> tuple[int, int]:
+    """Return both ends of a new pseudo-terminal, the program's last; its size: columns, lines."""
+    if sys.platform == "win32":
+        raise OSError("expected a system with pseudo-terminals, which Windows has not")
+    else:  # where mypy leaves it out on Windows
+        import fcntl
+        import termios
+
+        ends = os.openpty()
+        fcntl.ioctl(ends[1], termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
+        return ends
+
+
 class Terminal:
     """Pseudo-terminal in which a program runs; its output is read and counted."""
 
     def __init__(self, command: list[str], size: tuple[int, int] = SIZE) -> None:
-        import fcntl
-        import termios
-
-        self.master, slave = os.openpty()
-        fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
+        self.master, slave = open_terminal(size)
         # These variables would override the size of this terminal.
         inherited = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "LINES")}
         environment = {

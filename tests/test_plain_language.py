@@ -13,9 +13,8 @@ TOP = Path(__file__).resolve().parents[1]
 RULES = tomllib.loads((TOP / "tests" / "plain_words.toml").read_text(encoding="utf-8"))
 WORDS = set(RULES["words"].split())
 FRAGMENTS = set(RULES["fragments"].split())
-PACKAGES = tomllib.loads((TOP / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["mypy"][
-    "packages"
-]
+PROJECT = tomllib.loads((TOP / "pyproject.toml").read_text(encoding="utf-8"))
+PACKAGES = PROJECT["tool"]["importlinter"]["root_packages"]
 
 
 def limit_of(kind: str, package: str) -> int:
