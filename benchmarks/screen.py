@@ -65,7 +65,7 @@ def open_terminal(size: tuple[int, int]) -> tuple[int, int]:
     """Return both ends of a new pseudo-terminal, the program's last; its size: columns, lines."""
     if sys.platform == "win32":
         raise OSError("expected a system with pseudo-terminals, which Windows has not")
-    else:  # where mypy leaves it out on Windows
+    else:  # noqa: RET506  mypy leaves out what stands here on Windows
         import fcntl
         import termios
 
