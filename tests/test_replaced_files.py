@@ -1,110 +1,92 @@
-"""The campaign of replaced files: its judge, and that each replacement changes the survey."""
+"""Verdicts and replacements of the campaign of replaced files."""
 
-import dataclasses
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.campaigns import replaced_files
-from tests.campaigns.judge import ACKNOWLEDGED, REPLACED, WARNED, Outcome, Said, judge
+from tests.campaigns.judge import ACKNOWLEDGED, REPLACED, WARNED, Event, Outcome, judge
 
 
-def saved(*numbers: int) -> list[Said]:
-    return [Said(ACKNOWLEDGED, f"drop 1/{number}") for number in numbers]
+def saved(*numbers: int) -> list[Event]:
+    return [Event(ACKNOWLEDGED, f"drop 1/{number}") for number in numbers]
 
 
 def names(*numbers: int) -> list[str]:
     return [f"drop 1/{number}" for number in numbers]
 
 
-WARNING = Said(WARNED, "NOT SAFE: drop 1/1")
-OTHERS = Said(REPLACED, "")
+WARNING = Event(WARNED, "NOT SAFE: drop 1/1")
+REPLACEMENT = Event(REPLACED, "")
+SAVED_1 = Outcome(events=saved(1), recovered=names(1))
 
 
-class TestJudge:
-    def test_all_found_is_good(self) -> None:
-        assert judge(Outcome(said=saved(1, 2), found=names(1, 2), whole=True)).good
-
-    def test_more_found_than_acknowledged_is_good(self) -> None:
-        # Saved, and killed before it was said.
-        assert judge(Outcome(said=saved(1), found=names(1, 2), whole=True)).good
-
-    def test_a_loss_without_a_word(self) -> None:
-        verdict = judge(Outcome(said=saved(1, 2), found=names(2), whole=False))
-        assert verdict.faults == ("lost",)
-        assert verdict.lost == ("drop 1/1",)
-
-    def test_a_loss_that_is_called_whole(self) -> None:
-        verdict = judge(Outcome(said=[*saved(1), WARNING], found=[], whole=True))
-        assert verdict.faults == ("called whole",)
-
-    def test_a_note_counts_like_a_drop(self) -> None:
-        said = [*saved(1), Said(ACKNOWLEDGED, "note 1")]
-        assert judge(Outcome(said=said, found=names(1), whole=False)).lost == ("note 1",)
-
-    def test_a_warning_has_to_come_before_the_next_drop(self) -> None:
-        assert judge(Outcome(said=[*saved(1), WARNING, *saved(2)], found=names(2))).good
-        late = Outcome(said=[*saved(1, 2), WARNING], found=names(2))
-        assert judge(late).faults == ("lost",)
-
-    def test_after_a_replacement_the_drop_in_flight_may_still_come(self) -> None:
-        early = [*saved(1, 2), OTHERS, *saved(3), WARNING, *saved(4)]
-        assert judge(Outcome(said=early, found=names(4))).good
-        late = [*saved(1, 2), OTHERS, *saved(3, 4), WARNING]
-        assert judge(Outcome(said=late, found=names(4))).faults == ("lost",)
-
-    def test_what_was_acknowledged_after_a_replacement_has_no_such_grace(self) -> None:
-        said = [*saved(1), OTHERS, *saved(2, 3), WARNING, *saved(4)]
-        assert "drop 1/2" in judge(Outcome(said=said, found=names(1, 3, 4))).details[0]
-        assert judge(Outcome(said=said, found=names(1, 2, 4))).good
-
-    def test_the_end_of_the_program_is_time_enough_to_warn(self) -> None:
-        said = [*saved(1, 2), OTHERS]
-        assert judge(Outcome(said=said, found=names(2))).faults == ("lost",)
-        assert judge(Outcome(said=said, found=names(2), killed=True, status=-9)).good
-
-    def test_twice(self) -> None:
-        assert judge(Outcome(said=saved(1), found=names(1, 1))).faults == ("twice",)
-
-    def test_not_whole_although_nothing_is_missing(self) -> None:
-        outcome = Outcome(said=saved(1), found=names(1), whole=False)
-        assert judge(outcome).faults == ("not whole",)
-        assert judge(dataclasses.replace(outcome, gone=True)).good
-
-    def test_a_survey_that_cannot_be_read(self) -> None:
-        outcome = Outcome(said=saved(1), found=names(1), refusal="no survey")
-        assert judge(outcome).faults == ("unreadable",)
-        assert judge(dataclasses.replace(outcome, gone=True)).good
-        assert judge(Outcome(refusal="no survey")).good
-
-    @pytest.mark.parametrize(
-        ("outcome", "fault"),
-        [
-            (Outcome(status=None), "hang"),
-            (Outcome(later_statuses=(0, -1)), "hang"),
-            (Outcome(status=-11), "status"),
-            (Outcome(later_statuses=(0, 4)), "status"),
-            (Outcome(output="Traceback (most recent call last):\n  ...\nOSError: x"), "traceback"),
-            (Outcome(output="pfwd: log: an error nobody foresaw, please"), "traceback"),
-            (Outcome(output="escaped: OSError: x"), "escaped"),
-            (Outcome(said=[WARNING], harmless=True), "warned without need"),
-        ],
-    )
-    def test_how_a_program_may_not_end(self, outcome: Outcome, fault: str) -> None:
-        assert judge(outcome).faults == (fault,)
-
-    def test_a_kill_is_no_status_of_the_program(self) -> None:
-        assert judge(Outcome(status=-9, killed=True)).good
+@pytest.mark.parametrize(
+    ("outcome", "faults"),
+    [
+        (Outcome(events=saved(1, 2), recovered=names(1, 2), complete=True), ()),
+        # Saved, and killed before the acknowledgement.
+        (Outcome(events=saved(1), recovered=names(1, 2), complete=True), ()),
+        (Outcome(events=saved(1, 2), recovered=names(2), complete=False), ("lost",)),
+        (Outcome(events=[*saved(1), WARNING], complete=True), ("called complete",)),
+        # A warning must precede the next drop.
+        (Outcome(events=[*saved(1), WARNING, *saved(2)], recovered=names(2)), ()),
+        (Outcome(events=[*saved(1, 2), WARNING], recovered=names(2)), ("lost",)),
+        # After a replacement it may follow the drop in flight.
+        (
+            Outcome(
+                events=[*saved(1, 2), REPLACEMENT, *saved(3), WARNING, *saved(4)],
+                recovered=names(4),
+            ),
+            (),
+        ),
+        (
+            Outcome(events=[*saved(1, 2), REPLACEMENT, *saved(3, 4), WARNING], recovered=names(4)),
+            ("lost",),
+        ),
+        # Not so for drops that were acknowledged after the replacement.
+        (
+            Outcome(
+                events=[*saved(1), REPLACEMENT, *saved(2, 3), WARNING, *saved(4)],
+                recovered=names(1, 3, 4),
+            ),
+            ("lost",),
+        ),
+        (Outcome(events=[*saved(1, 2), REPLACEMENT], recovered=names(2)), ("lost",)),
+        # A killed program cannot warn.
+        (
+            Outcome(events=[*saved(1, 2), REPLACEMENT], recovered=names(2), killed=True, status=-9),
+            (),
+        ),
+        (replace(SAVED_1, recovered=names(1, 1)), ("twice",)),
+        (replace(SAVED_1, complete=False), ("incomplete",)),
+        (replace(SAVED_1, complete=False, removed=True), ()),
+        (replace(SAVED_1, refusal="no survey"), ("unreadable",)),
+        (replace(SAVED_1, refusal="no survey", removed=True), ()),
+        (Outcome(refusal="no survey"), ()),
+        (Outcome(status=None), ("hang",)),
+        (Outcome(later_statuses=(0, -1)), ("hang",)),
+        (Outcome(status=-11), ("status",)),
+        (Outcome(later_statuses=(0, 4)), ("status",)),
+        (Outcome(output="Traceback (most recent call last):\n  ...\nOSError"), ("traceback",)),
+        (Outcome(output="pfwd: log: an error nobody foresaw, please"), ("traceback",)),
+        (Outcome(output="escaped: OSError: x"), ("escaped",)),
+        (Outcome(events=[WARNING], harmless=True), ("warned without need",)),
+    ],
+)
+def test_a_broken_promise_is_a_fault(outcome: Outcome, faults: tuple[str, ...]) -> None:
+    assert judge(outcome).faults == faults
 
 
-OTHERS_NEEDED = {"second logger", *replaced_files.NEED_MOUNT}
-"""These need a disk or an instrument; the campaign itself fails when they cannot be made."""
+NOT_HERE = {"second logger", *replaced_files.NEED_MOUNT}
+"""Replacements that need a disk or an instrument."""
 
 
 @pytest.mark.posix
-@pytest.mark.parametrize("name", sorted(set(replaced_files.REPLACEMENTS) - OTHERS_NEEDED))
-def test_a_replacement_can_be_made(name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", sorted(set(replaced_files.REPLACEMENTS) - NOT_HERE))
+def test_a_replacement_changes_the_survey(name: str, tmp_path: Path) -> None:
     survey = tmp_path / "work" / "survey"
     for path in ("journal/0001.pfwdj", "acknowledged.txt", "survey.lock", "drops/1.h5", "log/a"):
         (survey / path).parent.mkdir(parents=True, exist_ok=True)
@@ -115,7 +97,7 @@ def test_a_replacement_can_be_made(name: str, tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     scene = replaced_files.Scene(tmp_path, survey, older, rng, "no url")
     before = _state_of(survey)
-    replaced_files.REPLACEMENTS[name].do(scene)
+    replaced_files.REPLACEMENTS[name].replace(scene)
     changed = _state_of(survey) != before
     for undo in scene.undo:
         undo()
@@ -124,8 +106,8 @@ def test_a_replacement_can_be_made(name: str, tmp_path: Path) -> None:
 
 def _state_of(folder: Path) -> object:
     paths = [folder.parent, folder, *sorted(folder.rglob("*"))] if folder.exists() else []
-    found = [(path, path.stat(), _content(path)) for path in paths]
-    return [(path, said.st_ino, said.st_size, said.st_mode, data) for path, said, data in found]
+    states = [(path, path.stat(), _content(path)) for path in paths]
+    return [(path, s.st_ino, s.st_size, s.st_mode, data) for path, s, data in states]
 
 
 def _content(path: Path) -> bytes | None:

@@ -1,4 +1,4 @@
-"""The fault campaign: whatever happens, no acknowledged drop is lost and every survey can be read.
+"""The fault campaign: no acknowledged drop is lost and every survey is readable after faults.
 
 A drop counts as acknowledged when ``pfwd log`` has printed its line. The logger is the real
 program, the instrument a simulated one that drops its hammer several times a second.
@@ -6,13 +6,11 @@ program, the instrument a simulated one that drops its hammer several times a se
 
 import argparse
 import contextlib
-import json
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,17 +24,18 @@ from pfwd_device.recording import check, read_survey, recover
 from simulators.instrument import serve
 from tests.campaigns.hasty_instrument import HASTY, RATE, hasty_instrument
 from tests.campaigns.judge import ACKNOWLEDGED, judge
+from tests.campaigns.log_process import Command, drop_names, log_command
 from tests.campaigns.replaced_files import REPLACEMENTS, impossible, trial
 
-# Ten drops a second: every 2 s, twenty times real time, without bounces.
-START = 30.0  # s that a logger may take for its first drop on a busy machine
-
-Name = tuple[str, int]
+START_S = 30.0
+"""Time of a logger for its first drop on a busy machine, s."""
+MAX_SHIFT_SAMPLES = 300
+"""Shift of a detected trigger within the pulse, 30 ms, after a lost one."""
 
 
 @dataclass
 class Tally:
-    """What a part of the campaign found."""
+    """Results of a part of the campaign."""
 
     faults: int = 0
     acknowledged: int = 0
@@ -44,114 +43,48 @@ class Tally:
     twice: int = 0
     unreadable: int = 0
     missed: int = 0
-    """Damage that the check did not see, or a loss that was not told."""
+    """Damage that the check did not detect, and losses without a warning."""
     notes: list[str] = field(default_factory=list)
 
     @property
     def good(self) -> bool:
-        """Nothing was lost."""
+        """True if no drop was lost, repeated or unreadable."""
         return not (self.lost or self.twice or self.unreadable or self.missed)
 
-    def compare(self, survey: Path, acknowledged: set[Name]) -> None:
-        """Recover a survey and look for what was acknowledged."""
+    def compare(self, survey: Path, acknowledged: set[str]) -> None:
+        """Recover a survey and count the acknowledged drops that are not in it."""
         try:
             recover(survey)
-            names = [(drop.point, drop.drop) for drop in _read_all(survey)]
+            names = drop_names(survey)
         except RecordingError as err:
             self.unreadable += 1
             self.notes.append(str(err))
             return
         self.twice += len(names) - len(set(names))
-        gone = acknowledged - set(names)
-        self.lost += len(gone)
-        if gone:
-            self.notes.append(f"{survey}: lost {sorted(gone)}")
-
-
-def _read_all(survey: Path) -> list[Any]:
-    drops = [*read_survey(survey).drops]
-    for drop in drops:
-        drop.read()
-    return drops
-
-
-class Logger:
-    """``pfwd log`` as a process, and the drops that it acknowledges.
-
-    Parameters
-    ----------
-    url : str
-    survey : Path
-    largest_file : int, optional
-        Bytes after which the system refuses to let a file grow.
-    """
-
-    def __init__(self, url: str, survey: Path, largest_file: int | None = None) -> None:
-        self.acknowledged: set[Name] = set()
-        self.first = threading.Event()
-        command = [
-            sys.executable,
-            "-m",
-            "tests.campaigns.faults",
-            "--logger",
-            str(largest_file or 0),
-        ]
-        command += ["log", url, "-o", str(survey), "--no-invert", "--json"]
-        self.process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
-        self.errors: list[str] = []
-        self._readers = [
-            threading.Thread(target=self._read_lines, daemon=True),
-            threading.Thread(target=self._read_errors, daemon=True),
-        ]
-        for reader in self._readers:
-            reader.start()
-
-    def _read_lines(self) -> None:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            with contextlib.suppress(ValueError):  # the line that the kill cut in two
-                drop = json.loads(line)
-                self.acknowledged.add((drop["point"], drop["drop"]))
-                self.first.set()
-
-    def _read_errors(self) -> None:
-        assert self.process.stderr is not None
-        self.errors += self.process.stderr
-
-    def kill(self) -> None:
-        """SIGKILL (on Windows: the same by another name)."""
-        self.process.kill()
-        self.wait()
-
-    def wait(self, timeout: float = 60.0) -> None:
-        """Wait for its end and for its last words."""
-        self.process.wait(timeout)
-        for reader in self._readers:
-            reader.join()
-        for pipe in (self.process.stdout, self.process.stderr):
-            if pipe is not None:
-                pipe.close()
+        lost = acknowledged - set(names)
+        self.lost += len(lost)
+        if lost:
+            self.notes.append(f"{survey}: lost {sorted(lost)}")
 
 
 def kills(count: int, rng: np.random.Generator, folder: Path) -> Tally:
-    """kill -9 at random instants, from before the first drop to some seconds after it."""
+    """Kill the logger at random times, from before the first drop to some seconds after it."""
     tally = Tally()
-    survey, acknowledged = folder / "killed", set[Name]()
+    survey, acknowledged = folder / "killed", set[str]()
     with hasty_instrument(int(rng.integers(2**31))) as instrument:
         for number in range(count):
             if number % 20 == 0:
                 shutil.rmtree(survey, ignore_errors=True)
                 acknowledged = set()
-            logger = Logger(instrument.url, survey)
-            # One in five dies while it starts; the others in the midst of their drops.
+            logger = Command(log_command(instrument.url, survey))
+            # A fifth is killed at the start, the others between their drops.
             if rng.random() < 0.2:
                 time.sleep(float(rng.uniform(0.0, 1.0)))
             else:
-                logger.first.wait(START)
+                logger.wait_for(1, START_S)
                 time.sleep(float(rng.uniform(0.0, 1.5)))
             logger.kill()
+            logger.wait()
             acknowledged |= logger.acknowledged
             tally.acknowledged += len(logger.acknowledged)
             tally.faults += 1
@@ -160,24 +93,23 @@ def kills(count: int, rng: np.random.Generator, folder: Path) -> Tally:
     return tally
 
 
-def record_some(folder: Path, rng: np.random.Generator, drops: int) -> tuple[Path, set[Name]]:
-    """A survey that ended in order."""
-    survey = folder / "whole"
+def record_survey(folder: Path, rng: np.random.Generator, drops: int) -> tuple[Path, set[str]]:
+    """Return a survey that ended regularly, and its acknowledged drops."""
+    survey = folder / "complete"
     with hasty_instrument(int(rng.integers(2**31))) as instrument:
-        logger = Logger(instrument.url, survey)
-        while len(logger.acknowledged) < drops and logger.process.poll() is None:
-            time.sleep(0.05)
-        logger.process.terminate()
+        logger = Command(log_command(instrument.url, survey))
+        logger.wait_for(drops, START_S + drops)
+        logger.stop()
         logger.wait()
     return survey, logger.acknowledged
 
 
 def damages(count: int, rng: np.random.Generator, folder: Path, *, cut: bool) -> Tally:
-    """One file cut off, or one byte changed: seen by the check, and no drop lost."""
+    """Cut a file or change a byte: the check detects it, and no drop is lost."""
     tally = Tally()
-    survey, acknowledged = record_some(folder, rng, 20)
+    survey, acknowledged = record_survey(folder, rng, 20)
     if not check(survey).ok:
-        tally.notes.append("the survey was not whole to begin with")
+        tally.notes.append("the survey was incomplete before")
         tally.unreadable += 1
     kinds = ("journal/*", "acknowledged.txt", "drops/*.h5")
     files = [sorted(survey.glob(kind)) for kind in kinds]
@@ -198,28 +130,28 @@ def damages(count: int, rng: np.random.Generator, folder: Path, *, cut: bool) ->
         if check(copy).ok:
             tally.missed += 1
             tally.notes.append(
-                f"not seen: {victim.name} at byte {place} of {victim.stat().st_size}"
+                f"undetected: {victim.name} at byte {place} of {victim.stat().st_size}"
             )
         tally.compare(copy, acknowledged)
         if not check(copy).ok:
-            tally.notes.append(f"not whole after recovery: {victim.name} at byte {place}")
+            tally.notes.append(f"incomplete after recovery: {victim.name} at byte {place}")
             tally.unreadable += 1
         shutil.rmtree(copy)
     return tally
 
 
 def full_disks(count: int, rng: np.random.Generator, folder: Path) -> Tally:
-    """Files that may not grow any more, and a file system without space; then room again."""
+    """Limit the size of files or of the file system, then free space."""
     tally = Tally()
     with hasty_instrument(int(rng.integers(2**31))) as instrument:
         for number in range(count):
             small = number % 2 == 1 and _mount(folder / "small")
             survey = (folder / "small" / "survey") if small else folder / f"limited-{number}"
             limit = None if small else int(rng.integers(2_300_000, 3_000_000))
-            logger = Logger(instrument.url, survey, limit)
-            logger.first.wait(START)
+            logger = Command(log_command(instrument.url, survey), largest_file=limit)
+            logger.wait_for(1, START_S)
             time.sleep(float(rng.uniform(0.5, 3.0)))
-            logger.process.terminate()
+            logger.stop()
             logger.wait()
             tally.faults += 1
             tally.acknowledged += len(logger.acknowledged)
@@ -234,7 +166,7 @@ def full_disks(count: int, rng: np.random.Generator, folder: Path) -> Tally:
 
 
 def _mount(folder: Path) -> bool:
-    """A file system of a few megabytes, where the system lets one; False where it does not."""
+    """Mount a file system of a few megabytes; return False if that is not permitted."""
     folder.mkdir(exist_ok=True)
     if not hasattr(os, "geteuid") or os.geteuid() != 0 or shutil.which("mount") is None:
         return False
@@ -246,7 +178,7 @@ def _mount(folder: Path) -> bool:
 
 
 def unplugs(count: int, rng: np.random.Generator, folder: Path) -> Tally:
-    """The cable pulled and put back, again and again, between drops and within them."""
+    """Unplug the cable repeatedly, between drops and within them."""
     tally = Tally()
     every = 6.0
     faults = [
@@ -261,67 +193,67 @@ def unplugs(count: int, rng: np.random.Generator, folder: Path) -> Tally:
     survey = folder / "unplugged"
     scenario = HASTY | {"faults": faults}
     with serve(scenario, seed=1, rate=4.0, listen="tcp://127.0.0.1:0") as instrument:
-        logger = Logger(instrument.url, survey)
+        logger = Command(log_command(instrument.url, survey))
         lost = 0
         deadline = time.monotonic() + 60.0 + 10.0 * count
         while lost < count and time.monotonic() < deadline:
             time.sleep(0.2)
-            # Of many connections in a minute the log names only some, but every loss.
-            lost = sum("INSTRUMENT LOST" in line for line in logger.errors)
-            if logger.process.poll() is not None:
+            # The log names only some of many connections in a minute, but every loss.
+            lost = sum("INSTRUMENT LOST" in line for line in list(logger.lines))
+            if not logger.running:
                 break
-        logger.process.terminate()
+        logger.stop()
         logger.wait()
     tally.faults = lost
     tally.acknowledged = len(logger.acknowledged)
     tally.compare(survey, logger.acknowledged)
     if tally.faults < count:
-        tally.notes.append(f"only {lost} of {count} losses: {logger.errors[-3:]}")
+        tally.notes.append(f"only {lost} of {count} losses: {logger.lines[-3:]}")
         tally.unreadable += 1
     return tally
 
 
 def bit_errors(count: int, rng: np.random.Generator, folder: Path) -> Tally:
-    """One byte in ten thousand flipped: whole drops as without, the others marked, none twice.
+    """Flip a bit in one byte of ten thousand: intact drops are equal, all others are marked.
 
-    The instrument does the same twice, over a good cable and over a bad one.
+    The instrument makes the same drops over a good cable and over a bad one.
     """
     tally = Tally()
     seed = int(rng.integers(2**31))
     surveys = {}
     for rate in (0.0, 1e-4):
         surveys[rate] = folder / f"errors-{rate:g}"
-        # The first drop falls when the handshake and the check of the sensors are over for certain,
-        # five seconds of ours after the start.
+        # The first drop follows the handshake and the check of the sensors, 5 s after the start.
         drops = HASTY["drops"] | {"first": 5.0 * RATE}
         scenario = {"base": "typical", "drops": drops, "link": {"bit_error_rate": rate}}
         with serve(scenario, drops=count, seed=seed, rate=RATE) as instrument:
-            logger = Logger(instrument.url, surveys[rate])
-            logger.wait(60.0 + count)
+            logger = Command(log_command(instrument.url, surveys[rate]))
+            status = logger.wait(60.0 + count)
         tally.acknowledged += len(logger.acknowledged)
         tally.compare(surveys[rate], logger.acknowledged)
-        if logger.process.returncode != 0:
+        if status != 0:
             tally.unreadable += 1
-            tally.notes.append(f"the logger ended with {logger.errors[-3:]}")
-    good, bad = ([drop.read() for drop in _read_all(survey)] for survey in surveys.values())
-    for one in good:
-        same = [other for other in bad if abs(_trigger(other) - _trigger(one)) < NEAR]
-        if len(same) != 1:
-            tally.lost += not same
-            tally.twice += len(same) > 1
-            tally.notes.append(f"drop at {_trigger(one)}: {len(same)} times over the bad cable")
+            tally.notes.append(f"the logger ended with {logger.lines[-3:]}")
+    good, bad = ([drop.read() for drop in read_survey(path).drops] for path in surveys.values())
+    for record in good:
+        trigger = _trigger(record)
+        matches = [other for other in bad if abs(_trigger(other) - trigger) < MAX_SHIFT_SAMPLES]
+        if len(matches) != 1:
+            tally.lost += not matches
+            tally.twice += len(matches) > 1
+            tally.notes.append(f"drop at {trigger}: {len(matches)} times over the bad cable")
             continue
-        (other,) = same
-        gone = np.isnan(other.drop.load)
-        tally.faults += bool(gone.any())
-        if gone.any() != bool(other.metadata["marks"]):
+        (received,) = matches
+        missing = np.isnan(received.drop.load)
+        tally.faults += bool(missing.any())
+        if missing.any() != bool(received.metadata["marks"]):
             tally.missed += 1
-            tally.notes.append(f"drop at {_trigger(one)}: damaged {gone.any()}, marks differ")
-        if _trigger(one) == _trigger(other) and not np.array_equal(
-            one.counts[~gone], other.counts[~gone]
+            tally.notes.append(f"drop at {trigger}: damaged {missing.any()}, marks differ")
+        if _trigger(received) == trigger and not np.array_equal(
+            record.counts[~missing], received.counts[~missing]
         ):
             tally.missed += 1
-            tally.notes.append(f"drop at {_trigger(one)}: wrong samples")
+            tally.notes.append(f"drop at {trigger}: wrong samples")
     return tally
 
 
@@ -331,30 +263,28 @@ def replaced_files(count: int, rng: np.random.Generator, folder: Path) -> Tally:
     Drops may be lost only after the program has reported it.
     """
     tally = Tally()
-    cannot = impossible()
-    tally.notes += [f"{name}: SKIPPED: {reason}" for name, reason in cannot.items()]
-    names = [name for name in REPLACEMENTS if name not in cannot]
+    skipped = impossible()
+    tally.notes += [f"{name}: SKIPPED: {reason}" for name, reason in skipped.items()]
+    names = [name for name in REPLACEMENTS if name not in skipped]
     order = rng.permutation(len(names))
     with contextlib.ExitStack() as stack:
         seeds = rng.integers(2**31, size=2)
-        one, two = (stack.enter_context(hasty_instrument(int(seed))) for seed in seeds)
+        instruments = [stack.enter_context(hasty_instrument(int(seed))) for seed in seeds]
+        urls = instruments[0].url, instruments[1].url
         for number in range(count):
             name = names[int(order[number % len(names)])]
             place = folder / "replaced"
             place.mkdir(exist_ok=True)
-            outcome = trial((one.url, two.url), place, name, rng, killed=number % 5 == 4)
+            outcome = trial(urls, place, name, rng, killed=number % 5 == 4)
             verdict = judge(outcome)
             tally.faults += 1
-            tally.acknowledged += sum(said.what == ACKNOWLEDGED for said in outcome.said)
+            tally.acknowledged += sum(e.kind == ACKNOWLEDGED for e in outcome.events)
             tally.lost += "lost" in verdict.faults
             tally.twice += "twice" in verdict.faults
             tally.unreadable += "unreadable" in verdict.faults
             tally.missed += not verdict.good
             tally.notes += [f"{name}: {text}" for text in verdict.details]
     return tally
-
-
-NEAR = 300  # samples: a trigger that was lost is found within the pulse, 30 ms
 
 
 def _trigger(record: Any) -> int:
@@ -387,7 +317,7 @@ def run(arguments: list[str]) -> int:
     for name in args.part or parts:
         part, count, short, options = parts[name]
         with tempfile.TemporaryDirectory(prefix="pfwd-faults-") as folder:
-            began = time.monotonic()
+            start = time.monotonic()
             tally = part(short if args.short else count, rng, Path(folder), **options)  # type: ignore[operator]
         report.record(
             part=name,
@@ -397,28 +327,9 @@ def run(arguments: list[str]) -> int:
             recorded_twice=tally.twice,
             unreadable=tally.unreadable,
             unseen=tally.missed,
-            seconds=time.monotonic() - began,
+            seconds=time.monotonic() - start,
         )
         for note in tally.notes[:10]:
             print(f"  {note}", file=sys.stderr)
         good &= tally.good
     return 0 if good else 1
-
-
-def logger_main(largest_file: int, arguments: list[str]) -> int:
-    """``pfwd`` in this process, with files that may not grow beyond so many bytes (0: any)."""
-    if largest_file and sys.platform != "win32":
-        import resource
-        import signal
-
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, largest_file))
-    from tui.cli import main
-
-    return main(arguments)
-
-
-if __name__ == "__main__":
-    if sys.argv[1:2] == ["--logger"]:
-        sys.exit(logger_main(int(sys.argv[2]), sys.argv[3:]))
-    sys.exit(run(sys.argv[1:]))

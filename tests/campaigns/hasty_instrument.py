@@ -1,4 +1,4 @@
-"""A simulated instrument in a hurry: what the campaigns of faults listen to."""
+"""A simulated instrument that makes ten drops a second, for the campaign of faults."""
 
 from __future__ import annotations
 
@@ -17,6 +17,6 @@ RATE = 20.0
 
 @contextlib.contextmanager
 def hasty_instrument(seed: int, **more: Any) -> Iterator[SimulatedInstrument]:
-    """An instrument that drops its hammer ten times a second, for ever."""
+    """Serve an instrument that makes a drop every 0.1 s, without end."""
     with serve(HASTY | more, seed=seed, rate=RATE, listen="tcp://127.0.0.1:0") as instrument:
         yield instrument

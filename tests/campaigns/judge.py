@@ -1,159 +1,152 @@
-"""Comparison of the acknowledged records with those that are found again.
+"""Comparison of the acknowledged drops with those that are recovered.
 
-A program says, in this order, what it has acknowledged and that something is not safe. Afterwards
-the survey is recovered, with what is in the second place for unsafe drops. When an acknowledged
-record is in neither, NOT SAFE must have been said before the next drop was acknowledged, and nobody
-may call a survey whole that lacks one.
+A program prints, in this order, which drops it has acknowledged and that drops are not safe. Then
+the survey is recovered, with the fallback records of unsafe drops. If an acknowledged drop is
+missing, NOT SAFE must have been printed before the next drop was acknowledged, and `check` must not
+call the survey complete.
 """
 
 from collections import Counter
 from dataclasses import dataclass, field
 
-DOCUMENTED = (0, 1, 2, 3)
+DOCUMENTED_STATUSES = (0, 1, 2, 3)
 """Exit statuses of the command line."""
 
-NOT_SAFE = "NOT SAFE"
-"""Said when something acknowledged may be lost."""
-
-NOT_SAVED = "NOT SAFE yet"
-"""Said of a drop that has not been acknowledged: nobody was promised anything."""
-
-UNFORESEEN = {
+UNEXPECTED_ERRORS = {
     "traceback": ("Traceback (most recent call last)", "nobody foresaw"),
     "escaped": ("escaped: ",),
 }
-"""Marks of errors that nobody had foreseen: of the command, and of the library, whose callers know
-its own errors only."""
+"""Marks of unexpected errors: of the command, and of the library, which has its own errors."""
 
-IN_FLIGHT = 1
-"""Drops that may be acknowledged between a replacement and the warning: the one whose files had
-been compared already when they were replaced."""
+MAX_DROPS_BEFORE_WARNING = 1
+"""Drops that may be acknowledged between a replacement and the warning: the files of this drop were
+compared just before they were replaced."""
 
 ACKNOWLEDGED, WARNED, REPLACED = "acknowledged", "not safe", "replaced"
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
-    """One thing that the program said."""
+class Event:
+    """Message of the program, or the replacement of its files by the campaign."""
 
-    what: str
-    """`ACKNOWLEDGED`, `WARNED`, or `REPLACED`: the campaign put other files in place."""
+    kind: str
+    """`ACKNOWLEDGED`, `WARNED` or `REPLACED`."""
     name: str
-    """Of the record (``drop 1/3``, ``note ...``), or a text."""
+    """Name of the drop (``drop 1/3``), or the text of a warning."""
 
 
 @dataclass(slots=True)
 class Outcome:
-    """All that is known after a run."""
+    """Observations of a run."""
 
-    said: list[Said] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
     status: int | None = 0
     """Exit status of the program; None: it hung and was ended."""
     killed: bool = False
-    """Ended by the campaign, without a chance to say anything."""
+    """True if the campaign killed the program, so that it could not warn."""
     output: str = ""
-    """All text of the program, and of the programs that recovered and checked."""
-    found: list[str] = field(default_factory=list)
-    """Names of the records found again, in the survey and in the second place."""
-    whole: bool | None = None
-    """What the check says after recovery; None: there is no survey to check."""
+    """Text of the program, and of the programs that recovered and checked."""
+    recovered: list[str] = field(default_factory=list)
+    """Names of the drops in the survey and among the fallback records."""
+    complete: bool | None = None
+    """Result of the check after recovery; None: there is no survey to check."""
     refusal: str = ""
-    """Why the survey could not be recovered or read; it may have been taken away."""
-    gone: bool = False
-    """The survey was taken away from where it was, so that a refusal is right."""
+    """Reason why the survey could not be recovered or read."""
+    removed: bool = False
+    """True if the survey was moved or deleted, so that a refusal is right."""
     harmless: bool = False
-    """Nothing was done that endangers a record, so that a warning is wrong."""
+    """True if no drop was endangered, so that a warning is wrong."""
     later_statuses: tuple[int, ...] = ()
     """Exit statuses of the programs that recovered and checked, -1: it hung."""
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What is wrong; nothing when the outcome is as promised."""
+    """Broken promises of a run."""
 
     faults: tuple[str, ...]
-    """Words: `lost`, `called whole`, `twice`, `unreadable`, `not whole`, `traceback`,
+    """Words: `lost`, `called complete`, `twice`, `unreadable`, `incomplete`, `traceback`,
     `escaped`, `hang`, `status`, `warned without need`."""
     details: tuple[str, ...]
     lost: tuple[str, ...] = ()
-    """Acknowledged records that are nowhere, warned of or not."""
+    """Acknowledged drops that are missing, with or without a warning."""
 
     @property
     def good(self) -> bool:
-        """Everything is as promised."""
+        """True without faults."""
         return not self.faults
 
 
 def judge(outcome: Outcome) -> Verdict:
-    """What of the outcome breaks the promise."""
+    """Return the promises that the outcome of a run breaks."""
     faults: dict[str, str] = {}
-    found = Counter(outcome.found)
+    counts = Counter(outcome.recovered)
     acknowledged = list(
-        dict.fromkeys(said.name for said in outcome.said if said.what == ACKNOWLEDGED)
+        dict.fromkeys(event.name for event in outcome.events if event.kind == ACKNOWLEDGED)
     )
-    lost = tuple(name for name in acknowledged if name not in found)
-    silent = [name for name in lost if not _warned_in_time(outcome, name)]
+    lost = tuple(name for name in acknowledged if name not in counts)
+    silent = [name for name in lost if not _is_warned_in_time(outcome, name)]
     if silent:
-        faults["lost"] = f"lost without a word: {', '.join(silent)}"
-    if lost and outcome.whole:
-        faults["called whole"] = f"called whole without {', '.join(lost)}"
-    twice = [name for name, count in found.items() if count > 1 and name.startswith("drop ")]
+        faults["lost"] = f"lost without a warning: {', '.join(silent)}"
+    if lost and outcome.complete:
+        faults["called complete"] = f"called complete without {', '.join(lost)}"
+    twice = [name for name, count in counts.items() if count > 1 and name.startswith("drop ")]
     if twice:
         faults["twice"] = f"recorded twice: {', '.join(twice)}"
-    if outcome.refusal and acknowledged and not outcome.gone:
+    if outcome.refusal and acknowledged and not outcome.removed:
         faults["unreadable"] = outcome.refusal
-    if outcome.whole is False and not lost and not outcome.gone:
-        faults["not whole"] = "not whole after recovery, although nothing is missing"
-    warned = [said.name for said in outcome.said if said.what == WARNED]
-    if outcome.harmless and warned:
-        faults["warned without need"] = warned[0]
-    for word, marks in UNFORESEEN.items():
+    if outcome.complete is False and not lost and not outcome.removed:
+        faults["incomplete"] = "incomplete after recovery, although no drop is missing"
+    warnings = [event.name for event in outcome.events if event.kind == WARNED]
+    if outcome.harmless and warnings:
+        faults["warned without need"] = warnings[0]
+    for word, marks in UNEXPECTED_ERRORS.items():
         if any(mark in outcome.output for mark in marks):
             faults[word] = _last_of_traceback(outcome.output)
     if outcome.status is None or -1 in outcome.later_statuses:
         faults["hang"] = "did not end"
     statuses = [status for status in (outcome.status, *outcome.later_statuses) if status != -1]
     if not outcome.killed:
-        wrong = [status for status in statuses if status not in (None, *DOCUMENTED)]
+        wrong = [status for status in statuses if status not in (None, *DOCUMENTED_STATUSES)]
         if wrong:
             faults["status"] = f"ended with {wrong[0]}"
     return Verdict(tuple(faults), tuple(faults.values()), lost)
 
 
-def _warned_in_time(outcome: Outcome, name: str) -> bool:
-    """Whether NOT SAFE was said after the record was in danger and before the next drop was saved.
+def _is_warned_in_time(outcome: Outcome, name: str) -> bool:
+    """Return True if a warning follows the danger to a drop before the next drop is acknowledged.
 
-    It is in danger from its acknowledgement on, or, when files were replaced after that, from then
-    on. Of a program that was killed before it had another drop to save, no warning is asked.
+    The danger begins with its acknowledgement or with a later replacement. A killed program needs
+    no warning before it has another drop to acknowledge.
     """
-    begins = outcome.said.index(Said(ACKNOWLEDGED, name)) + 1
-    replaced = [
+    first = outcome.events.index(Event(ACKNOWLEDGED, name)) + 1
+    replacements = [
         place
-        for place, said in enumerate(outcome.said)
-        if said.what == REPLACED and place >= begins
+        for place, event in enumerate(outcome.events)
+        if event.kind == REPLACED and place >= first
     ]
-    starts = [(place + 1, IN_FLIGHT) for place in replaced] or [(begins, 0)]
-    return any(_warned(outcome.said[start:], left, outcome.killed) for start, left in starts)
+    starts = [(place + 1, MAX_DROPS_BEFORE_WARNING) for place in replacements] or [(first, 0)]
+    return any(_is_warned(outcome.events[at:], drops, outcome.killed) for at, drops in starts)
 
 
-def _warned(said: list[Said], left: int, killed: bool) -> bool:
-    for word in said:
-        if word.what == WARNED:
+def _is_warned(events: list[Event], max_drops: int, killed: bool) -> bool:
+    for event in events:
+        if event.kind == WARNED:
             return True
-        if word.what == ACKNOWLEDGED and word.name.startswith("drop "):
-            if left == 0:
+        if event.kind == ACKNOWLEDGED and event.name.startswith("drop "):
+            if max_drops == 0:
                 return False
-            left -= 1
+            max_drops -= 1
     return killed
 
 
 def is_warning(line: str) -> bool:
-    """Whether a line says of something acknowledged that it is not safe."""
-    return NOT_SAFE in line and NOT_SAVED not in line
+    """Return True if a line warns of an acknowledged drop; `NOT SAFE yet` precedes its safety."""
+    return "NOT SAFE" in line and "NOT SAFE yet" not in line
 
 
 def _last_of_traceback(text: str) -> str:
-    """The error and where in the project it came from, of the last traceback in a text."""
+    """Return the error of the last traceback in a text and its places in the project."""
     lines = text.splitlines()
     places = [line.strip() for line in lines if line.startswith("  File ") and "/pfwd_" in line]
     errors = [line for line in lines if "Error" in line and not line.startswith(" ")]

@@ -1,4 +1,4 @@
-"""`pfwd log` as a process whose lines are stored in their order, and the records of its survey."""
+"""`pfwd log` as a process whose lines are stored in their order, and the drops of its survey."""
 
 import contextlib
 import json
@@ -14,48 +14,58 @@ from typing import Any
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import read_survey
-from tests.campaigns.judge import ACKNOWLEDGED, WARNED, Outcome, Said, is_warning
+from tests.campaigns.judge import ACKNOWLEDGED, WARNED, Event, Outcome, is_warning
 
-DROPS = 7
-"""Saved or refused, then the session is told to end."""
+N_DROPS = 7
+"""Number of drops, saved or refused, after which the session is ended."""
 
-LONGEST = 60.0
-"""s that a session of a few seconds may take on a busy machine."""
+MAX_SESSION_S = 60.0
+"""Duration of a session of a few seconds on a busy machine, s."""
 
-LAST_WORDS = 45.0
-"""s that it may take to end when it was told to; one that waits for a publisher waits 30."""
+MAX_END_S = 45.0
+"""Time for the end after a signal, s; a session that waits for a publisher waits 30 s."""
 
 _PFWD = "import sys; from tui.cli import main; sys.exit(main())"
+_LIMIT_FILES = "import resource as r; r.setrlimit(r.RLIMIT_FSIZE, ({0}, {0})); "
 
 
 class Command:
-    """A running `pfwd`; what it says on both ways out comes in the order in which it was said.
+    """A running `pfwd`, with its standard output and standard error in a common order.
 
     Parameters
     ----------
     arguments : list of str
-    env : mapping
+    env : mapping, optional
+        Environment; by default that of this process.
     before : sequence of str
-        A program that starts it.
+        Command that starts the program.
+    largest_file : int, optional
+        Number of bytes beyond which no file can grow; not on Windows.
     """
 
     def __init__(
-        self, arguments: list[str], env: Mapping[str, str], before: Sequence[str] = ()
+        self,
+        arguments: list[str],
+        env: Mapping[str, str] | None = None,
+        before: Sequence[str] = (),
+        largest_file: int | None = None,
     ) -> None:
-        self.said: list[Said] = []
-        self.tell: Callable[[Said], None] = self.said.append
-        """Who else is told; by default it is kept here."""
+        self.events: list[Event] = []
+        self.report: Callable[[Event], None] = self.events.append
+        """Function that receives the events; by default they are stored here."""
         self.lines: list[str] = []
-        self.dealt_with: set[str] = set()
-        """Drops that were acknowledged, or named as not saved."""
-        self._news = threading.Condition()
+        self.handled: set[str] = set()
+        """Names of the drops that were acknowledged, or named as not saved."""
+        self._changed = threading.Condition()
+        is_limited = largest_file is not None and sys.platform != "win32"
+        code = f"{_LIMIT_FILES.format(largest_file) if is_limited else ''}{_PFWD}"
         self._process = subprocess.Popen(
-            [*before, sys.executable, "-c", _PFWD, *arguments],
+            [*before, sys.executable, "-c", code, *arguments],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
             errors="replace",
-            env=dict(env),
+            env=None if env is None else dict(env),
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -63,62 +73,67 @@ class Command:
     def _read(self) -> None:
         assert self._process.stdout is not None
         for line in self._process.stdout:
-            with self._news:
-                self._take(line.rstrip("\n"))
-                self._news.notify_all()
-        with self._news:
-            self._news.notify_all()
+            with self._changed:
+                self._interpret(line.rstrip("\n"))
+                self._changed.notify_all()
+        with self._changed:
+            self._changed.notify_all()
 
-    def _take(self, line: str) -> None:
+    def _interpret(self, line: str) -> None:
         self.lines.append(line)
         drop: Any = None
         if line.startswith("{"):
-            with contextlib.suppress(ValueError):  # the line that a kill cut in two
+            with contextlib.suppress(ValueError):  # a line that a kill has cut
                 drop = json.loads(line)
-        # A second line of a drop says that it has no file of its own, and acknowledges nothing.
+        # A second line of a drop states that it has no separate file, and acknowledges nothing.
         if isinstance(drop, dict) and drop.get("saved") is True and "published" not in drop:
             name = f"drop {drop['point']}/{drop['drop']}"
-            self.tell(Said(ACKNOWLEDGED, name))
-            self.dealt_with.add(name)
+            self.report(Event(ACKNOWLEDGED, name))
+            self.handled.add(name)
         elif is_warning(line):
-            self.tell(Said(WARNED, line))
+            self.report(Event(WARNED, line))
         elif "NOT SAFE yet" in line:
-            self.dealt_with.add(line.split(" is ")[0])
+            self.handled.add(line.split(" is ")[0])
 
-    def note(self, said: Said) -> None:
-        """Put something between what it said until now and what it will say."""
-        with self._news:
-            self.said.append(said)
+    @property
+    def acknowledged(self) -> set[str]:
+        """Names of the acknowledged drops."""
+        return {event.name for event in self.events if event.kind == ACKNOWLEDGED}
 
-    def wait_for(self, drops: int, longest: float) -> bool:
-        """Whether so many drops were dealt with before the process ended or the time was over."""
-        until = time.monotonic() + longest
-        with self._news:
-            while len(self.dealt_with) < drops and self._reader.is_alive():
+    def insert(self, event: Event) -> None:
+        """Insert an event after those that the program has reported until now."""
+        with self._changed:
+            self.events.append(event)
+
+    def wait_for(self, drops: int, timeout: float) -> bool:
+        """Wait until a number of drops is handled; return False at the end or after a time (s)."""
+        until = time.monotonic() + timeout
+        with self._changed:
+            while len(self.handled) < drops and self._reader.is_alive():
                 if time.monotonic() > until:
                     return False
-                self._news.wait(0.1)
-            return len(self.dealt_with) >= drops
+                self._changed.wait(0.1)
+            return len(self.handled) >= drops
 
     @property
     def running(self) -> bool:
-        """Whether it has not ended."""
+        """True until the process has ended."""
         return self._process.poll() is None
 
     def stop(self) -> None:
-        """Tell it to end."""
+        """Request the end of the session."""
         with contextlib.suppress(ProcessLookupError):
             self._process.send_signal(signal.SIGTERM)
 
     def kill(self) -> None:
-        """End it at once."""
+        """Kill the process."""
         self._process.kill()
 
-    def wait(self, longest: float = LAST_WORDS) -> int | None:
-        """Exit status, None when it had to be killed."""
+    def wait(self, timeout: float = MAX_END_S) -> int | None:
+        """Wait for the end and return the exit status; None: it was killed after a time (s)."""
         status: int | None
         try:
-            status = self._process.wait(longest)
+            status = self._process.wait(timeout)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
@@ -128,35 +143,40 @@ class Command:
 
     @property
     def text(self) -> str:
-        """Everything it said."""
+        """Text of all lines."""
         return "\n".join(self.lines) + "\n"
 
 
-def own_places(folder: Path) -> dict[str, str]:
-    """The environment with the platform's data folder, and so unsafe drops, below a folder."""
-    here = {key: value for key, value in os.environ.items() if key != "PFWD_SPARE"}
-    return {**here, "XDG_DATA_HOME": str(folder / "data")}
+def log_command(url: str, survey: Path, *options: str) -> list[str]:
+    """Return the arguments of `pfwd log` without inversion."""
+    return ["log", url, "-o", str(survey), *options, "--no-invert", "--json"]
 
 
-def look(outcome: Outcome, survey: Path, folder: Path) -> None:
-    """Recover and check a survey by the commands, and read what is there and in second places."""
-    env = own_places(folder)
+def separate_environment(folder: Path) -> dict[str, str]:
+    """Return the environment with the data folder, and so the fallback records, in a folder."""
+    inherited = {key: value for key, value in os.environ.items() if key != "PFWD_SPARE"}
+    return {**inherited, "XDG_DATA_HOME": str(folder / "data")}
+
+
+def recover_and_check(outcome: Outcome, survey: Path, folder: Path) -> None:
+    """Recover and check a survey by the commands, and store its drops and fallback records."""
+    env = separate_environment(folder)
     statuses = []
     for name in ("recover", "check"):
         command = Command([name, str(survey), "--json"], env)
         status = command.wait()
         statuses.append(-1 if status is None else status)
         outcome.output += f"--- {name}: {status}\n{command.text}"
-    outcome.later_statuses = tuple(statuses)
-    outcome.whole = statuses[1] == 0
+    outcome.later_statuses += tuple(statuses)
+    outcome.complete = statuses[1] == 0
     try:
-        outcome.found = found_names(survey)
+        outcome.recovered = drop_names(survey)
     except RecordingError as err:
-        outcome.refusal, outcome.whole = str(err), None
-    add_other_surveys(outcome.found, folder / "data")
+        outcome.refusal, outcome.complete = str(err), None
+    add_other_surveys(outcome.recovered, folder / "data")
 
 
-def found_names(folder: Path) -> list[str]:
+def drop_names(folder: Path) -> list[str]:
     """Return the name of each drop of a survey, for example ``drop 1/3``.
 
     Raises
@@ -174,5 +194,5 @@ def found_names(folder: Path) -> list[str]:
 def add_other_surveys(names: list[str], folder: Path) -> None:
     """Add the names of drops that are only in surveys, or parts of surveys, below a folder."""
     for place in sorted({path.parent for path in folder.rglob("journal") if path.is_dir()}):
-        with contextlib.suppress(RecordingError):  # drops that cannot be read are not found
-            names += [name for name in found_names(place) if name not in names]
+        with contextlib.suppress(RecordingError):  # drops that cannot be read do not count
+            names += [name for name in drop_names(place) if name not in names]
