@@ -1,4 +1,4 @@
-"""A disk whose calls are noted, and what it may hold after each of them."""
+"""Disk that notes its calls, and its possible contents after each of them."""
 
 import threading
 from collections.abc import Callable
@@ -11,20 +11,20 @@ import numpy as np
 from pfwd_device.recording import Storage
 
 SECTOR = 512
-"""Bytes that arrive together or not at all."""
+"""Number of bytes that are written together or not at all."""
 
-KEPT = (0.1, 0.5, 0.9)
-"""Shares of the sectors not synced that arrive."""
+WRITTEN_SHARES = (0.1, 0.5, 0.9)
+"""Fractions of the unsynced sectors that are written before a power cut."""
 
 Operation = tuple[Any, ...]
 Fault = Callable[[str, int], OSError | int | None]
 
 
 class NotingStorage(Storage):
-    """The files below `root`, with every call noted; `fault` may make a call fail.
+    """Storage of the files below `root` that notes every call; `fault` may make a call fail.
 
-    `fault` gets the name of the call and its number from 0; an OSError it returns is raised, a
-    number it returns for ``write`` is how many bytes the disk takes.
+    `fault` receives the name of the call and its number from 0. An OSError that it returns is
+    raised; a number that it returns for ``write`` limits the written bytes.
     """
 
     def __init__(self, root: Path, fault: Fault | None = None) -> None:
@@ -107,24 +107,24 @@ class NotingStorage(Storage):
 
 
 class NoSync(NotingStorage):
-    """A planted bug: content is never synced."""
+    """Planted bug: content is never synced."""
 
     def sync(self, descriptor: int) -> None:
-        """Nothing."""
+        """Do nothing."""
 
 
 class NoDirectorySync(NotingStorage):
-    """A planted bug: names are never synced."""
+    """Planted bug: names are never synced."""
 
     def sync_directory(self, path: Path) -> None:
-        """Nothing."""
+        """Do nothing."""
 
 
 class NoTruncate(NotingStorage):
-    """A planted bug: what a failed append left behind stays."""
+    """Planted bug: the bytes of a failed append remain."""
 
     def truncate(self, descriptor: int, size: int) -> None:
-        """Nothing."""
+        """Do nothing."""
 
 
 @dataclass
@@ -138,7 +138,7 @@ State = dict[str, bytes | None]
 
 
 class Disk:
-    """Follows the notes, and tells what the disk may hold."""
+    """Possible contents of a disk after a series of calls."""
 
     def __init__(self, before: State | None = None) -> None:
         self._names: dict[str, _Inode | None] = {
@@ -149,7 +149,7 @@ class Disk:
         self._pending: list[tuple[str, dict[str, _Inode | None], list[str]]] = []
 
     def follow(self, note: Operation) -> None:
-        """Take one call in."""
+        """Apply a call."""
         what, path, *details = note
         if what in ("create", "make_directory"):
             inode = _Inode() if what == "create" else None
@@ -160,37 +160,37 @@ class Disk:
         elif what == "unlink":
             self._change(_parent(path), {}, [path])
         elif what == "sync_directory":
-            for folder, added, gone in self._pending:
+            for folder, added, removed in self._pending:
                 if folder == path:
-                    _apply(self._durable, added, gone)
+                    _apply(self._durable, added, removed)
             self._pending = [entry for entry in self._pending if entry[0] != path]
         elif what != "acknowledged":
             self._content(what, self._names[path], details)
 
     def killed(self) -> State:
-        """What is there when the program is killed now."""
+        """Return the content of the disk if the program is killed now."""
         return {
             name: None if inode is None else bytes(inode.current)
             for name, inode in self._names.items()
         }
 
     def power_cut(self, rng: np.random.Generator) -> State:
-        """One of the states that a power cut may leave now."""
+        """Return a possible content of the disk after a power cut."""
         names = dict(self._durable)
-        for _, added, gone in self._pending[: rng.integers(len(self._pending) + 1)]:
-            _apply(names, added, gone)
-        kept = float(rng.choice(KEPT))
+        for _, added, removed in self._pending[: rng.integers(len(self._pending) + 1)]:
+            _apply(names, added, removed)
+        share = float(rng.choice(WRITTEN_SHARES))
         state: State = {}
         for name, inode in sorted(names.items()):
             parent = _parent(name)
             if parent and parent not in state:
-                continue  # its folder did not arrive
-            state[name] = None if inode is None else _torn(inode, kept, rng)
+                continue  # its folder was not written
+            state[name] = None if inode is None else _torn(inode, share, rng)
         return state
 
-    def _change(self, folder: str, added: dict[str, _Inode | None], gone: list[str]) -> None:
-        _apply(self._names, added, gone)
-        self._pending.append((folder, added, gone))
+    def _change(self, folder: str, added: dict[str, _Inode | None], removed: list[str]) -> None:
+        _apply(self._names, added, removed)
+        self._pending.append((folder, added, removed))
 
     def _content(self, what: str, inode: _Inode | None, details: list[Any]) -> None:
         assert inode is not None
@@ -205,7 +205,7 @@ class Disk:
 
 
 def take(folder: Path) -> State:
-    """The files below `folder`."""
+    """Return the files below a folder."""
     return {
         path.relative_to(folder).as_posix(): path.read_bytes() if path.is_file() else None
         for path in sorted(folder.rglob("*"))
@@ -213,7 +213,7 @@ def take(folder: Path) -> State:
 
 
 def put(state: State, folder: Path) -> None:
-    """Make the files of a state below `folder`, which is empty."""
+    """Write the files of a state into an empty folder."""
     for name, content in sorted(state.items()):
         if content is None:
             (folder / name).mkdir()
@@ -222,9 +222,9 @@ def put(state: State, folder: Path) -> None:
 
 
 def _apply(
-    names: dict[str, _Inode | None], added: dict[str, _Inode | None], gone: list[str]
+    names: dict[str, _Inode | None], added: dict[str, _Inode | None], removed: list[str]
 ) -> None:
-    for name in gone:
+    for name in removed:
         names.pop(name, None)
     names.update(added)
 
@@ -233,17 +233,17 @@ def _parent(path: str) -> str:
     return path.rpartition("/")[0]
 
 
-def _torn(inode: _Inode, kept: float, rng: np.random.Generator) -> bytes:
-    """What arrived of a file: everything synced, and some sectors of the rest."""
+def _torn(inode: _Inode, share: float, rng: np.random.Generator) -> bytes:
+    """Return the written part of a file: all that was synced, and some of the other sectors."""
     current, durable = inode.current, inode.durable
     if current == durable:
         return durable
     content = bytearray(durable)
-    if len(current) < len(durable) and rng.random() < kept:
+    if len(current) < len(durable) and rng.random() < share:
         del content[len(current) :]
     for start in range(0, len(current), SECTOR):
         sector = current[start : start + SECTOR]
-        if sector != durable[start : start + len(sector)] and rng.random() < kept:
+        if sector != durable[start : start + len(sector)] and rng.random() < share:
             content.extend(bytes(max(0, start - len(content))))
             content[start : start + len(sector)] = sector
     return bytes(content)

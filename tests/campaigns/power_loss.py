@@ -1,9 +1,8 @@
-"""Recording under power loss: what a disk may hold after each system call, and what is recovered.
+"""Recording under kills and power loss: recovery from the possible contents of a disk.
 
-A survey is recorded with every call to the disk noted. From the notes follow the states that a
-kill at each call leaves, and states after a power cut: what was synced is there; of the rest each
-sector of 512 bytes arrived or not, and of the names not synced the first few. Each state is put
-on the disk, recovered and compared with what had been acknowledged.
+A survey is recorded on a disk that notes every call. The notes give the contents after a kill at
+each call, and after a power cut: all that was synced, some unsynced sectors of 512 bytes, and the
+first unsynced names. Each content is recovered and compared with the acknowledged drops.
 """
 
 import argparse
@@ -36,17 +35,17 @@ SURVEY = "survey"
 
 @dataclass
 class Recorded:
-    """A recorded run."""
+    """Recorded run."""
 
     notes: list[Operation]
     digests: dict[int, str]
-    """Of each drop, by survey-wide number."""
+    """Digest of each drop, by its number in the survey."""
     refused: int
-    """Drops that the disk did not take at once."""
+    """Number of drops that were not written in the first attempt."""
 
 
 def make_record(number: int, rng: np.random.Generator, samples: int = 96) -> DropRecord:
-    """A small drop with three channels, a sample of them missing."""
+    """Return a small drop with three channels and a missing sample."""
     time = np.arange(samples) / 10_000.0
     values = rng.normal(size=(3, samples))
     values[1, samples // 2] = np.nan
@@ -74,7 +73,7 @@ def record_run(
     Parameters
     ----------
     faults : bool
-        Now and then the disk is full, takes fewer bytes, or a sync fails.
+        True: the disk is full at random calls, writes fewer bytes, or a sync fails.
     """
     rng = np.random.default_rng(seed)
     storage = storage_type(folder, _faults(np.random.default_rng(seed + 1)) if faults else None)
@@ -107,42 +106,42 @@ def record_run(
 
 
 def lost_drops(folder: Path, acknowledged: int, digests: dict[int, str]) -> list[int]:
-    """Recover the survey below `folder`; numbers of acknowledged drops that are not as saved."""
+    """Recover the survey below `folder` and return the numbers of lost or changed drops."""
     survey = folder / SURVEY
-    if not acknowledged:  # there may be no survey yet, and it must be possible to begin one
+    if not acknowledged:  # a survey that may be absent must open
         with SurveyWriter.open(survey, jobs=Jobs(0)):
             return []
     report = recover(survey, jobs=Jobs(0))
-    found = {drop.number: drop for drop in read_survey(survey).drops}
+    drops = {drop.number: drop for drop in read_survey(survey).drops}
     lost = []
     for number in range(1, acknowledged + 1):
         try:
-            record = found[number].read()
-            whole = DropRecord(
+            record = drops[number].read()
+            saved = DropRecord(
                 record.point, record.drop, record.counts, record.declared, record.metadata
             )
-            if drop_digest(whole, 0) != digests[number]:
+            if drop_digest(saved, 0) != digests[number]:
                 lost.append(number)
         except Exception:
             lost.append(number)
     if not lost and not report.ok:
-        raise RecordingError(f"nothing is lost, and recovery says {report.damaged}")
+        raise RecordingError(f"no drop is lost, but recovery reports {report.damaged}")
     return lost
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a series of states came to."""
+    """Results of a series of states."""
 
     states: int
     losing: int
-    """States after which an acknowledged drop was gone or changed."""
+    """Number of states in which an acknowledged drop is lost or changed."""
     unreadable: int
-    """States at which recovery or reading failed."""
+    """Number of states in which recovery or reading failed."""
 
 
 def replay_kills(run: Recorded, every: int = 1, first: int = 0) -> Outcome:
-    """A kill at every, or every n-th, call."""
+    """Recover after a kill at every n-th call."""
     states = losing = unreadable = 0
     for index, acknowledged, disk in follow(run.notes):
         if index % every != first % every:
@@ -155,9 +154,9 @@ def replay_kills(run: Recorded, every: int = 1, first: int = 0) -> Outcome:
 
 
 def replay_power_cuts(run: Recorded, cuts: int, seed: int) -> Outcome:
-    """Power cuts at random calls."""
+    """Recover after power cuts at random calls."""
     rng = np.random.default_rng(seed)
-    if not run.notes:  # the disk took nothing at all
+    if not run.notes:  # every call failed
         return Outcome(0, 0, 0)
     chosen = np.sort(rng.integers(0, len(run.notes), cuts)).tolist()
     losing = unreadable = 0
@@ -179,7 +178,7 @@ def campaign(
     storage_type: type[NotingStorage] = NotingStorage,
     faults: bool = True,
 ) -> bool:
-    """Whether no state loses an acknowledged drop; each series is reported.
+    """Return True if no state loses an acknowledged drop, and report each series.
 
     Parameters
     ----------
@@ -197,7 +196,7 @@ def campaign(
 
 
 def run(arguments: list[str]) -> int:
-    """The whole campaign; 1 when anything was lost."""
+    """Run the campaign; return 1 if a drop was lost."""
     parser = argparse.ArgumentParser(prog="pfwd bench power_loss")
     parser.add_argument("--drops", type=int, default=40)
     parser.add_argument("--power-losses", type=int, default=200)
@@ -207,14 +206,14 @@ def run(arguments: list[str]) -> int:
     options = parser.parse_args(arguments)
     report = Reporter(arguments)
     report.title("acknowledged drops after a kill at every call and after power loss")
-    whole = campaign(
+    is_complete = campaign(
         options.drops, options.power_losses, options.seed, report.record, every=options.every
     )
-    return 0 if whole else 1
+    return 0 if is_complete else 1
 
 
 def follow(notes: list[Operation], before: State | None = None) -> Iterator[tuple[int, int, Disk]]:
-    """Number of each call, the last drop acknowledged by then, and the disk after it."""
+    """Yield the number of each call, the last acknowledged drop, and the disk after the call."""
     disk = Disk(before)
     acknowledged = 0
     for index, note in enumerate(notes):
@@ -225,7 +224,7 @@ def follow(notes: list[Operation], before: State | None = None) -> Iterator[tupl
 
 
 def _judge(state: State, acknowledged: int, run: Recorded) -> list[int] | None:
-    """Lost drops, or None when the state cannot be read."""
+    """Return the lost drops; None: the state cannot be read."""
     with _scratch() as folder:
         put(state, folder)
         try:
@@ -236,14 +235,14 @@ def _judge(state: State, acknowledged: int, run: Recorded) -> list[int] | None:
 
 @contextlib.contextmanager
 def _scratch() -> Iterator[Path]:
-    """A folder in memory where there is one: thousands of states are written."""
+    """Yield a folder, in memory if possible, because thousands of states are written."""
     memory = Path("/dev/shm")
     with tempfile.TemporaryDirectory(dir=memory if memory.is_dir() else None) as folder:
         yield Path(folder).resolve()
 
 
 def _persist(action: Callable[[], Any]) -> Any:
-    """Do it again until the disk takes it, as an operator would who frees some space."""
+    """Repeat an action until the disk accepts it, as after an operator has freed space."""
     for _ in range(20):
         try:
             return action()

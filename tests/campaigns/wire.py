@@ -1,7 +1,7 @@
-"""The wire at its worst: cables pulled, instruments killed, bytes damaged, links that are slow.
+"""Faults of the link: cables pulled, instruments killed, bytes damaged, slow links.
 
-The compiled core plays finite-element drops into `measure`, the way of `pfwd log`, through a link
-that is cut or damages bytes; what is recorded is compared with what was played, bit for bit.
+The compiled core plays finite-element drops into `measure`, as in `pfwd log`, through a link that
+is cut or damages bytes. The recorded samples are compared with the played ones, bit for bit.
 """
 
 import argparse
@@ -9,6 +9,8 @@ import random
 import tempfile
 import threading
 import time
+import zlib
+from collections import Counter
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
@@ -23,68 +25,61 @@ from pfwd.session.events import DropSaved, SessionEvent
 from pfwd.session.measure import measure
 from pfwd.session.session import Session, SessionPlan
 from pfwd_device.recording import read_survey
+from pfwd_device.wire.fields import pack_int24
 from simulators.bad_link import BadLink
 from simulators.firmware import BoardOptions, FirmwareError, HostBoard, Played, play_scenario
 
 SPEED = 8.0
-"""Times real time: a drop of 0.12 s takes 15 ms, then its way over the link."""
+"""Speed relative to real time: a drop of 0.12 s takes 15 ms before its transfer."""
 STREAMING_SPEED = 2.0
-"""The same for streams: what a busy computer does not fetch within the ring's 2 s is lost."""
+"""Speed of streams: a busy computer must fetch the samples within the 2 s of the ring."""
 STREAMED = {"drops": {"first": 1.0, "interval": 2.0, "quiet": 1.0, "bounces": [0, 0]}}
-"""Without bounces: a drop so soon after one would be taken for another."""
+"""Drops without bounces, which would be too early for separate drops."""
 SERIAL = 11_520.0
-"""Bytes a second at 115200 baud, 10 bits a byte."""
-MOST_LATENCY = 1.5
-"""s from the end of a drop of 2 x 900 samples to the screen at 115200 baud."""
+"""Bytes per second at 115200 baud, with 10 bits per byte."""
+MAX_LATENCY_S = 1.5
+"""Time from the end of a drop of 2 x 900 samples to the screen at 115200 baud, s."""
 SCENARIO = {"drops": {"first": 1.0, "interval": 3.0, "quiet": 1.0, "bounces": [1, 2]}}
 TWO_CHANNELS = {"device": {"sampling_rate": 7500.0, "sampling_rates": [7500.0]}}
 """0.12 s are 900 samples."""
 
 
 class Recorded:
-    """What a survey holds of drops that were played."""
+    """Played drops in a survey, by their numbers."""
 
     def __init__(self, folder: Path, played: Played) -> None:
         touches = [truth["touch_sample"] for truth in played.truth]
         rate = played.identity.sampling_rate
-        self.whole: set[int] = set()
-        self.unlike: list[int] = []
-        """Drops that differ from what was played and do not say so."""
+        self.intact: set[int] = set()
+        self.wrong: list[int] = []
+        """Drops that differ from the played ones without a mark."""
         self.marked: set[int] = set()
-        self.times: dict[int, int] = {}
+        counts: Counter[int] = Counter()
         for drop in read_survey(folder).drops:
             record = drop.read()
-            found = record.metadata["detection"]
-            first = found["first_sample"] + BEGIN.get(found["stream"], 0)
-            trigger = first + found["trigger"]
+            detection = record.metadata["detection"]
+            first = detection["first_sample"]
+            trigger = first + detection["trigger"]
             number = int(np.searchsorted(touches, trigger + 0.05 * rate))
             assert record.counts is not None
-            self.times[number] = self.times.get(number, 0) + 1
-            there = played.counts[max(0, first) : first + len(record.counts)]
+            counts[number] += 1
+            expected = played.counts[max(0, first) : first + len(record.counts)]
             if record.metadata["marks"] and record.metadata["missing"]:
                 self.marked.add(number)
-            elif np.array_equal(there, record.counts):
-                self.whole.add(number)
+            elif np.array_equal(expected, record.counts):
+                self.intact.add(number)
             elif record.metadata["marks"]:
                 self.marked.add(number)
             else:
-                self.unlike.append(number)
-
-    @property
-    def twice(self) -> int:
-        """Drops that are there more than once."""
-        return sum(count > 1 for count in self.times.values())
-
-
-BEGIN: dict[int, int] = {}
-"""Where in what is played the run of a number began."""
+                self.wrong.append(number)
+        self.twice = sum(count > 1 for count in counts.values())
 
 
 def run(arguments: list[str]) -> int:
-    """Run the parts asked for; 1 when a drop is lost, damaged unmarked or there twice."""
+    """Run the requested parts; return 1 if a drop is lost, repeated or damaged without a mark."""
     parser = argparse.ArgumentParser(prog="pfwd bench wire")
     parser.add_argument("--short", action="store_true", help="a tenth of the drops")
-    parser.add_argument("--drops", type=int, help="how many (default: 300)")
+    parser.add_argument("--drops", type=int, help="number of drops (default: 300)")
     parser.add_argument("--part", choices=["pulled", "killed", "errors", "slow"], action="append")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", action="store_true")
@@ -106,7 +101,7 @@ def run(arguments: list[str]) -> int:
 
 
 def pulled(reporter: Reporter, drops: int, seed: int) -> bool:
-    """The cable is pulled at a random moment of every drop."""
+    """Pull the cable at a random time in every drop."""
     reporter.title("buffered drops, the cable pulled at random moments")
     played = play_scenario(SCENARIO, drops=drops, seed=seed)
     with tempfile.TemporaryDirectory() as work:
@@ -119,27 +114,27 @@ def pulled(reporter: Reporter, drops: int, seed: int) -> bool:
             stop = threading.Event()
             pulling = threading.Thread(target=_pull, args=(link, stop, seed, drops))
             pulling.start()
-            began = time.monotonic()
+            start = time.monotonic()
             _measure(link.url, folder / "survey", drops, 40 + 3 * drops * 3 / SPEED)
-            took = time.monotonic() - began
+            seconds = time.monotonic() - start
             stop.set()
             pulling.join()
             recorded = Recorded(folder / "survey", played)
-            kept = len(log.read_text().splitlines())
-        return _report(reporter, "pulled", drops, kept, recorded, cuts=link.cuts, seconds=took)
+            stored = len(log.read_text().splitlines())
+        return _report(reporter, "pulled", drops, stored, recorded, cuts=link.cuts, seconds=seconds)
 
 
 def _pull(link: BadLink, stop: threading.Event, seed: int, drops: int) -> None:
     generator = random.Random(seed)
     cuts = 0
-    # Twice a drop: while it is connected anew there is no cable to pull.
+    # Twice per drop: a cable cannot be pulled while the link is reconnecting.
     while not stop.wait(generator.uniform(0.02, 3 / SPEED - 0.02)) and cuts < 2 * drops:
         link.cut()
         cuts += 1
 
 
 def killed(reporter: Reporter, drops: int, seed: int) -> bool:
-    """The instrument is killed at random moments after a drop is kept, and restarted."""
+    """Kill the instrument at random times after a drop is stored, and restart it."""
     reporter.title("buffered drops, the instrument killed and restarted with its store")
     played = play_scenario(SCENARIO, drops=drops, seed=seed)
     with tempfile.TemporaryDirectory() as work:
@@ -153,25 +148,24 @@ def killed(reporter: Reporter, drops: int, seed: int) -> bool:
                 target=_kill, args=(boards, played, options, log, stop, seed, drops)
             )
             killing.start()
-            began = time.monotonic()
+            start = time.monotonic()
             _measure(link.url, folder / "survey", drops, 60 + 5 * drops * 3 / SPEED)
-            took = time.monotonic() - began
+            seconds = time.monotonic() - start
             stop.set()
             killing.join()
             boards[-1].close()
-        recorded = _whole_by_crc(folder / "survey", log)
-        kept, whole, twice = recorded
+        stored, intact, twice = _intact_by_crc(folder / "survey", log)
         reporter.record(
             part="killed",
             drops=drops,
-            kept=kept,
-            whole=whole,
-            lost=kept - whole,
+            kept=stored,
+            whole=intact,
+            lost=stored - intact,
             twice=twice,
             kills=len(boards) - 1,
-            seconds=took,
+            seconds=seconds,
         )
-        return kept == whole and not twice and kept >= drops
+        return stored == intact and not twice and stored >= drops
 
 
 def _kill(
@@ -183,13 +177,13 @@ def _kill(
     seed: int,
     drops: int,
 ) -> None:
-    """Whenever a drop is kept, wait a random moment, kill, and go on where the next one falls."""
+    """Kill the board a random time after each stored drop, and restart it before the next drop."""
     generator = random.Random(seed)
     rate = played.identity.sampling_rate
     number = 0
     while not stop.is_set() and number < drops:
-        kept = {tuple(line.split()[1:3]) for line in log.read_text().splitlines()}
-        if len(kept) <= number:
+        stored = {tuple(line.split()[1:3]) for line in log.read_text().splitlines()}
+        if len(stored) <= number:
             stop.wait(0.005)
             continue
         number += 1
@@ -203,30 +197,26 @@ def _kill(
         boards.append(HostBoard(played, replace(options, begin=max(0, begin))))
 
 
-def _whole_by_crc(folder: Path, log: Path) -> tuple[int, int, int]:
-    """Drops that the instrument kept, that are recorded as they were kept, that are there twice."""
-    import zlib
-
-    from pfwd_device.wire.fields import pack_int24
-
-    kept = {}
+def _intact_by_crc(folder: Path, log: Path) -> tuple[int, int, int]:
+    """Return the numbers of drops that are stored in the instrument, recorded intact, and twice."""
+    stored = {}
     for line in log.read_text().splitlines():
         _, stream, first, _, crc = line.split()
-        kept[int(stream), int(first)] = int(crc)
+        stored[int(stream), int(first)] = int(crc)
     names = []
-    whole = 0
+    intact = 0
     for drop in read_survey(folder).drops:
         record = drop.read()
-        found = record.metadata["detection"]
-        name = found["stream"], found["first_sample"]
+        detection = record.metadata["detection"]
+        name = detection["stream"], detection["first_sample"]
         assert record.counts is not None
-        whole += zlib.crc32(pack_int24(np.asarray(record.counts))) == kept.get(name)
+        intact += zlib.crc32(pack_int24(np.asarray(record.counts))) == stored.get(name)
         names.append(name)
-    return len(kept), whole, len(names) - len(set(names))
+    return len(stored), intact, len(names) - len(set(names))
 
 
 def errors(reporter: Reporter, drops: int, seed: int) -> bool:
-    """Streaming over a link that damages one byte in 10,000, with and without a ring."""
+    """Stream over a link that damages a byte in 10,000, with a long and a short ring."""
     reporter.title("streaming, one byte in 10,000 with a wrong bit")
     played = play_scenario(STREAMED, drops=drops, seed=seed)
     good = True
@@ -244,19 +234,19 @@ def errors(reporter: Reporter, drops: int, seed: int) -> bool:
                 part="errors",
                 link=name,
                 drops=drops,
-                whole=len(recorded.whole),
+                whole=len(recorded.intact),
                 marked=len(recorded.marked),
-                damaged_unmarked=len(recorded.unlike),
+                damaged_unmarked=len(recorded.wrong),
                 twice=recorded.twice,
             )
-            good &= not recorded.unlike and not recorded.twice
+            good &= not recorded.wrong and not recorded.twice
             if memory > 100_000:
-                good &= len(recorded.whole) >= 295 * drops // 300
+                good &= len(recorded.intact) >= 295 * drops // 300
     return good
 
 
 def slow(reporter: Reporter) -> bool:
-    """A buffered drop of 2 x 900 samples over 115200 baud, from its end to the screen."""
+    """Measure the time of a buffered drop of 2 x 900 samples to the screen at 115200 baud."""
     reporter.title("115200 baud, a drop of 2 x 900 samples")
     played = play_scenario({**SCENARIO, **TWO_CHANNELS}, drops=5, seed=1)
     rate = played.identity.sampling_rate
@@ -271,7 +261,7 @@ def slow(reporter: Reporter) -> bool:
         ):
             saved: list[float] = []
 
-            def tell(event: SessionEvent) -> None:
+            def receive(event: SessionEvent) -> None:
                 if isinstance(event, DropSaved):
                     saved.append(time.monotonic())
 
@@ -279,7 +269,7 @@ def slow(reporter: Reporter) -> bool:
             watching = threading.Thread(target=_watch, args=(log, ends, stop))
             watching.start()
             plan = SessionPlan(drops=5, options=AnalysisOptions(seed=1))
-            measure(link.url, folder / "survey", tell, plan)
+            measure(link.url, folder / "survey", receive, plan)
             stop.set()
             watching.join()
         lengths = {len(drop.read().drop.load) for drop in read_survey(folder / "survey").drops}
@@ -291,13 +281,13 @@ def slow(reporter: Reporter) -> bool:
         drops=len(latencies),
         worst_s=max(latencies),
         mean_s=float(np.mean(latencies)),
-        limit_s=MOST_LATENCY,
+        limit_s=MAX_LATENCY_S,
     )
-    return max(latencies) <= MOST_LATENCY and lengths == {900}
+    return max(latencies) <= MAX_LATENCY_S and lengths == {900}
 
 
 def _watch(log: Path, ends: list[float], stop: threading.Event) -> None:
-    """When each drop was whole in the instrument."""
+    """Append the time at which each drop was complete in the instrument."""
     while not stop.is_set():
         count = len(log.read_text().splitlines())
         while len(ends) < count:
@@ -305,11 +295,11 @@ def _watch(log: Path, ends: list[float], stop: threading.Event) -> None:
         time.sleep(0.002)
 
 
-def _measure(url: str, folder: Path, drops: int, patience: float) -> None:
-    """Record until so many drops are safe, or for so many seconds."""
+def _measure(url: str, folder: Path, drops: int, timeout: float) -> None:
+    """Record until a number of drops is safe, or for a time in seconds."""
 
     def control(session: Session) -> AbstractContextManager[object]:
-        timer = threading.Timer(patience, session.stop)
+        timer = threading.Timer(timeout, session.stop)
         timer.daemon = True
         timer.start()
         return nullcontext()
@@ -321,19 +311,19 @@ def _report(
     reporter: Reporter,
     part: str,
     drops: int,
-    kept: int,
+    stored: int,
     recorded: Recorded,
     **more: float,
 ) -> bool:
-    lost = drops - len(recorded.whole)
+    lost = drops - len(recorded.intact)
     reporter.record(
         part=part,
         drops=drops,
-        kept=kept,
-        whole=len(recorded.whole),
+        kept=stored,
+        whole=len(recorded.intact),
         lost=lost,
         twice=recorded.twice,
-        damaged_unmarked=len(recorded.unlike),
+        damaged_unmarked=len(recorded.wrong),
         **more,
     )
-    return not (lost or recorded.twice or recorded.unlike)
+    return not (lost or recorded.twice or recorded.wrong)

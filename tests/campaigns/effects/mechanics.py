@@ -14,7 +14,7 @@ import numpy as np
 from simulators.drop import STANDARD_GRAVITY, SimulatedDrop
 from simulators.mesh import Array, SoilProfile
 from tests.campaigns.effects.march import Indentation, strike
-from tests.campaigns.effects.response import layered_ground, stacked_ground
+from tests.campaigns.effects.response import stacked_ground
 from tests.campaigns.effects.scene import Scene, SimulatedPoint
 from tests.campaigns.effects.soil import Hysteresis, PowerLaw
 from tests.campaigns.effects.unmodelled import oscillator
@@ -58,37 +58,30 @@ def undeclared_soil(scene: Scene, strength: float) -> SimulatedPoint:
 
 
 def layer(scene: Scene, ratio: float) -> SimulatedPoint:
-    """Return a test point with a top layer, one plate radius thick.
-
-    Its modulus is `ratio` times that of the ground below.
-    """
-    below = scene.site.layers[-1]
-    thickness = scene.radius
-    site = layered_ground(
-        below.modulus, ratio, thickness, below.viscosity, below.density, below.poisson_ratio
-    )
-    response = scene.response(site)
-    drops = scene.strike_all([response] * len(scene.heights))
-    parameters = {"ratio": ratio, "thickness_m": thickness}
-    return SimulatedPoint(
-        scene.signals(drops), response.ground.layers[-1].modulus, parameters, math.inf
-    )
+    """Return a test point with a top layer whose modulus is `ratio` times that of the ground."""
+    return _on_layers(scene, (ratio,), ratio=ratio)
 
 
 def two_layers(scene: Scene, ratio: float) -> SimulatedPoint:
-    """Return a test point with two layers on the ground, each one plate radius thick.
+    """Return a test point with two layers on the ground.
 
     Their moduli are `ratio` squared (top) and `ratio` times that of the ground below.
     """
-    below = scene.site.layers[-1]
-    thickness = scene.radius
-    above = ((ratio**2, thickness), (ratio, thickness))
-    site = stacked_ground(below.modulus, above, below.viscosity, below.density, below.poisson_ratio)
-    response = scene.response(site)
+    return _on_layers(scene, (ratio**2, ratio), ratio=ratio**2, middle_ratio=ratio)
+
+
+def _on_layers(
+    scene: Scene, ratios: tuple[float, ...], **parameters: float | list[float]
+) -> SimulatedPoint:
+    """Return a test point with layers, each one plate radius thick; the ratios are from the top."""
+    above = [(ratio, scene.radius) for ratio in ratios]
+    response = scene.response(stacked_ground(scene.site.layers[-1], above))
     drops = scene.strike_all([response] * len(scene.heights))
-    parameters = {"ratio": ratio**2, "middle_ratio": ratio, "thickness_m": thickness}
     return SimulatedPoint(
-        scene.signals(drops), response.ground.layers[-1].modulus, parameters, math.inf
+        scene.signals(drops),
+        response.ground.layers[-1].modulus,
+        {**parameters, "thickness_m": scene.radius},
+        math.inf,
     )
 
 

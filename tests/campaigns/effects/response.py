@@ -179,55 +179,23 @@ def _run(
     return drop.ground_displacement, drop.ground_velocity, stiffness
 
 
-def layered_ground(
-    modulus: float,
-    ratio: float,
-    thickness: float,
-    viscosity: float,
-    density: float,
-    poisson_ratio: float,
-) -> SoilProfile:
-    """Return infinitely deep ground with a top layer.
+def stacked_ground(below: SoilLayer, above: Sequence[tuple[float, float]]) -> SoilProfile:
+    """Return infinitely deep ground with layers of equal density and Poisson's ratio above it.
 
     Parameters
     ----------
-    modulus : float, Pa
-        Young's modulus of the ground below.
-    ratio : float
-        Modulus and viscosity of the layer, relative to the ground below.
-    thickness : float, m
-        Thickness of the layer.
-    viscosity : float, Pa s
-        Viscosity of the ground below.
-    density : float, kg/m3
-    poisson_ratio : float
-    """
-    return stacked_ground(modulus, ((ratio, thickness),), viscosity, density, poisson_ratio)
-
-
-def stacked_ground(
-    modulus: float,
-    above: Sequence[tuple[float, float]],
-    viscosity: float,
-    density: float,
-    poisson_ratio: float,
-) -> SoilProfile:
-    """Return infinitely deep ground with layers above it.
-
-    Parameters
-    ----------
-    modulus : float, Pa
-        Young's modulus of the ground below.
+    below : SoilLayer
+        Ground below the layers.
     above : sequence of (ratio, thickness)
         Layers from the top down: modulus and viscosity relative to the ground below, thickness, m.
-    viscosity : float, Pa s
-        Viscosity of the ground below.
-    density : float, kg/m3
-    poisson_ratio : float
     """
     layers = [
-        SoilLayer(modulus * ratio, viscosity * ratio, density, poisson_ratio, thickness)
+        replace(
+            below,
+            modulus=below.modulus * ratio,
+            viscosity=below.viscosity * ratio,
+            thickness=thickness,
+        )
         for ratio, thickness in above
     ]
-    below = SoilLayer(modulus, viscosity, density, poisson_ratio, math.inf)
-    return SoilProfile((*layers, below), "none")
+    return SoilProfile((*layers, replace(below, thickness=math.inf)), "none")
