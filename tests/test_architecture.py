@@ -1,20 +1,17 @@
-"""The architecture at run time: what an import brings along, and what the wheel holds."""
+"""The architecture at run time: modules loaded by an import, and content of the wheel."""
 
 import ast
+import itertools
 import re
 import subprocess
 import sys
-import tomllib
 from collections.abc import Iterator
 from importlib.metadata import packages_distributions
-from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
 
-TOP = Path(__file__).resolve().parents[1]
-PROJECT = tomllib.loads((TOP / "pyproject.toml").read_text(encoding="utf-8"))
-PACKAGES = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
+from tests.sources import PACKAGES, PROJECT, TOP, parse_package
 
 
 @pytest.mark.parametrize(
@@ -44,9 +41,7 @@ PACKAGES = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
         ("tui.cli", ["numpy", "scipy", "textual", "rich", "matplotlib", "h5py", "serial"]),
     ],
 )
-def test_an_import_brings_nothing_along_that_it_should_not(
-    module: str, unwanted: list[str]
-) -> None:
+def test_an_import_loads_no_unwanted_module(module: str, unwanted: list[str]) -> None:
     # In a fresh interpreter: this one has imported everything by now.
     code = f"import sys, {module}; print(*(set({unwanted}) & set(sys.modules)))"
     run = subprocess.run(
@@ -56,32 +51,30 @@ def test_an_import_brings_nothing_along_that_it_should_not(
 
 
 def test_the_wheel_holds_every_package_of_the_checkout() -> None:
-    beside = {"tests", "docs", "benchmarks", "examples", "build", "dist"}
-    folders = {path.parent.name for path in TOP.glob("*/__init__.py")} - beside
+    unpacked = {"tests", "docs", "benchmarks", "examples", "build", "dist"}
+    folders = {path.parent.name for path in TOP.glob("*/__init__.py")} - unpacked
     assert set(PACKAGES) == folders
 
 
 def test_every_folder_of_modules_is_a_package() -> None:
-    """Without `__init__.py` the contracts of imports look past it and hold whatever it does."""
-    beside = {"tests", "benchmarks", "docs", "examples"}
-    tops = {path.parent for path in TOP.glob("*/__init__.py") if path.parent.name not in beside}
-    folders = {path.parent for top in tops for path in top.rglob("*.py")}
+    """Without `__init__.py` the contracts of imports ignore a folder."""
+    folders = {path.parent for name in PACKAGES for path in (TOP / name).rglob("*.py")}
     assert len(folders) > 20
     assert [str(f) for f in sorted(folders) if not (f / "__init__.py").is_file()] == []
 
 
-def test_every_package_says_that_it_is_typed() -> None:
+def test_every_package_is_marked_as_typed() -> None:
     for package in PACKAGES:
         assert (TOP / package / "py.typed").is_file()
 
 
-def test_the_checks_look_at_every_package() -> None:
+def test_every_package_is_checked() -> None:
     tools = PROJECT["tool"]
     assert set(tools["mypy"]["packages"]) == {*PACKAGES, "benchmarks"}
     assert set(tools["importlinter"]["root_packages"]) == set(PACKAGES)
 
 
-def test_no_other_distribution_ships_a_package_of_our_name() -> None:
+def test_only_this_distribution_has_packages_of_these_names() -> None:
     # Others could use names like tui or inversion, and the later installation would win.
     owners = packages_distributions()
     for package in PACKAGES:
@@ -92,7 +85,7 @@ def test_no_folder_of_tests_hides_a_package() -> None:
     assert list((TOP / "tests").rglob("__init__.py")) == []
 
 
-def test_every_requirement_has_a_reason_beside_it() -> None:
+def test_every_requirement_has_a_reason() -> None:
     lines = (TOP / "pyproject.toml").read_text(encoding="utf-8").splitlines()
     requirements = [line for line in lines if line.startswith('    "') and "<" in line]
     assert len(requirements) > 10
@@ -105,8 +98,8 @@ def test_every_dependency_has_its_version_in_the_constraints() -> None:
     assert all(line.count("==") == 1 and " " not in line for line in lines)
     pinned = {line.split("==")[0].lower().replace("_", "-") for line in lines}
     extras = PROJECT["project"]["optional-dependencies"]
-    wanted = [*PROJECT["project"]["dependencies"], *extras["dev"], *extras["docs"]]
-    names = {text.split(">=")[0].split("[")[0].lower() for text in wanted}
+    requirements = [*PROJECT["project"]["dependencies"], *extras["dev"], *extras["docs"]]
+    names = {text.split(">=")[0].split("[")[0].lower() for text in requirements}
     assert names <= pinned
 
 
@@ -117,8 +110,8 @@ def test_cobs_has_a_wheel_for_every_python_on_windows() -> None:
     )
     assert pinned is not None
     assert pinned[1] == "1.2.1"
-    wanted = [text for text in PROJECT["project"]["dependencies"] if text.startswith("cobs")]
-    requirements = [Requirement(text) for text in wanted]
+    texts = [text for text in PROJECT["project"]["dependencies"] if text.startswith("cobs")]
+    requirements = [Requirement(text) for text in texts]
 
     def accepts(python: str, version: str) -> bool:
         return all(
@@ -140,9 +133,8 @@ def test_no_pattern_has_a_possessive_or_atomic_group(package: str) -> None:
     assert [file.name for file in files if group.search(file.read_text(encoding="utf-8"))] == []
 
 
-# What they hold is being counted, collected or read in parts. Everything else that is handed on
-# cannot be changed by whoever gets it.
-_CHANGING = {
+# Their content is counted, collected or read in parts. All other dataclasses cannot be changed.
+_MUTABLE = {
     "Counters",
     "Device",
     "DropEntry",
@@ -156,17 +148,16 @@ _CHANGING = {
 
 
 def test_only_these_dataclasses_can_be_changed() -> None:
-    assert {name for name in _dataclasses(frozen=False) if name[0] != "_"} == _CHANGING
+    assert {name for name in _dataclasses(frozen=False) if name[0] != "_"} == _MUTABLE
     assert len(set(_dataclasses(frozen=True))) > 100
 
 
 def _dataclasses(frozen: bool) -> Iterator[str]:
-    """Names of all that are frozen, or are not."""
-    files = (path for package in PACKAGES for path in (TOP / package).rglob("*.py"))
-    for path in files:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if not isinstance(node, ast.ClassDef):
-                continue
-            for decorator in map(ast.unparse, node.decorator_list):
-                if decorator.startswith("dataclass") and ("frozen=True" in decorator) == frozen:
-                    yield node.name
+    """Yield the names of the dataclasses that are frozen, or are not."""
+    trees = [tree for package in PACKAGES for tree in parse_package(package).values()]
+    for node in itertools.chain.from_iterable(map(ast.walk, trees)):
+        if not isinstance(node, ast.ClassDef):
+            continue
+        for decorator in map(ast.unparse, node.decorator_list):
+            if decorator.startswith("dataclass") and ("frozen=True" in decorator) == frozen:
+                yield node.name

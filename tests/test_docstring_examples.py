@@ -8,9 +8,7 @@ from pathlib import Path
 import pytest
 
 import pfwd
-
-TOP = Path(__file__).parents[1]
-PACKAGES = ("pfwd", "pfwd_device", "pfwd_plugins", "inversion", "tui", "simulators")
+from tests.sources import PACKAGES, TOP
 
 
 def modules_with_examples() -> Iterator[str]:

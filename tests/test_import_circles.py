@@ -1,7 +1,6 @@
 """Circles of imports, with those for annotations only and those within functions."""
 
 import ast
-import tomllib
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from importlib.util import resolve_name
@@ -9,17 +8,14 @@ from pathlib import Path
 
 import pytest
 
-TOP = Path(__file__).resolve().parents[1]
-PROJECT = tomllib.loads((TOP / "pyproject.toml").read_text(encoding="utf-8"))
-PACKAGES = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
+from tests.sources import PACKAGES, TOP, parse_folder, parse_package
 
 
-def import_graph(top: Path, packages: list[str]) -> dict[str, set[str]]:
+def import_graph(top: Path, trees: dict[Path, ast.Module]) -> dict[str, set[str]]:
     """Return the modules below a folder, each with the modules that it imports anywhere."""
-    files = [file for package in packages for file in sorted((top / package).rglob("*.py"))]
-    modules = {_module_name(file.relative_to(top)): file for file in files}
+    modules = {_module_name(file.relative_to(top)): file for file in trees}
     return {
-        module: {name for name in _imported(module, file, modules) if name in modules} - {module}
+        module: modules.keys() & set(_imported(module, file, trees[file], modules)) - {module}
         for module, file in modules.items()
     }
 
@@ -29,9 +25,9 @@ def _module_name(file: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-def _imported(module: str, file: Path, modules: dict[str, Path]) -> Iterator[str]:
+def _imported(module: str, file: Path, tree: ast.Module, modules: dict[str, Path]) -> Iterator[str]:
     package = module if file.name == "__init__.py" else module.rpartition(".")[0]
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -51,7 +47,8 @@ def find_circle(graph: dict[str, set[str]]) -> str | None:
 
 
 def test_no_modules_import_each_other_in_a_circle() -> None:
-    graph = import_graph(TOP, PACKAGES)
+    trees = {file: tree for name in PACKAGES for file, tree in parse_package(name).items()}
+    graph = import_graph(TOP, trees)
     assert len(graph) > 300
     assert sum(map(len, graph.values())) > 1000
     assert find_circle(graph) is None
@@ -77,9 +74,9 @@ def test_a_circle_is_named(tmp_path: Path, closing: str) -> None:
     (folder / "second.py").write_text("import made.third", encoding="utf-8")
     third = folder / "third.py"
     third.write_text("import json", encoding="utf-8")
-    assert find_circle(import_graph(tmp_path, ["made"])) is None
+    assert find_circle(import_graph(tmp_path, parse_folder(folder))) is None
     third.write_text(closing, encoding="utf-8")
-    circle = find_circle(import_graph(tmp_path, ["made"]))
+    circle = find_circle(import_graph(tmp_path, parse_folder(folder)))
     assert circle is not None
     modules = circle.split(" -> ")
     assert modules[0] == modules[-1]
@@ -92,7 +89,7 @@ def test_a_name_of_the_package_itself_closes_a_circle(tmp_path: Path) -> None:
     folder.mkdir()
     (folder / "__init__.py").write_text("from made.first import name", encoding="utf-8")
     (folder / "first.py").write_text("from made import other", encoding="utf-8")
-    assert find_circle(import_graph(tmp_path, ["made"])) in (
+    assert find_circle(import_graph(tmp_path, parse_folder(folder))) in (
         "made -> made.first -> made",
         "made.first -> made -> made.first",
     )

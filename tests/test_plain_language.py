@@ -5,27 +5,20 @@ import re
 import tomllib
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
-TOP = Path(__file__).resolve().parents[1]
+from tests.sources import PACKAGES, TOP, parse_package
+
 RULES = tomllib.loads((TOP / "tests" / "plain_words.toml").read_text(encoding="utf-8"))
 WORDS = set(RULES["words"].split())
 FRAGMENTS = set(RULES["fragments"].split())
-PROJECT = tomllib.loads((TOP / "pyproject.toml").read_text(encoding="utf-8"))
-PACKAGES = PROJECT["tool"]["importlinter"]["root_packages"]
 
 
 def limit_of(kind: str, package: str) -> int:
     """Return the limit of a package: the goal, or what it still has while it is being cleaned."""
     limit: int = RULES["now"].get(package, {}).get(kind, RULES["goal"][kind])
     return limit
-
-
-def parse_package(name: str) -> Iterator[tuple[Path, ast.Module]]:
-    for file in sorted((TOP / name).rglob("*.py")):
-        yield file, ast.parse(file.read_text(encoding="utf-8"))
 
 
 def assigned_names(tree: ast.Module) -> Iterator[str]:
@@ -65,7 +58,7 @@ def words_of(name: str) -> set[str]:
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_names_are_of_plain_words(package: str) -> None:
-    names = [name for _, tree in parse_package(package) for name in assigned_names(tree)]
+    names = [name for tree in parse_package(package).values() for name in assigned_names(tree)]
     hits = Counter(
         name for name in names if name not in RULES["accepted"] and WORDS & words_of(name)
     )
@@ -75,7 +68,7 @@ def test_names_are_of_plain_words(package: str) -> None:
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_docstrings_begin_with_a_subject_or_a_verb(package: str) -> None:
-    texts = [text for _, tree in parse_package(package) for text in docstrings(tree)]
+    texts = [text for tree in parse_package(package).values() for text in docstrings(tree)]
     fragments = [text for text in texts if re.split(r"\W", text.strip())[0] in FRAGMENTS]
     assert len(fragments) <= limit_of("fragments", package) * len(texts) / 100, fragments[:20]
 
@@ -83,7 +76,7 @@ def test_docstrings_begin_with_a_subject_or_a_verb(package: str) -> None:
 @pytest.mark.parametrize("package", PACKAGES)
 def test_a_constant_has_one_meaning_in_a_package(package: str) -> None:
     values: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
-    for file, tree in parse_package(package):
+    for file, tree in parse_package(package).items():
         for node in tree.body:
             match node:
                 case (
@@ -97,10 +90,6 @@ def test_a_constant_has_one_meaning_in_a_package(package: str) -> None:
 
 
 def test_every_exception_is_used() -> None:
-    names = {
-        n
-        for package in PACKAGES
-        for _, tree in parse_package(package)
-        for n in assigned_names(tree)
-    }
+    trees = [tree for package in PACKAGES for tree in parse_package(package).values()]
+    names = {name for tree in trees for name in assigned_names(tree)}
     assert set(RULES["accepted"]) <= names
