@@ -7,7 +7,7 @@ from typing import Any
 
 import jsonschema
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pfwd_device.errors import SetupError
@@ -76,6 +76,7 @@ def test_a_kind_accepts_and_describes_its_values(
 
 
 @pytest.mark.parametrize("kind", [kind for kind, *_ in KINDS if not isinstance(kind, Date)])
+@settings(max_examples=30)
 @given(
     st.one_of(
         st.integers(-3, 12),

@@ -114,7 +114,7 @@ def test_a_sound_drop_is_not_warned_of(on_rock: Drop, library: SurrogateLibrary)
     assert holds_truth(result)
 
 
-@pytest.mark.parametrize("ground", ["on_rock", "half_space"])
+@pytest.mark.parametrize("ground", ["on_rock", pytest.param("half_space", marks=pytest.mark.slow)])
 def test_an_undeclared_mass_is_estimated(
     ground: str, library: SurrogateLibrary, request: pytest.FixtureRequest
 ) -> None:

@@ -1,5 +1,6 @@
 """Points are diagnosed while they are measured; the process is a stand-in, but for one test."""
 
+import functools
 import math
 from dataclasses import replace
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import pytest
 
 from inversion.inference import structures
+from inversion.inference.diagnose import diagnose_point
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DiagnosisResult, EffectParameter, EffectResult
 from pfwd.analysis.screening.drops import Screening
@@ -188,6 +190,8 @@ def test_a_fault_is_reported(session: Session) -> None:
 
 def test_the_process_diagnoses_a_point(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(structures, "candidate_structures", lambda contexts: [frozenset()])
+    without = functools.partial(diagnose_point, compare_declarations=False)
+    monkeypatch.setattr("pfwd.analysis.diagnosis.shared_device.diagnose_point", without)
     drops = tuple(half_sine_drop(n, 8000.0) for n in (1, 2))
     diagnosis = diagnose_single(TracePoint("A", SETUP, drops), AnalysisOptions(), {})
     assert (diagnosis.left_out, diagnosis.drops) == ((1,), (2,))  # one seats

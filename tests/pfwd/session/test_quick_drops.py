@@ -1,14 +1,12 @@
-"""Drops in quick succession: through a whole session with a simulated instrument, and reports."""
+"""Drops in quick succession of a simulated instrument, and reports on pulses without a drop."""
 
 from pathlib import Path
 
 import pytest
 
 from pfwd.session.events import DropSaved, Rebounded, SessionNotice
-from pfwd.session.measure import measure, replay
-from pfwd.session.session import Ending, SessionPlan
+from pfwd.session.measure import replay
 from pfwd_device.recording import SurveyWriter, read_survey
-from simulators.instrument import serve
 from tests.pfwd.scripted_feed import (
     Log,
     ScriptedFeed,
@@ -19,21 +17,21 @@ from tests.pfwd.scripted_feed import (
     stream,
     with_gaps,
 )
+from tests.pfwd.session.measured import simulated
 
 
-@pytest.mark.timeout(120)
 def test_thirty_drops_in_quick_succession_are_recorded(tmp_path: Path) -> None:
-    events = Log()
+    log = Log()
     drops = {"first": 2.0, "interval": 1.4, "quiet": 1.0, "bounces": [1, 2]}
-    with serve({"drops": drops}, listen="tcp://127.0.0.1:0", drops=30, rate=6) as instrument:
-        plan = SessionPlan(options=None)
-        assert measure(instrument.url, tmp_path / "s", events, plan) is Ending.DONE
-    saved = events.of(DropSaved)
+    items, instrument, _ = simulated({"drops": drops}, 50.0, drops=30, step=0.1)
+    with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
+        run(ScriptedFeed(items), log, writer)
+    saved = log.of(DropSaved)
     assert [event.saved.number for event in saved] == list(range(1, 31))
+    assert len(instrument.truth()) == len(read_survey(tmp_path / "s").drops) == 30
     assert {event.saved.screening.status for event in saved} <= {"measured", "seating"}
-    assert events.of(Rebounded)
-    assert len(read_survey(tmp_path / "s").drops) == 30
-    assert "pulses" not in [getattr(event, "kind", "") for event in events]
+    assert log.of(Rebounded)
+    assert "pulses" not in [event.kind for event in log.of(SessionNotice)]
 
 
 def test_an_uncertain_pulse_reaches_the_screen_and_the_survey(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import itertools
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -43,8 +44,8 @@ from tests.pfwd.scripted_feed import (
 from tests.pfwd.session.measured import drops, record
 
 
-@pytest.fixture
-def recording(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A survey with drops of every kind: rebounds, gaps, saturation, by hand, cut off."""
     pulses = [(1.0, 8000.0), (1.5, 3000.0), (1.9, 900.0), (4.0, 7900.0)]
     pulses += [(16.0, 600.0), (16.6, 8000.0)]  # a knock, then the drop
@@ -52,7 +53,7 @@ def recording(tmp_path: Path) -> Path:
     counts[100_060:100_065, 1] = 2**23 - 1
     items = with_gaps(pieces(counts[:130_000]), [(39_900, 40), (70_050, 30), (15_000, 3)])
     by_hand = Event(EventKind.TRIGGER, 0)
-    folder = tmp_path / "recording"
+    folder = tmp_path_factory.mktemp("replay") / "recording"
     with SurveyWriter.open(folder, publish=False) as writer:
         later = pieces(counts[130_000:230_500], 7, 130_000)
         feed = ScriptedFeed(connected(), began(), items, by_hand, later[:40], later[40:], lost())
@@ -249,6 +250,7 @@ def test_an_import_without_counts_is_no_recorded_drop(recording: Path) -> None:
 
 
 def test_a_replay_into_a_new_survey_keeps_the_targets(recording: Path, tmp_path: Path) -> None:
+    recording = shutil.copytree(recording, tmp_path / "recording")
     add_events(recording, JobRequest(target=33e6).events())
     edit_survey(recording, [Edit("target", 44e6)], "1")
     for _ in range(2):  # the second time it exists, with a target of its own

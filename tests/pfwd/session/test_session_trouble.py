@@ -27,19 +27,14 @@ from pfwd.session.events import (
 from pfwd.session.measure import replay
 from pfwd.session.plan import Ending, SessionPlan
 from pfwd.session.session import TRIGGER_PAUSE, Session
-from pfwd_device.acquisition.decoder import Decoder
-from pfwd_device.acquisition.items import Item, RepeatedSamples, StreamBegan
+from pfwd_device.acquisition.items import RepeatedSamples, StreamBegan
 from pfwd_device.errors import RecordingError, SetupError
 from pfwd_device.recording import read_survey, recover
-from pfwd_device.wire.binary import BinaryDialect, encode_message
-from pfwd_device.wire.messages import Event, EventKind, Hello, Refusal, Start, Status
-from simulators.instrument.device import PortlessInstrument
-from simulators.instrument.scenario import load_scenario
+from pfwd_device.wire.messages import Event, EventKind, Refusal, Status
 from tests.pfwd.scripted_feed import (
     GEOPHONE,
     IDENTITY,
     LOAD,
-    NOW,
     ONE_DROP,
     RATE,
     Log,
@@ -53,7 +48,7 @@ from tests.pfwd.scripted_feed import (
     stream,
     with_gaps,
 )
-from tests.pfwd.session.measured import drops, record
+from tests.pfwd.session.measured import drops, record, simulated
 
 
 def test_drops_that_a_full_disk_refuses_are_saved_later_in_order(
@@ -184,15 +179,7 @@ def test_no_drop_is_lost_if_a_restarted_instrument_repeats_its_run_numbers(
         "drops": {"first": 0.5, "interval": 2.0, "bounces": [0, 0]},
         "faults": [{"kind": "reset", "at_s": 3.5}],
     }
-    instrument = PortlessInstrument(load_scenario(scenario), drops=4, overruns=False)
-    decoder = Decoder(BinaryDialect())
-    items: list[Item] = []
-    for seconds in (3.6, 6.0):
-        for command in (Hello(), Start()):
-            instrument.receive(encode_message(command, 0))
-        instrument.advance(seconds)
-        items += decoder.feed(bytes(instrument.output), 0.0, NOW)
-        instrument.output.clear()
+    items, instrument, decoder = simulated(scenario, 3.6, 6.0, drops=4)
     run(ScriptedFeed(items), log, writer)
     assert items.count(StreamBegan(1)) == 2
     assert len(recorded(writer)) == len(instrument.truth()) == 4

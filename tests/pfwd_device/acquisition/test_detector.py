@@ -191,7 +191,7 @@ def test_saturated_samples_are_counted():
     assert drop.saturated == ((1, 15),)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(
     st.lists(st.integers(1, 39_999), max_size=40),
     st.integers(0, 2**32 - 1),

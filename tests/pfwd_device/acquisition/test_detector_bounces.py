@@ -103,7 +103,7 @@ def holds(pulse, index, margin=0):
     return pulse.start - margin <= index < pulse.start + PULSE + margin
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(weights(), st.integers(100, 5000))
 def test_without_gaps_drops_and_bounces_are_distinguished(weight, chunk):
     pulses, seconds = weight
@@ -124,7 +124,7 @@ GAPS = st.one_of(
 )
 
 
-@settings(max_examples=90, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(weights(), st.lists(GAPS, max_size=6), st.data())
 def test_no_drop_is_lost_and_no_bounce_is_a_drop_without_a_report(weight, places, data):
     pulses, seconds = weight
@@ -287,7 +287,7 @@ def feed_shunted(counts, start, end, settling=0, chunk=700):
     return detections + detector.finish("the link was lost")
 
 
-@pytest.mark.parametrize("at", [1.0, 1.001, 1.01, 1.03, 1.06, 1.3, 1.48])
+@pytest.mark.parametrize("at", [1.0, 1.01, 1.06, 1.48])
 @pytest.mark.parametrize(("peak", "settling"), [(450.0, 1), (2000.0, 500), (8000.0, 300)])
 def test_a_pulse_with_the_shunt_on_is_reported_and_its_bounce_is_no_drop(settling, at, peak):
     pulses = pulses_at((at, peak), (at + 0.6, 0.4 * peak), (at + 0.9, 0.15 * peak), (4.0, 8000.0))

@@ -77,7 +77,7 @@ def damages(data: bytes, step: int) -> Iterator[bytes]:
     yield data[:-1]
 
 
-@pytest.mark.parametrize("step", [7, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("step", [13, pytest.param(1, marks=pytest.mark.slow)])
 def test_check_sees_any_damage_of_any_file(tiny: Path, step: int) -> None:
     assert check(tiny).ok
     files = content(tiny)
@@ -95,7 +95,7 @@ def test_check_sees_any_damage_of_any_file(tiny: Path, step: int) -> None:
         assert check(tiny).ok
 
 
-@pytest.mark.parametrize("step", [61, pytest.param(5, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("step", [127, pytest.param(5, marks=pytest.mark.slow)])
 def test_a_damaged_file_loses_no_published_drop(
     tmp_path: Path, new_survey: NewSurvey, step: int
 ) -> None:

@@ -27,7 +27,7 @@ from tests.pfwd_device.recording.make_recording import values
 
 SURVEY = bytes(range(16))
 
-EVERYDAY_STEP = 797
+EVERYDAY_STEP = 1607
 """Every so many bits of a file are turned in the everyday run; a prime, so that all eight of a byte
 come up."""
 

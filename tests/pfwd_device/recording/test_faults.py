@@ -75,7 +75,7 @@ def assert_cut_is_harmless(
     A disk that was recovered from already (`seen`), because nothing was under way or the next call
     changed nothing on it, gives the same answer again.
     """
-    for seed in range(12):
+    for seed in range(6):
         state = disk.power_cut(np.random.default_rng(seed))
         key = acknowledged, frozenset(state.items())
         if key in states:
@@ -88,7 +88,7 @@ def assert_cut_is_harmless(
 
 
 # In order: the journal's sync, the ledger's, that of a new ledger's draft, that of its name.
-@pytest.mark.parametrize("fails", ["01", "011", "0111", "0101", "011001", "0101101"])
+@pytest.mark.parametrize("fails", ["01", "0111", "011001", "0101101"])
 def test_a_drop_refused_late_is_not_called_lost(tmp_path: Path, survey: Path, fails: str) -> None:
     """Its line may have reached the ledger; then its record must be there, and no other's."""
     armed: list[str] = []

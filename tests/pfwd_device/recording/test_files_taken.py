@@ -126,9 +126,14 @@ REPAIRED = ("drop files deleted", "lock deleted", "lock replaced")
 """Attacks that endanger no record: drop files are remade, and a new lock is locked."""
 
 
-@pytest.mark.parametrize("killed", [False, True], ids=["closed", "killed"])
 @pytest.mark.parametrize("attack", ATTACKS)
-@pytest.mark.parametrize("publish", [False, True], ids=["journal", "files"])
+@pytest.mark.parametrize(
+    ("publish", "killed"),
+    [
+        *((False, True), (True, False)),
+        *(pytest.param(each, each, marks=pytest.mark.slow) for each in (False, True)),
+    ],
+)
 def test_no_acknowledged_drop_is_lost(
     tmp_path: Path, survey: Path, spare: SpareFolder, attack: str, publish: bool, killed: bool
 ) -> None:

@@ -4,7 +4,7 @@ import zlib
 from pathlib import Path
 
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pfwd_device.errors import StorageFull
@@ -67,6 +67,7 @@ def test_a_missing_ledger_is_reported(tmp_path: Path) -> None:
 NUMBERS = st.from_regex(r"0{0,2}[0-9]{1,12}", fullmatch=True)
 
 
+@settings(max_examples=50)
 @example(["07", "3", "1", "9", "9"], "0000000a", "-", True)
 @example(["7", "03", "1", "9", "9"], "0000000a", "-", True)
 @example(["7", "3", "01", "9", "9"], "0000000a", "-", True)

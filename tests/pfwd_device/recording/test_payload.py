@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -80,6 +80,7 @@ def bits(record: DropRecord) -> bytes:
     return encode_payload(*drop_parts(record), pack=False)
 
 
+@settings(max_examples=40)
 @given(records())
 def test_a_drop_comes_back_from_its_record(record: DropRecord) -> None:
     data, arrays = decode_payload(encode_payload(*drop_parts(record)))
@@ -93,6 +94,7 @@ def test_a_drop_comes_back_from_its_record(record: DropRecord) -> None:
     ]
 
 
+@settings(max_examples=40)
 @given(records())
 def test_a_drop_comes_back_from_its_file(record: DropRecord) -> None:
     data = drop_file_bytes(record, 17, bytes(range(16)))
