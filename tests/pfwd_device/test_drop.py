@@ -1,6 +1,5 @@
 """Drop and Channel: shapes, units, and that a record stays as it was recorded."""
 
-import pickle
 from dataclasses import replace
 from typing import Any
 
@@ -28,13 +27,6 @@ def test_arrays_become_read_only_copies_of_floats() -> None:
     assert drop.load[0] == 1.0
     with pytest.raises(ValueError, match="read-only"):
         drop.load[0] = 2.0
-
-
-def test_a_drop_survives_the_trip_to_a_worker_process() -> None:
-    drop = a_drop()
-    copy = pickle.loads(pickle.dumps(drop))
-    np.testing.assert_array_equal(copy.time, drop.time)
-    assert copy.channels[0].quantity == "velocity"
 
 
 @pytest.mark.parametrize(

@@ -185,9 +185,7 @@ def test_a_process_that_died_while_idle_costs_no_attempt() -> None:
         assert jobs.submit(abs, -2).result(PATIENCE) == 2
 
 
-def test_a_process_that_cannot_be_started_is_an_error_and_no_hang(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_process_that_does_not_start_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: str) -> Any:
         raise OSError(12, "no memory")
 

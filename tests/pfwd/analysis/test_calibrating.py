@@ -100,7 +100,7 @@ def test_a_calibration_without_a_stiffness_or_a_point_is_refused(rig: str, tmp_p
         calibrate_files([rig], point="c")
 
 
-def test_the_command_writes_a_calibration(
+def test_the_command_calibrates(
     rig: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["calibrate", rig, "--json", "-o", str(tmp_path / "d.toml")]) == 0

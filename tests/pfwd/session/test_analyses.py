@@ -143,9 +143,7 @@ def drop(make_drop: Callable[..., Drop]) -> Drop:
     return make_drop(pre_trigger=0.02, window=0.1)
 
 
-def test_a_quick_result_precedes_the_full_result(
-    analyses: Analyses, events: list[Any], drop: Drop
-) -> None:
+def test_a_quick_result_is_first(analyses: Analyses, events: list[Any], drop: Drop) -> None:
     analyses.prepare(IDENTITY, SETUP)
     analyses.request(saved_drop(drop))
     analyses.wait_for_responses(PATIENCE)

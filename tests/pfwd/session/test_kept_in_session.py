@@ -39,12 +39,16 @@ TRIGGER = trigger_for(IDENTITY, DetectionSettings())
 LENGTH = TRIGGER.before + TRIGGER.after
 
 
-def buffered(first: int = 500, *, earlier: bool = False, peak: int = 20_000) -> BufferedDrop:
+def offered(stream: int, first: int, counts: NDArray[np.int32]) -> BufferedDrop:
+    crc = zlib.crc32(pack_int24(counts))
+    offer = DropOffer(stream, first, None, TRIGGER.before, len(counts), 2, 40, crc, RATE)
+    return BufferedDrop(offer, counts, None, 1.0)
+
+
+def buffered(first: int = 500, *, peak: int = 20_000) -> BufferedDrop:
     counts = np.zeros((LENGTH, 2), np.int32)
     counts[TRIGGER.before : TRIGGER.before + 40] = peak
-    crc = zlib.crc32(pack_int24(counts))
-    offer = DropOffer(9, first, None, TRIGGER.before, LENGTH, 2, 40, crc, RATE, earlier=earlier)
-    return BufferedDrop(offer, counts, None, 1.0)
+    return offered(9, first, counts)
 
 
 def armed() -> Armed:
@@ -100,7 +104,7 @@ def test_five_drops_with_the_same_name_are_five_drops_of_the_survey(tmp_path: Pa
     assert recorded[0].metadata["key"] == "T-1/9/700"  # as the version before writes it
 
 
-def test_unsaved_drops_of_the_same_name_are_distinguished(
+def test_unsaved_drops_with_one_name_are_two(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     log = Log()
@@ -192,19 +196,14 @@ COUNTS = stream(9.0, [(1.0, 8000.0), (1.5, 3000.0)])
 def stored_part(counts: NDArray[np.int32], trigger: int) -> BufferedDrop:
     """The record of the instrument about a trigger, which it finds later than this program."""
     first = trigger - TRIGGER.before
-    part = counts[first : first + TRIGGER.before + TRIGGER.after]
-    crc = zlib.crc32(pack_int24(part))
-    offer = DropOffer(7, first, None, TRIGGER.before, len(part), 2, 40, crc, RATE)
-    return BufferedDrop(offer, part, None, 1.0)
+    return offered(7, first, counts[first : first + LENGTH])
 
 
 def by_instrument(log: Log) -> list[bool]:
     return [NOT_BUFFERED not in saved.saved.view.marks for saved in log.of(DropSaved)]
 
 
-def test_a_drop_that_the_instrument_does_not_store_is_recorded_from_the_stream(
-    log: Log, writer: Any
-) -> None:
+def test_a_drop_that_is_not_stored_is_recorded_from_the_stream(log: Log, writer: Any) -> None:
     run(ScriptedFeed(connected(), Armed(TRIGGER), began(), pieces(COUNTS)), log, writer)
     (record,) = recorded(writer)
     assert record.metadata["marks"] == [NOT_BUFFERED.to_json()]
@@ -224,9 +223,7 @@ def test_it_waits_some_seconds_and_no_longer(log: Log, writer: Any) -> None:
 
 
 @pytest.mark.parametrize("at", [1.11, 1.2, 1.6, 5.5])
-def test_the_record_of_the_instrument_replaces_that_of_the_stream(
-    log: Log, writer: Any, at: float
-) -> None:
+def test_the_stored_record_replaces_the_streamed_one(log: Log, writer: Any, at: float) -> None:
     end = round(at * RATE)
     items = [
         *pieces(COUNTS[:end]),
@@ -240,9 +237,7 @@ def test_the_record_of_the_instrument_replaces_that_of_the_stream(
     assert len(recorded(writer)) == 1
 
 
-def test_the_drops_that_fill_its_memory_and_the_next_ones_are_all_recorded(
-    log: Log, writer: Any
-) -> None:
+def test_drops_beyond_the_memory_are_recorded(log: Log, writer: Any) -> None:
     times = [1.0, 3.0, 5.0, 7.0]
     counts = stream(14.0, [(at, 8000.0) for at in times])
     stored = [stored_part(counts, at) for at in (10_003, 30_003)]
@@ -285,9 +280,7 @@ def test_it_waits_over_a_lost_link(log: Log, writer: Any) -> None:
     assert by_instrument(log) == [True]
 
 
-def test_a_pulse_that_the_stream_only_reports_may_be_a_drop_of_the_instrument(
-    log: Log, writer: Any
-) -> None:
+def test_a_reported_pulse_may_be_a_stored_drop(log: Log, writer: Any) -> None:
     parts = pieces(COUNTS[:9000]), pieces(COUNTS[9000:12_000], 7, 9000, shunt=True)
     feed = ScriptedFeed(connected(), Armed(TRIGGER), began(), *parts, stored_part(COUNTS, 10_003))
     run(feed, log, writer)
@@ -299,9 +292,7 @@ def test_a_pulse_that_the_stream_only_reports_may_be_a_drop_of_the_instrument(
 
 
 @pytest.mark.parametrize("late", [0, 15])
-def test_a_pulse_over_the_end_of_the_instruments_record_is_reported(
-    log: Log, writer: Any, late: int
-) -> None:
+def test_a_pulse_over_the_end_of_a_record_is_reported(log: Log, writer: Any, late: int) -> None:
     counts = stream(9.0, [(1.0, 8000.0), (1.096, 7000.0)])
     items = [*pieces(counts[:12_000]), stored_part(counts, 10_003 + late)]
     run(ScriptedFeed(connected(), Armed(TRIGGER), began(), items), log, writer)

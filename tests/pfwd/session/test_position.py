@@ -1,9 +1,7 @@
 """Positions from a satellite receiver: garbage, no fix, staleness, a receiver that is lost."""
 
-import socket
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -177,27 +175,3 @@ def test_a_receiver_that_is_lost_comes_back(monkeypatch: pytest.MonkeyPatch) -> 
 def test_a_port_that_cannot_be_opened_is_an_error() -> None:
     with pytest.raises(DeviceError, match="no-such-port"):
         PositionReceiver("/dev/no-such-port").open()
-
-
-@pytest.fixture
-def server() -> Iterator[str]:
-    """A receiver on TCP, as a telephone offers one."""
-    done = threading.Event()
-    with socket.create_server(("127.0.0.1", 0)) as listening:
-
-        def serve() -> None:
-            with listening.accept()[0] as link:
-                link.sendall(b"half a line\n" + NO_FIX + EXAMPLE)
-                done.wait(PATIENCE)
-
-        thread = threading.Thread(target=serve, daemon=True)
-        thread.start()
-        yield f"socket://127.0.0.1:{listening.getsockname()[1]}"
-        done.set()
-        thread.join(PATIENCE)
-
-
-def test_over_tcp(server: str) -> None:
-    with PositionReceiver(server) as receiver:
-        until(receiver.latest)
-        assert receiver.record()["satellites"] == 8

@@ -138,9 +138,7 @@ def test_the_same_seed_gives_the_same_results(tmp_path: Path) -> None:
     assert first == results()
 
 
-def test_imported_drops_are_replayed_unchanged(
-    tmp_path: Path, make_drop: Callable[..., Drop]
-) -> None:
+def test_imported_drops_are_replayed(tmp_path: Path, make_drop: Callable[..., Drop]) -> None:
     point = TracePoint("", PointSetup(plate_radius=0.15), (make_drop(), make_drop(number=2)), ())
     write_traces(tmp_path / "t.csv", point)
     list(import_files([str(tmp_path / "t.csv")], tmp_path / "survey"))
@@ -183,7 +181,7 @@ def test_different_traces_are_not_identical(recording: Path) -> None:
         (("detection", "at_rest"), {}),
     ],
 )
-def test_incomplete_metadata_are_an_error(
+def test_incomplete_metadata_are_refused(
     recording: Path, part: tuple[str, ...], value: Any
 ) -> None:
     record = traces(recording)[0]

@@ -19,7 +19,6 @@ from pfwd.session.plan import SessionPlan
 from pfwd.session.replay import Pace, Pause, RecordedFeed, survey_feed
 from pfwd.session.session import Session
 from pfwd.session.stored_drops import add_result, recorded_drop, stored_results
-from pfwd_device.errors import RecordingError
 from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.report.surveys import result_of
 from tests.pfwd.scripted_feed import Log, ScriptedFeed, connected
@@ -103,21 +102,6 @@ def test_a_paused_replay_waits_and_steps_drop_by_drop(tmp_path: Path) -> None:
     assert drops_before_the_pause() == 1
 
 
-def test_a_step_ends_with_its_drop() -> None:
-    pace = Pace(paused=True)
-    assert not pace.flows
-    pace.step()
-    assert pace.flows
-    assert pace.may_begin()
-    assert pace.flows  # the drop that has begun goes on to its end
-    assert not pace.may_begin()
-    assert not pace.flows
-    pace.go_on()
-    assert pace.may_begin()
-    pace.pause()
-    assert not pace.flows
-
-
 def test_the_pace_is_changed_on_the_way() -> None:
     slept: list[float] = []
     pace = Pace(2.0)
@@ -146,15 +130,6 @@ def test_a_point_has_its_last_result_in_force(tmp_path: Path) -> None:
     assert [each.modulus_pa for each in stored_results(folder, 1)] == [9e7, 1e7, 2e7]
 
 
-def test_a_damaged_result_does_not_count(tmp_path: Path) -> None:
-    folder = tmp_path / "s"
-    measured(folder)
-    add_result(folder, 1, DropResult(modulus_pa=1e7))
-    (file,) = (folder / "results").glob("*.json")
-    file.write_text("{")
-    assert read_points(folder)[0].drops[0].last_result is None
-
-
 def test_a_recorded_drop_comes_with_its_setup_and_its_judgement(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     measured(folder, lambda it: it.edit(Edit("declared", {"poisson_ratio": 0.4}), point="1"))
@@ -166,15 +141,6 @@ def test_a_recorded_drop_comes_with_its_setup_and_its_judgement(tmp_path: Path) 
     assert each.view.own.peak_deflection is not None
     with pytest.raises(SurveyError, match="expected drop 9"):
         recorded_drop(folder, 9)
-
-
-def test_a_survey_that_is_written_takes_no_result_from_outside(tmp_path: Path) -> None:
-    measured(tmp_path / "s")
-    with (
-        SurveyWriter.open(tmp_path / "s", publish=False),
-        pytest.raises(RecordingError, match="the only program that writes"),
-    ):
-        add_result(tmp_path / "s", 1, {})
 
 
 def test_the_position_of_a_point_is_the_receiver_s_unless_it_was_edited(tmp_path: Path) -> None:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from pfwd.errors import OptionError
-from pfwd.session import events
 from pfwd.session.events import (
     N_REPORTED_FIRST,
     REPEAT_INTERVAL,
@@ -89,33 +88,13 @@ def test_an_unsaved_drop_is_reported_at_the_end(log: Log, writer: Any) -> None:
 
 
 @pytest.mark.parametrize("forever", [False, True], ids=["at the end", "on request"])
-def test_a_drop_that_was_not_saved_is_saved_when_the_session_ends(
-    log: Log, writer: Any, forever: bool
-) -> None:
+def test_an_unsaved_drop_is_saved_at_the_end(log: Log, writer: Any, forever: bool) -> None:
     writer.failures = 1
     stop = [lambda: session.stop()] if forever else []
     feed = ScriptedFeed(connected(), began(), pieces(ONE_DROP), stop, forever=forever)
     session = Session(feed, log, SessionPlan(options=None), writer)
     assert session.run() is Ending.DONE
     assert len(log.of(DropNotSaved)) == len(log.of(DropSaved)) == 1
-
-
-def test_a_repeated_failure_of_a_drop_is_reported_once(
-    log: Log, writer: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("pfwd.session.survey_recorder.RETRY_INTERVAL", 0.0)
-    save = writer.save_drop
-    outcomes = [False, False, False, True, False, False]
-
-    def save_sometimes(record: Any) -> int:
-        writer.failures = int(bool(outcomes) and not outcomes.pop(0))
-        return int(save(record))
-
-    writer.save_drop = save_sometimes
-    counts = stream(3.5, [(1.0, 8000.0), (1.15, 9000.0)])  # the second complete at once after it
-    run(ScriptedFeed(connected(), began(), pieces(counts, chunk=35_000)), log, writer)
-    assert [event.number for event in log.of(DropNotSaved)] == [1, 2]
-    assert writer.saved == [("1", 1), ("1", 2)]
 
 
 def test_a_full_disk_at_a_reconnection_does_not_end_the_session(log: Log, writer: Any) -> None:
@@ -171,9 +150,7 @@ def test_an_unannounced_stream_cuts_off_the_drop(log: Log, writer: Any) -> None:
     assert second.saved.view.marks == ()
 
 
-def test_no_drop_is_lost_if_a_restarted_instrument_repeats_its_run_numbers(
-    log: Log, writer: Any
-) -> None:
+def test_no_drop_is_lost_if_run_numbers_are_repeated(log: Log, writer: Any) -> None:
     scenario = {
         "device": {"random_streams": False},
         "drops": {"first": 0.5, "interval": 2.0, "bounces": [0, 0]},
@@ -193,9 +170,7 @@ def test_discarded_samples_are_reported(log: Log, writer: Any) -> None:
     assert notice.text.startswith("1.0 s of samples are discarded")
 
 
-def test_the_drop_in_hand_keeps_its_calibration_when_another_instrument_comes(
-    log: Log, writer: Any
-) -> None:
+def test_a_drop_keeps_the_calibration_of_its_instrument(log: Log, writer: Any) -> None:
     doubled = dataclasses.replace(LOAD, sensitivity=LOAD.sensitivity / 2)
     replacement = dataclasses.replace(IDENTITY, serial_number="T-2", channels=(doubled, GEOPHONE))
     later = [connected(replacement), began(8), *pieces(ONE_DROP, 8)]
@@ -325,9 +300,7 @@ def test_a_bounce_after_the_link_was_back_is_no_drop(
 
 
 @pytest.mark.posix  # Windows refuses to rename a folder with open files
-def test_a_survey_that_is_moved_while_a_replay_ends_is_reported(
-    tmp_path: Path,
-) -> None:
+def test_a_survey_that_is_moved_while_a_replay_ends_is_reported(tmp_path: Path) -> None:
     record(tmp_path / "first", connected(), drops(8e3))
     log, survey = Log(), tmp_path / "survey"
 
@@ -376,19 +349,6 @@ def test_a_flood_of_events_does_not_hide_a_different_event(log: Log) -> None:
     count = 5000 - N_REPORTED_FIRST
     assert f"{count} more messages of the instrument about restarts were not shown" in texts
     assert len(texts) < 30
-
-
-def test_a_repeated_message_has_the_count_of_the_unreported(
-    log: Log, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    boots = [Event(EventKind.BOOT, n) for n in range(100)]
-
-    def wait() -> None:
-        monkeypatch.setattr(events, "REPEAT_INTERVAL", 0.0)
-
-    run(ScriptedFeed(connected(), boots, wait, boots[:1]), log)
-    more = f"{100 - N_REPORTED_FIRST} more since the last message of this kind"
-    assert f"the instrument restarted ({more})" in log.texts
 
 
 def test_an_instrument_cannot_trigger_more_often_than_a_person(log: Log) -> None:

@@ -71,9 +71,7 @@ def test_a_lost_survey_is_reported_before_the_next_acknowledgement(
 
 
 @pytest.mark.posix
-def test_deleted_files_are_detected_within_a_second(
-    writer: SurveyWriter, survey: Path, reports: Reports
-) -> None:
+def test_deleted_files_are_detected(writer: SurveyWriter, survey: Path, reports: Reports) -> None:
     recorder = reports.recorder(writer)
     recorder.keep(drop(1))
     recorder.retry()
@@ -104,9 +102,7 @@ def test_a_filling_disk_and_its_end_are_reported(
     assert (event.drops_remaining, event.serious) == (None, False)
 
 
-def test_a_drop_in_the_spare_folder_is_acknowledged_as_such(
-    survey: Path, tmp_path: Path, reports: Reports
-) -> None:
+def test_a_drop_names_its_spare_folder(survey: Path, tmp_path: Path, reports: Reports) -> None:
     disk = Refusing(survey)
     spare = SpareFolder(tmp_path / "spare")
     options = {"publish": False, "reserve_bytes": 0, "spare": spare}

@@ -1,7 +1,6 @@
 """A small instrument for tests of the driver, and ways to plug it in and out."""
 
 import itertools
-import os
 import socket
 import threading
 import time
@@ -187,77 +186,47 @@ class Socket:
         self.transports[-1].unplugged.set()
 
 
-class PtyHost:
-    """An instrument at one end of a pseudo-terminal; the other end is at `link`."""
+class Host:
+    """An instrument at a port of the simulators; the port can be unplugged and plugged in again."""
 
-    def __init__(self, instrument: Instrument, link: str) -> None:
-        import tty
+    def __init__(self, instrument: Instrument, endpoint: Any) -> None:
+        self.instrument, self.endpoint, self.url = instrument, endpoint, endpoint.url
+        self._start()
 
-        self._instrument = instrument
-        instrument.forget()
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        self.name = os.ttyname(self._slave)
-        with suppress(FileNotFoundError):
-            os.unlink(link)
-        os.symlink(self.name, link)
+    def _start(self) -> None:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
-        import select
-
-        out = b""
-        os.set_blocking(self._master, False)
+        visits, out, endpoint = 0, b"", self.endpoint
         while not self._stop.is_set():
-            ready, _, _ = select.select([self._master], [], [], 0.005)
-            if ready:
-                self._instrument.receive(os.read(self._master, 4096))
-            out += self._instrument.poll()
-            with suppress(BlockingIOError):
-                out = out[os.write(self._master, out) :]
+            endpoint.wait(0.005, writing=bool(out))
+            if endpoint.connected and endpoint.visits != visits:
+                visits, out = endpoint.visits, b""
+                self.instrument.forget()
+            self.instrument.receive(endpoint.read())
+            if endpoint.connected:
+                out += self.instrument.poll()
+                out = out[endpoint.write(out) :]
 
     def unplug(self) -> None:
         self._stop.set()
         self._thread.join()
-        os.close(self._slave)
-        os.close(self._master)
+        self.endpoint.unplug()
 
+    def plug(self, instrument: Instrument | None = None) -> None:
+        """Plug the instrument in again, or another one."""
+        self.instrument = instrument or self.instrument
+        self.endpoint.plug()
+        self._start()
 
-@contextmanager
-def tcp_host(instrument: Instrument, port: int = 0) -> Iterator[str]:
-    """An instrument that takes one connection after the other; its URL."""
-    server = socket.create_server(("127.0.0.1", port))
-    server.settimeout(0.05)
-    stop = threading.Event()
+    def __enter__(self) -> "Host":
+        return self
 
-    def run() -> None:
-        while not stop.is_set():
-            try:
-                connection, _ = server.accept()
-            except TimeoutError:
-                continue
-            with connection:
-                connection.settimeout(0.005)
-                instrument.forget()
-                with suppress(OSError):
-                    while not stop.is_set():
-                        with suppress(TimeoutError):
-                            data = connection.recv(4096)
-                            if not data:
-                                break
-                            instrument.receive(data)
-                        connection.sendall(instrument.poll())
-
-    thread = threading.Thread(target=run, daemon=True)
-    thread.start()
-    try:
-        yield f"socket://127.0.0.1:{server.getsockname()[1]}"
-    finally:
-        stop.set()
-        thread.join()
-        server.close()
+    def __exit__(self, *_: object) -> None:
+        self.unplug()
+        self.endpoint.close()
 
 
 @contextmanager

@@ -128,7 +128,7 @@ def assembler_after(seconds: int, ring: int = 0) -> tuple[Assembler, Counters]:
         (20_000, True, 2, True),  # a reset empties the ring
     ],
 )
-def test_a_new_run_may_have_the_number_of_the_previous_run(
+def test_a_new_run_may_repeat_the_last_number(
     ring: int, reset: bool, end_s: int, is_new: bool
 ) -> None:
     target, counters = assembler_after(end_s, ring)

@@ -84,31 +84,6 @@ def test_next_gives_up_in_time(make: MakeDriver) -> None:
     assert not driver.connected
 
 
-def test_unplug_and_replug(make: MakeDriver) -> None:
-    """Noticed within a second; the gap is exact; nothing twice; the stream is not begun anew."""
-    instrument = Instrument()
-    port = Socket(instrument)
-    driver = make(port)
-    items = collect(driver, lambda seen: len(of(seen, Samples)) > 3)
-    unplugged = time.monotonic()
-    port.unplug()
-    items += collect(driver, lambda seen: bool(of(seen, Disconnected)))
-    assert time.monotonic() - unplugged < 1.0
-    assert driver.lost_since is not None
-    assert driver.lost_since >= unplugged
-    while time.monotonic() < unplugged + 0.2:  # samples that are lost
-        driver.next(0.05)
-    port.instrument = instrument
-    items += collect(driver, lambda seen: len(of(seen, Samples)) > 3)
-    assert_each_sample_once(items)
-    assert [each.reconnected for each in of(items, Connected)] == [False, True]
-    assert len(of(items, Disconnected)) == len(of(items, StreamBegan)) == 1
-    assert of(items, Gap)[0].length >= 0.1 * 2000
-    assert driver.counters.reconnects == 1
-    assert driver.counters.samples_lost == sum(gap.length for gap in of(items, Gap))
-    assert instrument.received.count(Start()) == 1
-
-
 def test_silence_is_a_loss(make: MakeDriver) -> None:
     instrument = Instrument()
     driver = make(Socket(instrument), response_timeout=1.0)
@@ -116,7 +91,8 @@ def test_silence_is_a_loss(make: MakeDriver) -> None:
     instrument.silent = True
     began = time.monotonic()
     items += collect(driver, lambda seen: bool(of(seen, Disconnected)))
-    assert 0.9 < time.monotonic() - began < 5
+    assert time.monotonic() - began > 0.9
+    assert (driver.lost_since or 0.0) >= began
     assert "silent" in of(items, Disconnected)[0].reason
     instrument.silent = False
     items += collect(driver, lambda seen: bool(of(seen, Samples)))
@@ -124,9 +100,7 @@ def test_silence_is_a_loss(make: MakeDriver) -> None:
 
 
 @pytest.mark.parametrize("remaining", [0, 2])
-def test_drops_that_wait_at_the_end_are_in_the_last_status(
-    make: MakeDriver, remaining: int
-) -> None:
+def test_drops_that_wait_are_in_the_last_status(make: MakeDriver, remaining: int) -> None:
     instrument = Instrument()
     storing = {"drop_samples": 700, "drop_slots": 4}
     instrument.identity = dataclasses.replace(instrument.identity, **storing)

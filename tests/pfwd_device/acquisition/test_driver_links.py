@@ -8,7 +8,6 @@ import contextlib
 import random
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -19,13 +18,14 @@ from pfwd_device.acquisition.items import Connected, Disconnected, Gap, Item, Sa
 from pfwd_device.transport import ports
 from pfwd_device.wire.binary import BinaryDialect
 from pfwd_device.wire.messages import Start
+from simulators.instrument.endpoint import TcpEndpoint
+from simulators.instrument.run import open_endpoint
 from tests.pfwd_device.acquisition.scripted import (
+    Host,
     Instrument,
-    PtyHost,
     assert_each_sample_once,
     collect,
     is_without_reader,
-    tcp_host,
 )
 
 
@@ -44,13 +44,14 @@ def lost(items: list[Item]) -> bool:
 
 
 @pytest.mark.posix
-def test_twenty_unplugs(tmp_path: Path) -> None:
+def test_twenty_unplugs() -> None:
     """At any moment: within a frame, within the greeting, before it."""
-    instrument, link = Instrument(rate=5000.0), str(tmp_path / "instrument")
-    generator = random.Random(5)
+    instrument, generator = Instrument(rate=5000.0), random.Random(5)
     items: list[Item] = []
-    host = PtyHost(instrument, link)
-    with Driver(link, BinaryDialect()) as driver:
+    with (
+        Host(instrument, open_endpoint("pty")) as host,
+        Driver(host.url, BinaryDialect()) as driver,
+    ):
         for cycle in range(20):
             if cycle % 2:
                 items += collect(driver, sampled)
@@ -58,46 +59,43 @@ def test_twenty_unplugs(tmp_path: Path) -> None:
             while time.monotonic() < end:
                 items += filter(None, [driver.next(0.01)])
             host.unplug()
-            host = PtyHost(instrument, link)
+            host.plug()
         items += collect(driver, sampled)
-    host.unplug()
     assert_each_sample_once(items)
-    assert sum(isinstance(item, Gap) for item in items) >= 9
+    gaps = [item.length for item in items if isinstance(item, Gap)]
+    assert len(gaps) >= 9
+    assert driver.counters.samples_lost == sum(gaps)
     assert driver.counters.reconnects >= 10
     assert instrument.received.count(Start()) == 1
 
 
 @pytest.mark.posix
-def test_the_adapter_comes_back_under_another_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_adapter_may_change_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
     """And the old name belongs to another adapter by then."""
     plugged: list[Any] = []
     monkeypatch.setattr(ports._serial_ports, "comports", lambda: list(plugged))
 
-    def usb(path: Path, number: str) -> Any:
+    def usb(host: Host, number: str) -> Any:
         return SimpleNamespace(
-            device=str(path), description="USB", vid=0x0403, pid=0x6001, serial_number=number
+            device=host.url, description="USB", vid=0x0403, pid=0x6001, serial_number=number
         )
 
-    first, second = tmp_path / "ttyUSB0", tmp_path / "ttyUSB1"
     instrument, stranger = Instrument(), Instrument("STRANGER")
-    host = PtyHost(instrument, str(first))
-    plugged[:] = [usb(first, "A1")]
-    with Driver(str(first), BinaryDialect()) as driver:
+    with Host(instrument, open_endpoint("pty")) as first, contextlib.ExitStack() as stack:
+        plugged[:] = [usb(first, "A1")]
+        driver = stack.enter_context(Driver(first.url, BinaryDialect()))
         items = collect(driver, sampled)
         plugged[:] = []
-        host.unplug()
+        first.unplug()
         items += collect(driver, lost)
-        stranger_host = PtyHost(stranger, str(first))
-        host = PtyHost(instrument, str(second))
+        first.plug(stranger)
+        second = stack.enter_context(Host(instrument, open_endpoint("pty")))
         plugged[:] = [usb(first, "B2"), usb(second, "A1")]
         items += collect(driver, sampled)
-        assert driver.url == str(second)
-    host.unplug()
-    stranger_host.unplug()
+        assert driver.url == second.url
+        driver.close()
     assert_each_sample_once(items)
-    assert [item.url for item in items if isinstance(item, Connected)] == [str(first), str(second)]
+    assert [item.url for item in items if isinstance(item, Connected)] == [first.url, second.url]
     assert stranger.received == []
 
 
@@ -105,8 +103,8 @@ def test_a_consumer_that_is_always_late_is_answered_to() -> None:
     """There is always something to decode; what has to be said is said even so."""
     instrument = Instrument(rate=20_000.0)
     instrument.begin()
-    with tcp_host(instrument) as url:
-        driver = Driver(url, BinaryDialect(), sampling_rate=10_000.0, response_timeout=1.0)
+    with Host(instrument, TcpEndpoint()) as host:
+        driver = Driver(host.url, BinaryDialect(), sampling_rate=10_000.0, response_timeout=1.0)
         end = time.monotonic() + 1.5
         with driver:
             items = []
@@ -119,12 +117,11 @@ def test_a_consumer_that_is_always_late_is_answered_to() -> None:
 
 def test_a_network_that_comes_back() -> None:
     instrument = Instrument()
-    with contextlib.ExitStack() as stack:
-        with tcp_host(instrument) as url:
-            driver = stack.enter_context(Driver(url, BinaryDialect()))
-            items = collect(driver, sampled)
+    with Host(instrument, TcpEndpoint()) as host, Driver(host.url, BinaryDialect()) as driver:
+        items = collect(driver, sampled)
+        host.unplug()
         items += collect(driver, lost)
-        stack.enter_context(tcp_host(instrument, int(url.rpartition(":")[2])))
+        host.plug()
         items += collect(driver, sampled)
         driver.close()
         end = time.monotonic() + 10

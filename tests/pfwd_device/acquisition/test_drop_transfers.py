@@ -116,9 +116,7 @@ def test_no_second_acknowledge_erases_the_next_drop_of_the_name(transfers: DropT
     assert transfers.unreleased == 0  # the other Offer shows that the first drop is erased
 
 
-def test_a_drop_that_is_safe_late_is_acknowledged_only_if_it_still_has_the_name(
-    transfers: DropTransfers,
-) -> None:
+def test_a_late_acknowledge_erases_no_other_drop(transfers: DropTransfers) -> None:
     fetch(transfers)
     transfers.cut()
     sent_by(transfers)
@@ -135,9 +133,7 @@ def test_a_drop_that_is_safe_late_is_acknowledged_only_if_it_still_has_the_name(
     assert sent_by(transfers) == [Acknowledge(*NAME)]
 
 
-def test_a_drop_with_another_number_of_channels_is_reported_once_and_not_fetched(
-    transfers: DropTransfers,
-) -> None:
+def test_a_drop_with_other_channels_is_reported_once(transfers: DropTransfers) -> None:
     transfers.channels = COUNTS.shape[1]
     second = dataclasses.replace(OFFER, channels=COUNTS.shape[1] + 1)
     reason = f"expected {COUNTS.shape[1]} channels as in the identity, got {COUNTS.shape[1] + 1}"
@@ -148,9 +144,7 @@ def test_a_drop_with_another_number_of_channels_is_reported_once_and_not_fetched
     assert sent_by(transfers) == [Fetch(*NAME, 0, 10)]
 
 
-def test_missing_blocks_are_requested_and_received_blocks_survive_a_cut(
-    transfers: DropTransfers,
-) -> None:
+def test_missing_blocks_are_requested_also_after_a_cut(transfers: DropTransfers) -> None:
     transfers.take(OFFER, 0.0, None)
     for number in (0, 1, 4, 5, 9):
         transfers.take(block(number), 0.1, None)
@@ -204,9 +198,7 @@ def test_a_block_of_another_length_is_refused(transfers: DropTransfers, counters
     assert counters.blocks_refused == 2
 
 
-def test_a_repeated_block_is_counted_and_causes_no_request(
-    transfers: DropTransfers, counters: Counters
-) -> None:
+def test_a_repeated_block_causes_no_request(transfers: DropTransfers, counters: Counters) -> None:
     transfers.take(OFFER, 0.0, None)
     transfers.take(block(9), 0.1, None)
     sent_by(transfers)

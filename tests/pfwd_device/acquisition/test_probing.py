@@ -18,7 +18,9 @@ from pfwd_device.transport import ports
 from pfwd_device.transport.opening import open_transport
 from pfwd_device.wire.ascii_lines import looks_like_lines
 from pfwd_device.wire.registry import BUILT_IN
-from tests.pfwd_device.acquisition.scripted import Instrument, PtyHost, talker, tcp_host
+from simulators.instrument.endpoint import TcpEndpoint
+from simulators.instrument.run import open_endpoint
+from tests.pfwd_device.acquisition.scripted import Host, Instrument, talker
 
 
 def ask(url: str, timeout: float = 0.5) -> Probe:
@@ -27,8 +29,8 @@ def ask(url: str, timeout: float = 0.5) -> Probe:
 
 def test_an_instrument_answers() -> None:
     instrument = Instrument()
-    with tcp_host(instrument) as url:
-        answer = ask(url, 10.0)
+    with Host(instrument, TcpEndpoint()) as host:
+        answer = ask(host.url, 10.0)
     assert (answer.answers, answer.identity) == ("pfwd", instrument.identity)
     assert "SN-1" in answer.reason
     assert not instrument.sampling
@@ -65,18 +67,15 @@ def test_a_port_in_use_and_a_missing_port_are_described(tmp_path: Path) -> None:
 def test_all_at_once(tmp_path: Path) -> None:
     instrument, silent = Instrument(), Instrument()
     silent.silent = True
-    first = PtyHost(instrument, str(tmp_path / "one"))
-    second = PtyHost(silent, str(tmp_path / "two"))
-    urls = [str(tmp_path / name) for name in ("two", "one", "three")]
-    answers = probe_all(urls, list(BUILT_IN.values()), 0.8)
-    first.unplug()
-    second.unplug()
+    with Host(instrument, open_endpoint("pty")) as first, Host(silent, open_endpoint("pty")) as two:
+        urls = [two.url, first.url, str(tmp_path / "three")]
+        answers = probe_all(urls, list(BUILT_IN.values()), 0.8)
     assert [answer.url for answer in answers] == urls
     assert [answer.answers for answer in answers] == [None, "pfwd", None]
 
 
 @pytest.mark.posix
-def test_usb_numbers_show_a_logger_whose_port_is_in_use_or_silent(
+def test_usb_numbers_show_a_logger_at_its_port(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     numbers = [(0x0683, 0x1111), (0x0683, 0x4209), (0x0683, 0x0001), (0x1A86, 0x1111)]

@@ -2,6 +2,8 @@
 
 import errno
 import io
+import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,8 @@ from pfwd_device.recording import (
 )
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.framing import Damage, Frame, RecordKind, scan
+from tests.campaigns import noted_disk, power_loss
+from tests.campaigns.noted_disk import NotingStorage
 from tests.campaigns.power_loss import make_record
 
 
@@ -82,6 +86,25 @@ def assert_recovered(survey: Path, spare: SpareFolder, expected: dict[int, str])
     assert digests(survey) == expected
     assert check(survey, spare=spare).ok
     assert recover(survey, spare=spare).actions == ()
+
+
+def interrupted_recoveries(
+    run: Path, every: int, spare: SpareFolder | None = None
+) -> Iterator[Path]:
+    """Recover the survey of a run, and yield folders as a kill and a power cut leave them then."""
+    before = noted_disk.take(run)
+    storage = NotingStorage(run)
+    recover(run / "survey", storage, jobs=Jobs(0), spare=spare)
+    for index, _, disk in power_loss.follow(storage.notes, before):
+        if index % every == 0:
+            rng = np.random.default_rng(index)
+            for number, state in enumerate([disk.killed(), disk.power_cut(rng)]):
+                folder = run.parent / f"{index}-{number}"
+                folder.mkdir()
+                noted_disk.put(state, folder)
+                yield folder
+                shutil.rmtree(folder)
+    assert len(storage.notes) > 40
 
 
 class Refusing(Storage):

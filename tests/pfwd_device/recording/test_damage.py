@@ -96,9 +96,7 @@ def test_check_sees_any_damage_of_any_file(tiny: Path, step: int) -> None:
 
 
 @pytest.mark.parametrize("step", [127, pytest.param(5, marks=pytest.mark.slow)])
-def test_a_damaged_file_loses_no_published_drop(
-    tmp_path: Path, new_survey: NewSurvey, step: int
-) -> None:
+def test_damage_loses_no_published_drop(tmp_path: Path, new_survey: NewSurvey, step: int) -> None:
     original = tmp_path / "survey"
     digests = new_survey(drops=2)
     copy = tmp_path / "copy"
@@ -121,9 +119,7 @@ def test_a_damaged_file_loses_no_published_drop(
                 assert moved or broken in (copy / name).read_bytes()
 
 
-def test_a_drop_lost_in_both_places_is_named_by_its_number(
-    survey: Path, new_survey: NewSurvey
-) -> None:
+def test_a_drop_lost_in_both_places_is_named(survey: Path, new_survey: NewSurvey) -> None:
     digests = new_survey(drops=3)
     flip_drop(survey, 2)
     (survey / "drops" / "drop-000002.h5").unlink()
@@ -194,9 +190,7 @@ def test_records_of_another_survey_are_refused(tmp_path: Path, new_survey: NewSu
     assert check(tmp_path / "survey").ok
 
 
-def test_paths_in_a_journal_do_not_lead_out_of_the_survey(
-    tmp_path: Path, new_survey: NewSurvey
-) -> None:
+def test_paths_in_a_journal_stay_in_the_survey(tmp_path: Path, new_survey: NewSurvey) -> None:
     new_survey()
     layout, storage = Layout(tmp_path / "survey"), Storage()
     index = build_index(layout)
@@ -272,7 +266,7 @@ def test_rebounds_that_only_a_drop_file_holds_come_back(
     assert mend(survey).actions == ()
 
 
-def test_a_rebound_without_a_second_copy_stays_lost(
+def test_a_rebound_without_a_copy_is_lost(
     survey: Path, new_record: Callable[[int], DropRecord]
 ) -> None:
     with open_survey(survey) as writer:

@@ -314,9 +314,7 @@ def test_the_number_of_attributes_is_limited() -> None:
     assert MAX_CALIBRATION_ATTRIBUTES < hdf5_tree.MAX_ATTRIBUTES
 
 
-def test_no_more_is_read_of_a_file_than_is_allowed(
-    intact: bytes, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_read_of_a_file_is_limited(intact: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     with opened(intact) as file:
         tree = read_group(file, "drop.h5")
     sizes = {"arrays": 0, "texts": 0}

@@ -26,7 +26,12 @@ from tests.campaigns.power_loss import (
     replay_kills,
     replay_power_cuts,
 )
-from tests.pfwd_device.recording.records import journal_of, open_survey, scan_bytes
+from tests.pfwd_device.recording.records import (
+    interrupted_recoveries,
+    journal_of,
+    open_survey,
+    scan_bytes,
+)
 
 NewRecord = Callable[[int], DropRecord]
 
@@ -161,19 +166,8 @@ def test_an_interrupted_recovery_is_repeated(
     (survey / "drops" / "drop-000002.h5").write_bytes(b"HDF")
     for path in survey.glob("*lock"):
         path.unlink()
-    before = noted_disk.take(tmp_path / "run")
-    storage = NotingStorage(tmp_path / "run")
-    recover(survey, storage, jobs=Jobs(0))
-    for index, _, disk in power_loss.follow(storage.notes, before):
-        if index % every == 0:
-            rng = np.random.default_rng(index)
-            for number, state in enumerate([disk.killed(), disk.power_cut(rng)]):
-                folder = tmp_path / f"{index}-{number}"
-                folder.mkdir()
-                noted_disk.put(state, folder)
-                assert power_loss.lost_drops(folder, 6, digests) == []
-                shutil.rmtree(folder)
-    assert len(storage.notes) > 40
+    for folder in interrupted_recoveries(tmp_path / "run", every):
+        assert power_loss.lost_drops(folder, 6, digests) == []
 
 
 def test_the_checker_compares_content(run: Recorded, tmp_path: Path) -> None:
@@ -184,27 +178,6 @@ def test_the_checker_compares_content(run: Recorded, tmp_path: Path) -> None:
     assert power_loss.lost_drops(tmp_path, 40, run.digests) == []
     wrong = run.digests | {7: "0" * 64}
     assert power_loss.lost_drops(tmp_path, 40, wrong) == [7]
-
-
-def test_power_cuts_preserve_synced_bytes_and_tear_the_rest() -> None:
-    disk = Disk()
-    for note in [
-        ("make_directory", "d"),
-        ("sync_directory", ""),
-        ("create", "d/a"),
-        ("sync_directory", "d"),
-        ("write", "d/a", 0, b"x" * 1024),
-        ("sync", "d/a"),
-        ("write", "d/a", 1024, b"y" * 1024),
-        ("create", "d/b"),
-    ]:
-        disk.follow(note)
-    states = [disk.power_cut(np.random.default_rng(seed)) for seed in range(60)]
-    contents = [bytes(state["d/a"] or b"") for state in states]
-    assert all(content.startswith(b"x" * 1024) for content in contents)
-    assert {len(content) for content in contents} == {1024, 1536, 2048}
-    assert any(content[1024:1536] == bytes(512) for content in contents)
-    assert {("d/b" in state) for state in states} == {True, False}
 
 
 CALLS = ["write ENOSPC", "write EIO", "write EFBIG", "sync EIO", "sync ENOSPC", "truncate EIO"]

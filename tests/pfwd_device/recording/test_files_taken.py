@@ -28,11 +28,10 @@ from pfwd_device.recording import (
 )
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.storage import MAX_TRUSTED_WRITE_S
-from tests.campaigns import noted_disk, power_loss
-from tests.campaigns.noted_disk import NotingStorage
 from tests.pfwd_device.recording.records import (
     assert_recovered,
     digests,
+    interrupted_recoveries,
     journal_of,
     open_survey,
     record_of,
@@ -263,9 +262,7 @@ def test_records_lost_before_raise_no_alarm(survey: Path) -> None:
         assert writer.take_reports() == []
 
 
-def test_an_overwritten_record_of_an_earlier_day_is_reported(
-    survey: Path, spare: SpareFolder
-) -> None:
+def test_an_overwritten_earlier_record_is_reported(survey: Path, spare: SpareFolder) -> None:
     """It is not in memory any more: what cannot be read is named at once."""
     with open_writer(survey) as writer:
         for number in (1, 2, 3):
@@ -280,9 +277,7 @@ def test_an_overwritten_record_of_an_earlier_day_is_reported(
     assert check(survey, spare=spare).ok
 
 
-def test_files_deleted_after_the_last_drop_are_detected_at_the_close(
-    survey: Path, spare: SpareFolder
-) -> None:
+def test_files_deleted_before_the_close_are_detected(survey: Path, spare: SpareFolder) -> None:
     with open_writer(survey, spare) as writer:
         expected = {1: save(writer, 1)}
         writer.save_result(1, {"modulus_pa": 45e6})
@@ -293,7 +288,7 @@ def test_files_deleted_after_the_last_drop_are_detected_at_the_close(
     assert len(read_survey(survey).drops[0].results) == 1
 
 
-def test_older_copies_of_journal_and_ledger_are_completed(
+def test_older_copies_of_files_are_completed(
     tmp_path: Path, survey: Path, spare: SpareFolder
 ) -> None:
     """A restored backup; the records after it must not be believed to be intact."""
@@ -370,7 +365,7 @@ with SurveyWriter.open(sys.argv[1], publish=False, reserve_bytes=0) as writer:
 """
 
 
-def test_the_first_writer_moves_to_the_spare_folder_if_a_second_writes(
+def test_a_second_writer_moves_the_first_to_the_spare_folder(
     survey: Path, spare: SpareFolder
 ) -> None:
     """Lock and journal replaced: nothing keeps the second one out, and it is not written over."""
@@ -410,7 +405,7 @@ def test_a_journal_with_a_second_name_is_not_appended_to(tmp_path: Path, survey:
     assert check(survey).ok
 
 
-def test_a_descriptor_that_cannot_be_closed_leaves_no_lock(tmp_path: Path) -> None:
+def test_a_failing_close_leaves_no_lock(tmp_path: Path) -> None:
     class Failing(Storage):
         def close(self, descriptor: int) -> None:
             super().close(descriptor)
@@ -458,31 +453,18 @@ def test_a_journal_that_changes_while_a_record_is_written_is_noticed(
 
 
 @pytest.mark.parametrize("every", [9, pytest.param(1, marks=pytest.mark.slow)])
-def test_an_interrupted_recovery_from_the_spare_folder_is_repeated(
-    tmp_path: Path, every: int
-) -> None:
+def test_an_interrupted_merge_is_repeated(tmp_path: Path, every: int) -> None:
     run, survey = tmp_path / "run", tmp_path / "run" / "survey"
     spare = SpareFolder(run / "spare")
     with open_survey(survey, spare=spare) as writer:
         expected = {number: save(writer, number) for number in (1, 2, 3, 4)}
         os.truncate(journal_of(survey), 9000)
         expected[5] = save(writer, 5)
-    before = noted_disk.take(run)
-    storage = NotingStorage(run)
-    recover(survey, storage, jobs=Jobs(0), spare=spare)
-    for index, _, disk in power_loss.follow(storage.notes, before):
-        if index % every == 0:
-            rng = np.random.default_rng(index)
-            for number, state in enumerate([disk.killed(), disk.power_cut(rng)]):
-                folder = tmp_path / f"{index}-{number}"
-                folder.mkdir()
-                noted_disk.put(state, folder)
-                second = SpareFolder(folder / "spare")
-                assert recover(folder / "survey", jobs=Jobs(0), spare=second).ok
-                assert digests(folder / "survey") == expected
-                assert check(folder / "survey", spare=second).ok
-                shutil.rmtree(folder)
-    assert len(storage.notes) > 40
+    for folder in interrupted_recoveries(run, every, spare):
+        second = SpareFolder(folder / "spare")
+        assert recover(folder / "survey", jobs=Jobs(0), spare=second).ok
+        assert digests(folder / "survey") == expected
+        assert check(folder / "survey", spare=second).ok
 
 
 @pytest.mark.parametrize("number", [errno.EIO, errno.ESTALE])
@@ -513,9 +495,7 @@ def test_a_file_that_cannot_be_accessed_is_an_error_of_recording(
     assert check(survey).ok
 
 
-def test_a_lock_that_cannot_be_released_is_no_error(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_lock_that_stays_is_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from filelock import FileLock
 
     release = FileLock.release
@@ -531,9 +511,7 @@ def test_a_lock_that_cannot_be_released_is_no_error(
     assert recover(tmp_path / "survey").ok
 
 
-def test_events_and_rebounds_of_a_drop_are_read_in_the_spare_folder(
-    survey: Path, spare: SpareFolder
-) -> None:
+def test_events_and_rebounds_are_read_in_the_spare_folder(survey: Path, spare: SpareFolder) -> None:
     """Its record stands elsewhere there than in the journal that was deleted."""
     with open_writer(survey, spare) as writer:
         save(writer, 1)
@@ -552,9 +530,7 @@ def test_events_and_rebounds_of_a_drop_are_read_in_the_spare_folder(
             assert [rebound.first_sample for rebound in record.rebounds] == [4242]
 
 
-def test_an_earlier_segment_is_held_open_too(
-    tmp_path: Path, survey: Path, spare: SpareFolder
-) -> None:
+def test_an_earlier_segment_is_held_open(tmp_path: Path, survey: Path, spare: SpareFolder) -> None:
     """It was written by a program before, so that nothing of it is in memory."""
     with open_writer(survey) as writer:
         expected = {1: save(writer, 1)}

@@ -49,9 +49,7 @@ def test_any_bytes_are_covered_by_records_and_damage(data: bytes) -> None:
 
 
 @given(PAYLOADS, st.binary(min_size=1, max_size=60), PAYLOADS)
-def test_records_behind_garbage_are_read(
-    before: list[bytes], garbage: bytes, after: list[bytes]
-) -> None:
+def test_garbage_hides_no_record(before: list[bytes], garbage: bytes, after: list[bytes]) -> None:
     head, tail = journal(before), journal(after)
     frames, damage = scan_bytes(head + garbage + tail)
     assert [frame.payload for frame in frames] == before + after
@@ -83,9 +81,7 @@ def test_a_file_cut_anywhere_keeps_the_records_before() -> None:
         assert all(d.at_end for d in damage)
 
 
-def test_a_magic_across_the_border_of_two_chunks_is_detected(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_magic_across_two_chunks_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(framing, "_SCAN_BYTES", 16)
     for garbage in range(1, 40):
         frames, _ = scan_bytes(b"\x89" * garbage + journal([b"x"]))

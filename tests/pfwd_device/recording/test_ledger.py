@@ -214,9 +214,7 @@ def test_a_forgotten_record_has_no_line(tmp_path: Path) -> None:
     ledger.close()
 
 
-def test_a_ledger_beyond_the_limit_is_damaged(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_oversized_ledger_is_damaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "acknowledged.txt"
     path.write_bytes(ledger_bytes(ME, ENTRIES))
     assert MAX_LEDGER_BYTES == 24 * 2**20

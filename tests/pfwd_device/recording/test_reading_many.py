@@ -12,15 +12,7 @@ from hypothesis import strategies as st
 
 from benchmarks.scale import UnsyncedStorage
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import (
-    DropRecord,
-    Survey,
-    SurveyPoint,
-    SurveyWriter,
-    check,
-    read_drop_file,
-    read_survey,
-)
+from pfwd_device.recording import Survey, SurveyPoint, SurveyWriter, check, read_survey
 from pfwd_device.recording import index as index_module
 from pfwd_device.recording.framing import RecordKind
 from pfwd_device.recording.index import Index, build_index, read_index
@@ -83,28 +75,6 @@ def test_a_survey_is_read_at_the_same_cost_for_each_drop(tmp_path: Path) -> None
     assert growth(joining, 50) < FLAT
 
 
-def test_a_survey_whose_journal_is_lost_is_read_at_the_same_cost_for_each_drop(
-    tmp_path: Path,
-) -> None:
-    stored = read_drop_file(record(tmp_path / "kept", 1, publish=True) / "drops/drop-000001.h5")
-
-    def joining(drops: int) -> Callable[[], object]:
-        folder = record(tmp_path / str(drops), drops)
-        (journal_of(folder)).unlink()
-        layout = Layout(folder)
-        index = build_index(layout)
-        assert len(index.lost_drops) == drops
-        return lambda: FromFiles(layout, index)
-
-    class FromFiles(Survey):
-        """Every drop has a file, without the time that HDF5 takes."""
-
-        def _from_file(self, number: int) -> DropRecord | None:
-            return replace(stored, point=f"P {number // 2}")
-
-    assert growth(joining, 50) < FLAT
-
-
 def content(point: SurveyPoint) -> tuple[Any, ...]:
     """Everything that a point says of itself and its drops."""
     drops = [
@@ -138,7 +108,7 @@ def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
         max_size=4,
     )
 )
-def test_a_damaged_survey_agrees_with_a_plain_reader(
+def test_a_damaged_survey_is_read_as_its_full_index_has_it(
     published: Path, tmp_path: Path, damage: list[tuple[str, float, str]]
 ) -> None:
     folder = tmp_path / "copy"
@@ -216,9 +186,7 @@ def test_a_survey_is_read_while_its_ledger_is_behind(published: Path, tmp_path: 
         assert len(quick.unacknowledged) == len(lines) - max(stored, 1)
 
 
-def test_a_line_that_names_another_drop_does_not_give_its_samples(
-    published: Path, tmp_path: Path
-) -> None:
+def test_a_line_that_names_another_drop_is_damaged(published: Path, tmp_path: Path) -> None:
     folder = tmp_path / "copy"
     shutil.copytree(published, folder)
     layout = Layout(folder)

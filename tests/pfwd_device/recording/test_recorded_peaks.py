@@ -1,7 +1,6 @@
 """Peaks stored in the record of a drop, and the conditions for using them."""
 
 import re
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,6 @@ from pfwd_device.recording import (
     check,
     read_drop_file,
     read_survey,
-    recover,
     survey_writer,
 )
 from pfwd_device.recording.drop_file import drop_digest, drop_file_bytes, drop_from_file_bytes
@@ -133,9 +131,7 @@ def test_peaks_are_compared_with_the_traces() -> None:
         ({"displacements": [0.010986328125, 0.0014039]}, "of sensor 2 of .*, got 0.0014039 m"),
     ],
 )
-def test_peaks_that_differ_from_the_traces_are_reported(
-    changed: dict[str, Any], problem: str
-) -> None:
+def test_peaks_unlike_the_traces_are_reported(changed: dict[str, Any], problem: str) -> None:
     stored = peaks_data(a_drop())
     assert stored is not None
     assert re.search(problem, str(peaks_problem(payload(a_drop(), {**stored, **changed}))))
@@ -155,9 +151,7 @@ def test_peaks_of_missing_samples_are_reported() -> None:
     assert "traces are missing" in str(peaks_problem(payload(a_drop(load=values), stored)))
 
 
-def test_a_check_compares_the_peaks_of_a_journal(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_check_compares_recorded_peaks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     wrong = {"version": 1, "load": 9000.0, "displacements": [0.010986328125, 0.00140380859375]}
     monkeypatch.setattr(survey_writer, "peaks_data", lambda drop: wrong)
     with open_survey(tmp_path) as writer:
@@ -253,15 +247,3 @@ def test_a_survey_holds_both_kinds(tmp_path: Path) -> None:
         assert file["peaks/displacements"][:].tolist() == [2e-4, 5e-4, -1e-6]
         assert file["peaks/displacements"].attrs["units"] == b"m"
         assert "time" not in file
-
-
-def test_a_lost_journal_comes_back_from_the_files(tmp_path: Path) -> None:
-    folder = tmp_path / "s"
-    with SurveyWriter.open(folder) as writer:
-        writer.publish(writer.save_drop(peaked()))
-    shutil.rmtree(folder / "journal")
-    recover(folder)
-    survey = read_survey(folder)
-    assert [drop.read().drop.only_peaks for drop in survey.drops] == [PEAKS]
-    # What else stood in the journal is lost with it.
-    assert not any("drop" in text for text in check(folder).damaged)

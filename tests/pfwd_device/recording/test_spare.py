@@ -169,7 +169,7 @@ def test_a_survey_that_went_on_without_its_spare_part_gets_new_numbers(
     assert recover(survey, spare=spare).actions == ()
 
 
-def test_omitted_records_leave_no_gap_when_numbers_change(
+def test_omitted_records_leave_no_gap(
     survey: Path, spare: SpareFolder, disk: Refusing, tmp_path: Path
 ) -> None:
     """The record of a result's file means nothing under another number; it is listed again."""
@@ -220,7 +220,7 @@ def test_a_record_that_the_spare_folder_did_not_keep_leaves_its_number_free(
     assert check(survey, spare=spare).ok
 
 
-def test_a_point_of_the_spare_folder_is_appended(
+def test_a_point_in_the_spare_folder_is_last(
     survey: Path, spare: SpareFolder, disk: Refusing
 ) -> None:
     with open_writer(survey, disk, spare) as writer:
@@ -236,7 +236,7 @@ def test_a_point_of_the_spare_folder_is_appended(
 
 
 @pytest.mark.parametrize(("free", "is_reserved"), [(16_383, False), (16_384, True)])
-def test_a_reserve_is_made_if_four_times_its_size_is_free(
+def test_a_reserve_needs_four_times_its_size(
     survey: Path, disk: Refusing, free: int, is_reserved: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(disk, "free_bytes", lambda _: free)
@@ -244,7 +244,7 @@ def test_a_reserve_is_made_if_four_times_its_size_is_free(
         assert (survey / "reserve").exists() is is_reserved
 
 
-def test_a_drop_that_was_recorded_twice_is_merged_once(
+def test_a_drop_recorded_twice_is_merged_once(
     survey: Path, spare: SpareFolder, disk: Refusing
 ) -> None:
     with open_writer(survey, disk, spare) as writer:
@@ -277,9 +277,7 @@ def test_a_deleted_survey_is_restored_from_the_spare_folder(
 
 
 @pytest.mark.posix
-def test_a_deleted_spare_folder_is_recreated(
-    survey: Path, spare: SpareFolder, disk: Refusing
-) -> None:
+def test_a_deleted_spare_folder_is_remade(survey: Path, spare: SpareFolder, disk: Refusing) -> None:
     with open_writer(survey, disk, spare) as writer:
         disk.refuse()
         expected = {1: save(writer, 1)}

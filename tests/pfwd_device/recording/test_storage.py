@@ -67,9 +67,7 @@ def test_a_photo_and_its_name_reach_the_disk(mac: FakeMac, tmp_path: Path) -> No
 
 @pytest.mark.posix
 @pytest.mark.parametrize("number", [errno.ENOTSUP, errno.EINVAL, errno.ENOTTY])
-def test_a_share_without_that_call_is_recorded_to(
-    number: int, mac: FakeMac, tmp_path: Path
-) -> None:
+def test_a_share_without_that_call_is_used(number: int, mac: FakeMac, tmp_path: Path) -> None:
     mac.refusal = number
     path = tmp_path / "acknowledged.txt"
     Storage().write_file(path, b"1\n")
@@ -97,7 +95,7 @@ def test_an_error_of_the_disk_is_not_taken_for_a_missing_call(mac: FakeMac, tmp_
         ),
     ],
 )
-def test_the_spare_folder_and_lost_records_are_named(
+def test_spare_folder_and_lost_records_are_named(
     drops: int, lost: tuple[str, ...], text: str
 ) -> None:
     report = SurveyNotSafe("site 1: no space left", Path("spare"), drops, lost)

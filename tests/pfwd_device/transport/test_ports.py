@@ -119,7 +119,7 @@ def test_finder_follows_the_adapter(plugged: list[Any], monkeypatch: pytest.Monk
     assert opened == ["/dev/ttyUSB0", "/dev/ttyUSB7"]
 
 
-def test_finder_asks_equal_adapters_in_turn(
+def test_equal_adapters_are_tried_in_turn(
     plugged: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opened: list[str] = []

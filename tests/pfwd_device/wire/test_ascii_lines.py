@@ -1,6 +1,5 @@
 """Lines of numbers: what is read, what is damaged, and where a sample belongs."""
 
-import random
 from typing import Any
 
 import numpy as np
@@ -64,7 +63,7 @@ def test_the_identity_precedes_the_first_block() -> None:
 
 
 def test_columns_may_be_exchanged_and_omitted() -> None:
-    data = b"0,1,2,3,9.5\n100,4,5,6,nan\n200,4,5,6,-1e3\n300,7,8,9,.5\n"
+    data = b"0, 1 ,2,\t3,9.5 \n100,4,5,6,nan\n200,4,5,6,-1e3\n300,7,8,9,.5\n"
     decoder = AsciiDialect(identity(), [2, 0], resolution=[1, 1])
     assert counts_of(data, decoder) == [[3, 1], [6, 4], [9, 7]]
     assert decoder.counters.frames_damaged == 1
@@ -116,10 +115,6 @@ def test_a_time_is_an_integer(time: str) -> None:
     assert decoder.counters.frames_damaged == 1
 
 
-def test_spaces_are_tolerated() -> None:
-    assert counts_of(b" 0 , 1 ,\t2\r\n100,3,4  \r\n", dialect()) == [[1, 2], [3, 4]]
-
-
 def test_a_line_that_began_before_the_connection_is_no_sample() -> None:
     text = lines(range(123_000, 124_000, STEP))
     for cut in range(text.index(b"\n") + 1):
@@ -132,11 +127,6 @@ def test_a_gap_is_located_to_the_sample() -> None:
     times = np.delete(np.arange(0, 100_000, STEP), [5, 6, 7, 300, *range(500, 900)])
     indices = [index for _, index, _ in samples(dialect().feed(lines(times)))]
     assert indices == (times // STEP).tolist()
-
-
-def test_every_second_line_may_be_missing() -> None:
-    received = samples(dialect().feed(lines(range(0, 2001, 2 * STEP))))
-    assert [index for _, index, _ in received] == list(range(0, 20, 2))  # the last one waits
 
 
 @pytest.mark.parametrize("jitter", [0.1, 0.24])
@@ -157,13 +147,7 @@ def test_a_clock_that_runs_too_fast_makes_no_gap() -> None:
     assert decoder.counters.frames_damaged == 0
 
 
-def test_late_lines_are_no_gap() -> None:
-    times = np.arange(0, 5000, STEP)
-    times[[10, 20, 21, 30]] += [80, 40, 40, 95]
-    assert [i for _, i, _ in samples(dialect().feed(lines(times)))] == list(range(50))
-
-
-@pytest.mark.parametrize("wrong", [0, 40, 1100, 1900, 2600, 90_000, 10**12])
+@pytest.mark.parametrize("wrong", [0, 1900, 2600, 10**12])  # 1900: a time that was there
 def test_a_wrong_time_damages_its_line_only(wrong: int) -> None:
     times = list(range(1000, 3000, STEP))
     times[10] = wrong
@@ -171,13 +155,6 @@ def test_a_wrong_time_damages_its_line_only(wrong: int) -> None:
     received = samples(decoder.feed(lines(times)))
     assert received == [(0, at, at) for at in range(20) if at != 10]
     assert decoder.counters.frames_damaged == 1
-
-
-def test_a_repeated_time_is_damaged() -> None:
-    decoder = dialect()
-    received = samples(decoder.feed(lines([0, 100, 100, 200, 190, 300])))
-    assert [value for *_, value in received] == [0, 1, 3, 5]
-    assert decoder.counters.frames_damaged == 2
 
 
 def test_a_restart_begins_a_stream() -> None:
@@ -248,17 +225,6 @@ def test_a_wrong_sampling_rate_is_reported_once() -> None:
     assert Refusal not in map(type, sound)
 
 
-@pytest.mark.parametrize("piece", [1, 7, 500, 5000])
-def test_a_line_without_end_is_thrown_away_as_it_comes(piece: int) -> None:
-    decoder = dialect()
-    noise = b"1" * 5000
-    for at in range(0, len(noise), piece):
-        decoder.feed(noise[at : at + piece])
-        assert decoder._cutter.held <= 512
-    assert (decoder.counters.frames_damaged, decoder.counters.bytes_discarded) == (1, 5000)
-    assert len(samples(decoder.feed(b"\n" + lines([0, 100, 200])))) == 3
-
-
 def test_a_line_has_up_to_512_bytes() -> None:
     for spaces, damaged in ((507, 0), (508, 1)):
         data = b"0,0,0\n" + b"100,1," + b" " * (spaces - 2) + b"1\n" + lines([200, 300])
@@ -289,24 +255,6 @@ def test_the_result_does_not_depend_on_cuts(damage: list[tuple[int, bytes]], end
     for at, piece in damage:
         data = data[: at * 9] + piece + data[at * 9 + (ends >> 1) :]
     check_stream(dialect, data, 1100)
-
-
-def test_bytes_add_up() -> None:
-    generator = random.Random(8)
-    data = bytearray(lines(range(0, 200_000, STEP)))
-    for _ in range(60):
-        data[generator.randrange(len(data))] = generator.randrange(256)
-    decoder = dialect()
-    received = samples(decoder.feed(bytes(data)))
-    counters = decoder.counters
-    assert counters.frames_good == len(received)
-    assert counters.frames_damaged >= 30
-    held = sum(line.size for line in decoder._held) + decoder._cutter.held
-    n_decoded = len(data) - counters.bytes_discarded - held
-    # Good lines are as long as they were; a stray line feed may leave an empty line behind.
-    text = lines(range(0, 200_000, STEP)).split(b"\n")
-    assert abs(n_decoded - sum(len(text[index]) + 1 for _, index, _ in received)) <= 60
-    assert all(index == value for stream, index, value in received[:5])
 
 
 @pytest.mark.parametrize(

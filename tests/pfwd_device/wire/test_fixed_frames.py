@@ -87,9 +87,7 @@ def test_a_counter_that_goes_back_begins_a_run() -> None:
 
 
 @pytest.mark.parametrize(("kind", "streams"), [("u8", {0, 1}), ("u32le", {0})])
-def test_a_short_counter_begins_a_run_behind_a_lost_connection(
-    kind: str, streams: set[int]
-) -> None:
+def test_a_short_counter_begins_a_run_behind_a_lost_link(kind: str, streams: set[int]) -> None:
     size = int(kind[1:].removesuffix("le")) // 8
     layout = FrameLayout(b"\xaa\x55", 4 + size, counter=(2, kind))
     dialect = FrameDialect(IDENTITY, layout, ((2 + size, "u8"), (3 + size, "u8")))

@@ -50,9 +50,7 @@ def moduli(result: DiagnosisResult) -> list[float]:
     return [known(known(state).modulus_pa) for state in (result.before, result.after)]
 
 
-def test_an_effect_of_the_device_is_fitted_once_for_all_points(
-    diagnosed: list[DiagnosisResult],
-) -> None:
+def test_a_device_effect_is_fitted_once_for_all_points(diagnosed: list[DiagnosisResult]) -> None:
     for result, modulus in zip(diagnosed, (40e6, 70e6), strict=True):
         assert result.verdict == "explained"
         # The delay is an unknown of the fit without effects, too.
@@ -65,9 +63,7 @@ def test_an_effect_of_the_device_is_fitted_once_for_all_points(
     assert lag == pytest.approx(DELAY, abs=2e-5)
 
 
-def test_a_point_is_predicted_by_its_peers_of_the_device(
-    diagnosed: list[DiagnosisResult],
-) -> None:
+def test_a_point_is_predicted_by_its_peers(diagnosed: list[DiagnosisResult]) -> None:
     record = diagnosed[0].to_json()
     only_after = {"stress_pa", "modulus_100kpa_pa", "discrepancy_over_peak"}
     only_after |= {"discrepancy_interval_over_peak"}
@@ -160,9 +156,7 @@ def test_the_deviations_of_a_device_file_are_read(tmp_path: Path) -> None:
         read_device(path)
 
 
-def test_the_interval_after_has_the_error_budget_of_the_device(
-    files: list[str], tmp_path: Path
-) -> None:
+def test_the_interval_has_the_error_budget_of_the_device(files: list[str], tmp_path: Path) -> None:
     path = tmp_path / "d.toml"
     path.write_text(BUDGET, encoding="utf-8")
     (result,) = results(files[:1], device=read_device(path)[0])
@@ -186,9 +180,7 @@ def test_a_gain_in_a_device_file_is_a_calibration() -> None:
     assert error(gain | budget) == pytest.approx(0.05)
 
 
-def test_a_list_of_points_of_a_device_is_a_survey(
-    diagnosed: list[DiagnosisResult], files: list[str]
-) -> None:
+def test_a_list_of_points_is_a_survey(diagnosed: list[DiagnosisResult], files: list[str]) -> None:
     diagnoses = pfwd.diagnose([pfwd.read(file)[0] for file in files])
     for diagnosis, result in zip(diagnoses, diagnosed, strict=True):
         assert diagnosis["held_out"] is None  # each has a single drop

@@ -110,9 +110,7 @@ def test_the_prediction_of_the_next_drop_does_not_change_by_a_bit_with_its_defle
     assert errors[1] > 0.3
 
 
-def test_the_error_of_a_predicted_peak_is_that_to_expect_at_another_point(
-    point: DiagnosisPoint,
-) -> None:
+def test_the_error_of_a_predicted_peak_is_that_of_the_peers(point: DiagnosisPoint) -> None:
     moved = known(point.records).records[1].sensors[0].values
     second = replace(with_last_deflection(point, 0.95 * moved), point="B")
     prediction = held_out([point, second], leave_out="next")
@@ -125,7 +123,7 @@ def test_the_error_of_a_predicted_peak_is_that_to_expect_at_another_point(
 
 
 @pytest.mark.parametrize(("mode", "names"), [("next", ["drop 2"]), ("drop", ["drop 1", "drop 2"])])
-def test_each_held_out_drop_has_its_errors(
+def test_held_out_drops_have_errors(
     point: DiagnosisPoint, mode: LeaveOut, names: list[str]
 ) -> None:
     (prediction,) = held_out([point], leave_out=mode, allow="stiffness")
@@ -142,9 +140,7 @@ def test_each_held_out_drop_has_its_errors(
         assert getattr(prediction, key) == pytest.approx(np.sqrt(np.mean(np.square(errors))))
 
 
-def test_the_last_drop_of_a_point_is_predicted_by_default(
-    point: DiagnosisPoint,
-) -> None:
+def test_the_last_drop_is_predicted_by_default(point: DiagnosisPoint) -> None:
     (part,) = map(known, held_out([point]))
     assert (part.mode, [each.name for each in part.by or ()]) == ("next", ["drop 2"])
     assert part.is_prediction == ("choice of effects" not in (part.fitted or ()))
@@ -167,9 +163,7 @@ def test_a_point_that_cannot_be_predicted_without_a_part_says_so(
     assert all(f"part {n} (drop): no load" in text for n, text in enumerate(texts, 1))
 
 
-def test_points_without_a_device_share_an_instrument_if_plate_and_sensors_agree(
-    point: DiagnosisPoint,
-) -> None:
+def test_points_with_equal_plates_and_sensors_share_an_instrument(point: DiagnosisPoint) -> None:
     records = known(point.records)
     undeclared = replace(point, device=None)
     plate = replace(records.records[0].instrument, plate_radius=0.1)

@@ -94,9 +94,7 @@ def test_points_of_the_same_name_get_unique_names() -> None:
     assert points == [*expected, "s"]
 
 
-def test_two_points_of_the_same_name_have_separate_outcomes(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_points_of_the_same_name_have_separate_outcomes(monkeypatch: pytest.MonkeyPatch) -> None:
     def diagnose(
         records: PointRecords, _knowledge: object, *, predict_last: bool
     ) -> DiagnosisFailure:

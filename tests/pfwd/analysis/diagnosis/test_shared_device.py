@@ -108,9 +108,7 @@ class Survey:
 LAGGING = {"sensor_lag": 9.0}
 
 
-def test_points_without_a_device_are_diagnosed_by_themselves(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_points_without_a_device_share_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     survey = Survey(monkeypatch, [diagnosis(0.01, LAG, gains=LAGGING)] * 2)
     for point in survey.points:
         point.device = None
@@ -125,9 +123,7 @@ def test_a_single_point_determines_no_device_effect(monkeypatch: pytest.MonkeyPa
     assert survey.predicted == [True]
 
 
-def test_without_device_effects_points_share_their_summaries_only(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_without_device_effects_points_share_summaries(monkeypatch: pytest.MonkeyPatch) -> None:
     alone = [diagnosis(0.01, SEATING, gains={"seating": 40.0, "sensor_lag": -1.0})] * 3
     second_run = [diagnosis(0.008, SEATING)] * 3
     survey = Survey(monkeypatch, alone, second_run)
@@ -138,9 +134,7 @@ def test_without_device_effects_points_share_their_summaries_only(
     )
 
 
-def test_every_point_is_diagnosed_with_the_findings_of_its_peers(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_point_is_diagnosed_with_findings_of_its_peers(monkeypatch: pytest.MonkeyPatch) -> None:
     failure = DiagnosisFailure("no load")
     lagging = diagnosis(0.01, LAG, SEATING, gains=LAGGING)
     geophone = diagnosis(0.01, *GEOPHONE, gains=LAGGING | {"geophone_response": 4.0})
@@ -209,9 +203,7 @@ def test_the_first_points_do_not_depend_on_the_order(monkeypatch: pytest.MonkeyP
     assert chosen[0] == chosen[1] == set("bdgi")
 
 
-def test_a_held_out_point_has_the_device_effects_of_its_peers(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_held_out_point_has_the_effects_of_its_peers(monkeypatch: pytest.MonkeyPatch) -> None:
     delays = (5e-4, 6e-4, 8e-4)
     points = [diagnosis(0.02, (*LAG[:-1], d), SEATING, gains=LAGGING) for d in delays]
     summary = PointSummary(

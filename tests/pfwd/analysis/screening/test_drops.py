@@ -169,9 +169,7 @@ def test_an_invalid_drop_is_rejected_with_its_reason(
 
 @pytest.mark.parametrize("start", [0.003, 0.009, 0.014])
 @pytest.mark.parametrize("pre_trigger", [0.0, 0.002])
-def test_a_window_that_starts_too_late_is_rejected(
-    make_drop: MakeDrop, start: float, pre_trigger: float
-) -> None:
+def test_a_late_window_is_rejected(make_drop: MakeDrop, start: float, pre_trigger: float) -> None:
     drop = changed(make_drop(pre_trigger=0.0), part=slice(round(start * 10_000), None))
     shifted = Drop(1, drop.time - drop.time[0] - pre_trigger, drop.load, drop.channels)
     assert rejected(shifted).code == "pulse-start-missing"
@@ -203,7 +201,7 @@ def test_a_clipped_velocity_has_a_warning(make_drop: MakeDrop, sign: int) -> Non
         ("velocity", "centre", "deflection-suspect"),
     ],
 )
-def test_suspect_units_have_a_warning(
+def test_suspect_units_are_warned_of(
     make_drop: MakeDrop, quantity: str, part: str, code: str
 ) -> None:
     change: dict[str, Change] = {part: lambda v: 1000 * v}
@@ -220,9 +218,7 @@ def test_a_dead_extra_channel_has_a_warning(make_drop: MakeDrop) -> None:
 # A drop among others
 
 
-def test_a_flat_top_below_the_peak_of_another_drop_is_not_clipped(
-    make_drop: MakeDrop,
-) -> None:
+def test_a_flat_top_below_another_peak_is_not_clipped(make_drop: MakeDrop) -> None:
     """Levels of clipping belong to the device: one that another drop exceeds is none."""
     cut = changed(make_drop(), load=lambda v: np.minimum(v, 7000.0))
 
@@ -286,9 +282,7 @@ def test_a_rejected_drop_is_not_compared_with(make_drop: MakeDrop) -> None:
 # Records of real devices
 
 
-def test_of_measured_drops_false_triggers_are_rejected_and_partial_drops_have_warnings(
-    shared: Path,
-) -> None:
+def test_measured_false_triggers_and_partial_drops_are_detected(shared: Path) -> None:
     screened = {
         (file.stem, drop.number): screening
         for file in shared.glob("measured/*.csv")
@@ -395,9 +389,7 @@ def test_gaps_in_the_needed_part(drop: Drop, start: float, end: float) -> None:
     assert screen(damaged, PointSetup(plate_radius=0.15)).status == "rejected"
 
 
-def test_a_record_that_is_short_by_its_settings_is_not_damaged_for_that(
-    make_drop: Callable[..., Drop],
-) -> None:
+def test_a_record_that_is_short_by_its_settings_is_sound(make_drop: Callable[..., Drop]) -> None:
     short = make_drop(pre_trigger=0.02, window=0.04)
     part, reason, _ = unbroken_part(without(short, -0.02, -0.015))
     assert reason is None
@@ -454,9 +446,7 @@ def test_a_drop_that_is_not_measured_is_no_original(point: TracePoint) -> None:
     assert duplicate_drops(seating.drops, screen_point(seating)) == {3: copy}
 
 
-def test_copies_count_once_in_a_joint_inversion(
-    point: TracePoint, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_copies_are_inverted_once(point: TracePoint, monkeypatch: pytest.MonkeyPatch) -> None:
     groups: list[int] = []
 
     def counted(records: list[Record], *_: Settings | SurrogateLibrary) -> None:
@@ -517,9 +507,7 @@ def faults(warnings: Iterable[Notice] | None) -> list[Value]:
     return [each.values["faults"] for each in warnings or () if each.code == "sensor-bad"]
 
 
-def test_a_sensor_that_is_bad_in_a_drop_is_omitted_from_all_drops_of_its_point(
-    loose_point: TracePoint,
-) -> None:
+def test_a_bad_sensor_is_omitted_from_all_drops_of_its_point(loose_point: TracePoint) -> None:
     for screening in screened(loose_point):
         assert screening.left_out == (-0.6,)
         assert len(faults(screening.warnings)) == 1
@@ -534,9 +522,7 @@ def test_each_fault_of_a_sensor_is_named_once(loose_point: TracePoint) -> None:
         assert faults(screening.warnings) == [("drift", "against the others")]
 
 
-def test_a_rejected_drop_and_two_sensors_judge_no_sensor(
-    loose_point: TracePoint, make_drop: MakeDrop
-) -> None:
+def test_drops_that_judge_no_sensor(loose_point: TracePoint, make_drop: MakeDrop) -> None:
     two = replace(loose_point, drops=(loose(make_drop(offsets=(0.0, -0.6))),))
     assert screened(two) == screen_point(two)
     first, second, third = loose_point.drops
@@ -548,9 +534,7 @@ def test_a_rejected_drop_and_two_sensors_judge_no_sensor(
     assert noted[1] == screen_point(replace(loose_point, drops=(first, knock, third)))[1]
 
 
-def test_an_inversion_goes_on_without_it(
-    loose_point: TracePoint, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_inversion_omits_it(loose_point: TracePoint, monkeypatch: pytest.MonkeyPatch) -> None:
     used: list[list[list[float]]] = []
 
     def noted(records: list[Record], *_: Settings | SurrogateLibrary) -> None:
