@@ -1,11 +1,10 @@
-"""What the tests of the core share: they are skipped, visibly, where nothing compiles C."""
+"""Condition of the tests of the core: a C compiler; else they are skipped visibly."""
 
 import pytest
 
 from simulators.firmware import find_compiler
 
-# Users need no compiler, and nothing else here does: without one the core cannot be built, so there
-# is nothing to try. `.ci/run` brings zig where it can, and says where it cannot.
+# The core cannot be built without a compiler. `.ci/run` installs zig where it can.
 needs_compiler = pytest.mark.skipif(
     find_compiler() is None, reason="needs a C compiler (cc, gcc, clang, or pip install ziglang)"
 )

@@ -9,7 +9,7 @@ SANITIZED = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 
 def build_steps() -> tuple[str, bool]:
-    """The program, and whether it has sanitizers."""
+    """Return the program, and True if it has sanitizers."""
     try:
         return str(build_host(*SANITIZED, main="host/steps.c")), True
     except FirmwareError:
@@ -17,7 +17,7 @@ def build_steps() -> tuple[str, bool]:
 
 
 class Steps:
-    """A core that does what it is told, and no more."""
+    """Core that runs step by step."""
 
     def __init__(self, program: str) -> None:
         self._process = subprocess.Popen(
@@ -25,7 +25,7 @@ class Steps:
         )
 
     def step(self, letter: str, data: bytes = b"") -> bytes:
-        """What the core says then; an error with the sanitizer's word when it ends."""
+        """Run a step and return the output; raise the report of a sanitizer as an error."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         try:
@@ -38,8 +38,8 @@ class Steps:
             self._complain()
         return self._process.stdout.read(struct.unpack("<I", head)[0])
 
-    def passes(self, seconds: float) -> bytes:
-        """Time passes, a millisecond each step."""
+    def advance(self, seconds: float) -> bytes:
+        """Advance the time in steps of a millisecond and return the output."""
         return b"".join(
             self.step("T", struct.pack("<I", 1000)) for _ in range(round(seconds * 1e3))
         )

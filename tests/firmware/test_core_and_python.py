@@ -1,9 +1,11 @@
-"""The core and Python's side of the protocol say the same, on random messages, both ways."""
+"""The core and Python agree on random messages in both directions."""
 
 import math
 import struct
+import zlib
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import TypeVar
 
 import pytest
 from hypothesis import HealthCheck, example, given, settings
@@ -41,12 +43,14 @@ from pfwd_device.wire.messages import (
 from simulators.instrument.memory import StoredCalibration
 from tests.firmware.compiled import needs_compiler
 from tests.firmware.stepping import Steps, build_steps
+from tests.simulators.instrument_wire import of_kind
 
 pytestmark = needs_compiler
+_T = TypeVar("_T")
 U16, U32, U64 = (st.integers(0, 2**bits - 1) for bits in (16, 32, 64))
 SHARED = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-KEPT = 96
-"""Bytes of a packet that the core keeps: more than any message of the host has."""
+STORED_BYTES = 96
+"""Bytes of a packet that the core stores, more than any message of the host has."""
 
 
 @pytest.fixture(scope="module")
@@ -76,8 +80,8 @@ def test_it_runs_under_sanitizers(program: tuple[str, bool]) -> None:
 def test_both_encoders_make_the_same_frame(
     steps: Steps, type_: int, counter: int, payload: bytes
 ) -> None:
-    said = steps.step("E", struct.pack("<BH", type_, counter) + payload)
-    assert said == encode_frame(type_, counter, payload)
+    output = steps.step("E", struct.pack("<BH", type_, counter) + payload)
+    assert output == encode_frame(type_, counter, payload)
 
 
 @SHARED
@@ -87,24 +91,16 @@ def test_both_encoders_make_the_same_frame(
         max_size=5,
     )
 )
-def test_the_core_reads_what_python_writes_and_nothing_else(
+def test_the_core_reads_the_frames_of_python_and_ignores_noise(
     steps: Steps, frames: list[tuple[int, int, bytes, bytes]]
 ) -> None:
     data, expected = b"", b""
     for type_, counter, payload, noise in frames:
         data += encode_frame(type_, counter, payload) + noise.replace(b"\0", b"\1") + b"\0"
         packet = struct.pack("<BH", type_, counter) + payload
-        size = len(packet) + 4
-        expected_head = struct.pack("<I", size)
-        kept = steps_packet(packet)[:KEPT]
-        expected += expected_head + kept
+        packet += struct.pack("<I", zlib.crc32(packet))
+        expected += struct.pack("<I", len(packet)) + packet[:STORED_BYTES]
     assert steps.step("D", data) == expected
-
-
-def steps_packet(packet: bytes) -> bytes:
-    import zlib
-
-    return packet + struct.pack("<I", zlib.crc32(packet))
 
 
 @SHARED
@@ -113,8 +109,8 @@ def steps_packet(packet: bytes) -> bytes:
 @example(value=5e-324)
 @example(value=math.inf)
 def test_rates_are_read_without_floating_point(steps: Steps, value: float) -> None:
-    said = steps.step("N", struct.pack("<d", value))
-    ok, milli = struct.unpack("<BQ", said[:9])
+    output = steps.step("N", struct.pack("<d", value))
+    ok, milli = struct.unpack("<BQ", output[:9])
     if math.isfinite(value) and 1e-3 <= value < 2**32:
         assert ok
         assert abs(milli - value * 1000) <= max(1.0, value * 1e-8)
@@ -127,9 +123,9 @@ def test_rates_are_read_without_floating_point(steps: Steps, value: float) -> No
 @example(value=0)
 @example(value=-(2**31))
 def test_numbers_are_written_without_floating_point(steps: Steps, value: int) -> None:
-    said = steps.step("N", struct.pack("<Q", value & 0xFFFFFFFF))
-    assert struct.unpack("<d", said[9:17])[0] == float(value & 0xFFFFFFFF)
-    (single,) = struct.unpack("<f", said[17:21])
+    output = steps.step("N", struct.pack("<Q", value & 0xFFFFFFFF))
+    assert struct.unpack("<d", output[9:17])[0] == float(value & 0xFFFFFFFF)
+    (single,) = struct.unpack("<f", output[17:21])
     assert single == pytest.approx(value / 1000, rel=2**-23, abs=0)
 
 
@@ -162,7 +158,7 @@ SOUND = st.builds(
     st.dates().map(day),
     st.dates().map(day) | st.just(0),
     st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=32),
-).map(lambda said: replace(said, damping=said.natural_frequency))
+).map(lambda c: replace(c, damping=c.natural_frequency))
 CALIBRATIONS = SOUND | st.builds(
     Calibrate,
     st.integers(0, 3),
@@ -199,164 +195,162 @@ MESSAGES: st.SearchStrategy[HostMessage] = st.one_of(
         max_size=25,
     )
 )
-def test_whatever_is_said_the_core_answers_in_whole_frames(
+def test_the_core_responds_to_any_input_in_complete_frames(
     program: tuple[str, bool], script: list[HostMessage | str | int | bytes]
 ) -> None:
     dialect = BinaryDialect()
     with Steps(program[0]) as steps:
-        said = steps.step("B", encode_message(Hello(), 0))
+        output = steps.step("B", encode_message(Hello(), 0))
         for number, part in enumerate(script):
             if isinstance(part, str):
-                dialect.reset()  # what was half said is lost with the link
-                dialect.feed(said)
-                said = steps.step(part)
+                dialect.reset()  # the link is lost
+                dialect.feed(output)
+                output = steps.step(part)
             elif isinstance(part, int):
-                said += steps.step("T", struct.pack("<I", part))
+                output += steps.step("T", struct.pack("<I", part))
             elif isinstance(part, bytes):
-                said += steps.step("B", b"\0" + part + b"\0")
+                output += steps.step("B", b"\0" + part + b"\0")
             else:
-                said += steps.step("B", encode_message(part, number))
-        said += steps.step("B", b"\0" + encode_message(Hello(), 0)) + steps.passes(0.005)
-    messages = dialect.feed(said)
+                output += steps.step("B", encode_message(part, number))
+        output += steps.step("B", b"\0" + encode_message(Hello(), 0)) + steps.advance(0.005)
+    messages = dialect.feed(output)
     assert any(isinstance(message, Identity) for message in messages)
     assert dialect.counters.frames_damaged == 0
     assert dialect.counters.frames_unknown == 0
 
 
-def test_a_drop_is_found_offered_sent_and_let_go_of(program: tuple[str, bool]) -> None:
+def test_a_drop_is_detected_offered_sent_and_released(program: tuple[str, bool]) -> None:
     trigger = Trigger(True, 0, 5000, 3, 100, 400, 100)
     dialect = BinaryDialect()
 
-    def hear(said: bytes, kind: type) -> list[object]:
-        return [each for each in dialect.feed(said) if isinstance(each, kind)]
+    def receive(output: bytes, kind: type[_T]) -> list[_T]:
+        return of_kind(dialect.feed(output), kind)
 
     with Steps(program[0]) as steps:
-        assert hear(steps.step("B", encode_message(Hello(), 0)), Identity)
-        (armed,) = hear(steps.step("B", encode_message(Arm(trigger), 1)), Armed)
+        assert receive(steps.step("B", encode_message(Hello(), 0)), Identity)
+        (armed,) = receive(steps.step("B", encode_message(Arm(trigger), 1)), Armed)
         assert armed == Armed(trigger)
-        offer = hear(steps.passes(0.2), DropOffer)[0]
-        assert isinstance(offer, DropOffer)
+        offer = receive(steps.advance(0.2), DropOffer)[0]
         assert (offer.first_sample, offer.trigger, offer.samples) == (900, 100, 500)
         name = offer.stream, offer.first_sample
-        blocks = hear(steps.step("B", encode_message(Fetch(*name, 3, 2), 2)), DropBlock)
-        assert [block.number for block in blocks if isinstance(block, DropBlock)] == [3, 4]
-        steps.step("R")  # the store lasts
-        again = hear(steps.step("B", encode_message(Hello(), 3)), DropOffer)[0]
-        assert isinstance(again, DropOffer)
-        assert (again.earlier, again.clock_us, again.crc) == (True, None, offer.crc)
-        released = hear(steps.step("B", encode_message(Acknowledge(*name), 4)), Released)
+        blocks = receive(steps.step("B", encode_message(Fetch(*name, 3, 2), 2)), DropBlock)
+        assert [block.number for block in blocks] == [3, 4]
+        steps.step("R")  # the store is permanent
+        repeated = receive(steps.step("B", encode_message(Hello(), 3)), DropOffer)[0]
+        assert (repeated.earlier, repeated.clock_us, repeated.crc) == (True, None, offer.crc)
+        released = receive(steps.step("B", encode_message(Acknowledge(*name), 4)), Released)
         assert released == [Released(*name)]
-        status = hear(steps.passes(0.5), Status)[-1]
-        assert isinstance(status, Status)
+        status = receive(steps.advance(0.5), Status)[-1]
         assert status.drops_waiting in (0, 1)  # armed still: the next pulse may have come
-        refused = hear(steps.step("B", encode_message(Fetch(*name), 5)), Refusal)
+        refused = receive(steps.step("B", encode_message(Fetch(*name), 5)), Refusal)
         assert refused == [Refusal(RefusalCode.ARGUMENT, "no such drop")]
 
 
 @pytest.mark.parametrize("ended_by", [[Configure(1e3)], [Arm(DISARMED), Start()]])
-def test_a_drop_whose_recording_is_ended_counts_as_lost(
+def test_a_drop_whose_recording_is_stopped_counts_as_lost(
     program: tuple[str, bool], ended_by: list[HostMessage]
 ) -> None:
     trigger = Trigger(True, 0, 5000, 3, 100, 400, 100)
     dialect = BinaryDialect()
     with Steps(program[0]) as steps:
-        said = steps.step("B", encode_message(Hello(), 0) + encode_message(Arm(trigger), 1))
-        said += steps.passes(0.11)  # the drop falls after 0.1 s and is recorded for 0.04 s
+        output = steps.step("B", encode_message(Hello(), 0) + encode_message(Arm(trigger), 1))
+        output += steps.advance(0.11)  # the drop falls after 0.1 s and is recorded for 0.04 s
         for number, message in enumerate(ended_by, start=2):
-            said += steps.step("B", encode_message(message, number))
-        messages = dialect.feed(said + steps.passes(0.5))
-    statuses = [each for each in messages if isinstance(each, Status)]
+            output += steps.step("B", encode_message(message, number))
+        messages = dialect.feed(output + steps.advance(0.5))
+    statuses = of_kind(messages, Status)
     assert (statuses[-1].drops_waiting, statuses[-1].drops_lost) == (0, 1)
-    assert not any(isinstance(each, DropOffer) for each in messages)
+    assert not of_kind(messages, DropOffer)
 
 
-def test_the_ring_gives_samples_again_and_says_what_is_gone(program: tuple[str, bool]) -> None:
+def test_the_ring_sends_its_samples_again_and_reports_missing_ones(
+    program: tuple[str, bool],
+) -> None:
     dialect = BinaryDialect()
     with Steps(program[0]) as steps:
-        said = steps.step("B", encode_message(Hello(), 0)) + steps.step(
+        output = steps.step("B", encode_message(Hello(), 0)) + steps.step(
             "B", encode_message(Start(), 1)
         )
-        said += steps.passes(0.5)
-        streamed = [each for each in dialect.feed(said) if isinstance(each, SampleBlock)]
+        output += steps.advance(0.5)
+        streamed = of_kind(dialect.feed(output), SampleBlock)
         newest = streamed[-1].first_sample + len(streamed[-1].counts)
-        wanted = Resend(streamed[0].stream, 0, newest)
-        again = dialect.feed(steps.step("B", encode_message(wanted, 2)) + steps.passes(0.01))
-    (gone,) = [each for each in again if isinstance(each, SamplesGone)]
-    resent = [
-        each for each in again if isinstance(each, SampleBlock) and each.first_sample < newest
-    ]
-    assert gone.first_sample == 0
-    assert gone.count == resent[0].first_sample
+        request = Resend(streamed[0].stream, 0, newest)
+        response = dialect.feed(steps.step("B", encode_message(request, 2)) + steps.advance(0.01))
+    (missing,) = of_kind(response, SamplesGone)
+    resent = [b for b in of_kind(response, SampleBlock) if b.first_sample < newest]
+    assert (missing.first_sample, missing.count) == (0, resent[0].first_sample)
     for block in resent:
         index = range(block.first_sample, block.first_sample + len(block.counts))
         assert block.counts[:, 1].tolist() == [at & 0x1FFFF for at in index]
 
 
-def answered(steps: Steps, message: HostMessage) -> Identity | Refusal:
-    said = BinaryDialect().feed(steps.step("B", b"\0" + encode_message(message, 0)))
-    (found,) = [each for each in said if isinstance(each, Identity | Refusal)]
-    return found
+def response_to(steps: Steps, message: HostMessage) -> Identity | Refusal:
+    messages = BinaryDialect().feed(steps.step("B", b"\0" + encode_message(message, 0)))
+    (response,) = [each for each in messages if isinstance(each, Identity | Refusal)]
+    return response
 
 
 def reset(steps: Steps) -> Identity:
     steps.step("R")
-    found = answered(steps, Hello())
-    assert isinstance(found, Identity)
-    return found
+    identity = response_to(steps, Hello())
+    assert isinstance(identity, Identity)
+    return identity
 
 
 @SHARED
-@given(said=st.lists(CALIBRATIONS, min_size=1, max_size=6))
-def test_the_core_stores_the_calibrations_that_python_takes(
-    program: tuple[str, bool], said: list[Calibrate]
+@given(calibrations=st.lists(CALIBRATIONS, min_size=1, max_size=6))
+def test_the_core_accepts_the_calibrations_that_python_accepts(
+    program: tuple[str, bool], calibrations: list[Calibrate]
 ) -> None:
-    # What decides here is the identity of the host's side, by other means than the core.
+    # The identity of the host decides, which is independent of the core.
     stored = StoredCalibration()
     with Steps(program[0]) as steps:
         compiled = reset(steps)
-        for calibration in said:
-            found = answered(steps, calibration)
+        for calibration in calibrations:
+            response = response_to(steps, calibration)
             try:
                 stored = stored.with_channel(calibration, compiled)
             except SetupError:
-                assert isinstance(found, Refusal), (found, calibration)
-                assert found.code == RefusalCode.ARGUMENT
+                assert isinstance(response, Refusal), (response, calibration)
+                assert response.code == RefusalCode.ARGUMENT
             else:
-                assert found == stored.applied(compiled)
+                assert response == stored.applied(compiled)
         assert reset(steps) == stored.applied(compiled)
 
 
-def test_a_calibration_is_stored_whole_or_not_at_all(program: tuple[str, bool]) -> None:
+def test_a_calibration_is_stored_completely_or_not_at_all(program: tuple[str, bool]) -> None:
     first = Calibrate(0, 3e-4, 0.1, None, None, 5000.0, 20260101, 20270101, "A-1")
     second = Calibrate(1, -27.0, 0.2, 4.6, 0.58, None, 20260202, 20270202, "B-2")
     with Steps(program[0]) as steps:
         reset(steps)
-        before = answered(steps, first)
+        before = response_to(steps, first)
         assert isinstance(before, Identity)
-        for left in range(448):  # the power goes after so many bytes of the page
-            steps.step("F", struct.pack("<H", left))
-            refused = answered(steps, second)
+        for size in range(448):  # the power fails after these bytes of the page
+            steps.step("F", struct.pack("<H", size))
+            refused = response_to(steps, second)
             assert refused == Refusal(RefusalCode.FAULT, "the store did not take it")
-            assert answered(steps, Hello()) == before
+            assert response_to(steps, Hello()) == before
             steps.step("F", struct.pack("<H", 65535))
-            assert reset(steps) == before, left
-        after = answered(steps, second)
+            assert reset(steps) == before, size
+        after = response_to(steps, second)
         assert isinstance(after, Identity)
         assert (after.serial_number, after.channels[1].sensitivity) == ("B-2", -27.0)
         assert after.channels[0] == before.channels[0]
         assert reset(steps) == after
 
 
-def test_no_calibration_is_stored_while_a_drop_begins_or_waits(program: tuple[str, bool]) -> None:
-    wanted = Calibrate(0, 3e-4, 0.1)
+def test_no_calibration_is_stored_while_a_drop_is_recorded_or_stored(
+    program: tuple[str, bool],
+) -> None:
+    calibration = Calibrate(0, 3e-4, 0.1)
     with Steps(program[0]) as steps:
         reset(steps)
         steps.step("B", encode_message(Arm(Trigger(True, 0, 5000, 3, 100, 400, 100)), 1))
         codes = []
         for _ in range(30):  # a drop falls after 0.1 s
-            found = answered(steps, wanted)
-            codes.append(found.code if isinstance(found, Refusal) else 0)
-            steps.passes(0.005)
+            response = response_to(steps, calibration)
+            codes.append(response.code if isinstance(response, Refusal) else 0)
+            steps.advance(0.005)
     begins = codes.index(RefusalCode.BUSY)
     assert 18 <= begins <= 21
     assert codes == [0] * begins + [RefusalCode.BUSY] * (30 - begins)

@@ -28,8 +28,7 @@ from simulators.firmware import (
 from tests.firmware.test_host_board import QUICK, assert_recorded_bit_for_bit
 from tests.tui.console import pfwd
 
-# A compiler for another processor is no part of an installation, and the image cannot be built
-# without it. `.ci/run` installs it, and QEMU, where it can, and says where it cannot.
+# `.ci/run` installs zig and QEMU where it can, and reports where it cannot.
 needs_zig = pytest.mark.skipif(zig_command() is None, reason="needs zig (pip install ziglang)")
 needs_qemu = pytest.mark.skipif(
     emulator() is None or sys.platform == "win32", reason="needs qemu-system-arm and a terminal"
@@ -37,9 +36,9 @@ needs_qemu = pytest.mark.skipif(
 # Slow: zig takes 6 s; the same core runs as a process in the everyday tests.
 pytestmark = [needs_zig, pytest.mark.slow]
 
-MOST_CODE = 24 * 1024
-MOST_MEMORY = 16 * 1024
-"""Beside the ring, with all of the stack: what the docs promise of a Cortex-M3."""
+MAX_CODE_BYTES = 24 * 1024
+MAX_MEMORY_BYTES = 16 * 1024
+"""Memory with the stack and without the ring, as documented for a Cortex-M3."""
 RING = 48 * 1024
 
 
@@ -59,33 +58,33 @@ def image(played: Played, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.posix
 def test_log_records_drops_bit_for_bit(tmp_path: Path, image: Path, played: Played) -> None:
     with EmulatedBoard(image) as board:
-        done = pfwd("log", board.url, "-o", tmp_path / "survey", "--drops", 2, "--no-invert")
-    assert done.returncode == 0, done.stderr
+        run = pfwd("log", board.url, "-o", tmp_path / "survey", "--drops", 2, "--no-invert")
+    assert run.returncode == 0, run.stderr
     assert len(read_survey(tmp_path / "survey").drops) == 2
     assert_recorded_bit_for_bit(tmp_path / "survey", played)
 
 
-def test_it_is_as_small_as_is_said(image: Path) -> None:
+def test_code_and_memory_are_within_the_documented_limits(image: Path) -> None:
     sizes = section_sizes(image)
     assert sizes[".ring"] == RING
-    assert 4000 < sizes[".text"] + sizes[".ARM.exidx"] < MOST_CODE
+    assert 4000 < sizes[".text"] + sizes[".ARM.exidx"] < MAX_CODE_BYTES
     memory = sizes[".bss"] + sizes[".stack"] + sizes.get(".data", 0)
-    assert 2000 < memory < MOST_MEMORY
+    assert 2000 < memory < MAX_MEMORY_BYTES
 
 
 @needs_qemu
 @pytest.mark.posix
 def test_it_keeps_the_protocol(image: Path) -> None:
     with EmulatedBoard(image) as board:
-        found = list(conform(lambda: open_transport(board.url)))
-    others = [each for each in found if each.result != "passed"]
-    # Without memory that lasts it keeps no calibration, and says so.
+        results = list(conform(lambda: open_transport(board.url)))
+    failures = [each for each in results if each.result != "passed"]
+    # Without permanent memory it stores no calibration, and states it.
     manual = {number for number, (_, test) in REQUIREMENTS.items() if test is by_hand}
-    assert {each.requirement for each in others} == manual | {"P-40", "P-41"}, others
-    assert {each.result for each in others} == {"not-offered"}, others
+    assert {each.requirement for each in failures} == manual | {"P-40", "P-41"}, failures
+    assert {each.result for each in failures} == {"not-offered"}, failures
 
 
-def test_the_board_that_has_never_run_compiles_and_says_so(tmp_path: Path) -> None:
+def test_the_untried_board_compiles_and_is_marked(tmp_path: Path) -> None:
     source = firmware_folder() / "teensy41" / "board.c"
     first = source.read_text(encoding="utf-8").splitlines()[0]
     assert "NEVER RUN ON HARDWARE" in first

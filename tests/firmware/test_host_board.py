@@ -1,4 +1,4 @@
-"""The compiled core as an instrument: what is put into it is recorded, bit for bit."""
+"""The compiled core as an instrument: played drops are recorded bit for bit."""
 
 import sys
 import threading
@@ -35,13 +35,14 @@ from simulators.firmware import (
     play_scenario,
 )
 from tests.firmware.compiled import needs_compiler
+from tests.simulators.instrument_wire import of_kind
 
 pytestmark = [needs_compiler, pytest.mark.timeout(60)]
 QUICK = {"drops": {"first": 0.6, "interval": 2.0, "quiet": 0.5, "bounces": [0, 0]}}
 
 
 RING = 8 << 20
-"""Bytes; 35 s at four times the real rate: a computer that does something else loses no samples."""
+"""Size of the ring, bytes: a busy computer may take 35 s at four times the real rate."""
 
 
 @pytest.fixture(scope="module")
@@ -50,8 +51,7 @@ def with_shunt() -> Played:
 
 
 def without_shunt(played: Played) -> Played:
-    """The check of a shunt takes as long as the computer is busy, and a drop that falls meanwhile
-    is kept with what the shunt adds."""
+    """Return the record of an instrument without shunt, whose check may last until a drop."""
     channels = tuple(replace(channel, shunt=None) for channel in played.identity.channels)
     return replace(played, identity=replace(played.identity, channels=channels))
 
@@ -73,39 +73,35 @@ def assert_recorded_bit_for_bit(folder: Path, played: Played) -> None:
     for drop in read_survey(folder).drops:
         record = drop.read()
         assert record.counts is not None
-        found = record.metadata["detection"]
+        detection = record.metadata["detection"]
         assert record.metadata["missing"] == []
-        first = found["first_sample"]
-        put_in = played.counts[first : first + len(record.counts)]
-        np.testing.assert_array_equal(record.counts, put_in)
+        first = detection["first_sample"]
+        expected = played.counts[first : first + len(record.counts)]
+        np.testing.assert_array_equal(record.counts, expected)
         touch = played.truth[drop.number - 1]["touch_sample"]
-        assert 0 <= first + found["trigger"] - touch < 30  # the load takes 3 ms to the threshold
+        assert (
+            0 <= first + detection["trigger"] - touch < 30
+        )  # the load takes 3 ms to the threshold
 
 
 @pytest.mark.parametrize("streams", [True, False], ids=["streaming", "buffered"])
-def test_drops_are_recorded_bit_for_bit(tmp_path: Path, played: Played, streams: bool) -> None:
+def test_drops_are_recorded_bit_for_bit_and_replayed(
+    tmp_path: Path, played: Played, streams: bool
+) -> None:
     with HostBoard(played, BoardOptions(streams=streams, speed=4.0, memory=RING)) as board:
         measured(board, tmp_path / "survey")
     assert_recorded_bit_for_bit(tmp_path / "survey", played)
+    events: list[SessionEvent] = []
+    replay(tmp_path / "survey", events.append)
+    assert [event.identical for event in of_kind(events, DropSaved)] == [True, True]
 
 
 @pytest.mark.posix
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
-def test_it_is_found_at_a_pseudo_terminal(tmp_path: Path, played: Played) -> None:
+def test_the_board_is_measured_at_a_pseudo_terminal(tmp_path: Path, played: Played) -> None:
     with HostBoard(played, BoardOptions(listen="pty", speed=4.0, memory=RING)) as board:
         assert board.url.startswith("/dev/")
         measured(board, tmp_path / "survey", drops=1)
-
-
-def test_a_drop_that_the_instrument_found_is_found_again_in_a_replay(
-    tmp_path: Path, played: Played
-) -> None:
-    with HostBoard(played, BoardOptions(streams=False, speed=4.0)) as board:
-        measured(board, tmp_path / "survey")
-    events: list[SessionEvent] = []
-    replay(tmp_path / "survey", events.append)
-    saved = [event for event in events if isinstance(event, DropSaved)]
-    assert [event.identical for event in saved] == [True, True]
 
 
 def two_drops_wait(board: HostBoard, played: Played, log: Path) -> tuple[BinaryDialect, Transport]:
@@ -118,42 +114,42 @@ def two_drops_wait(board: HostBoard, played: Played, log: Path) -> tuple[BinaryD
     return dialect, transport
 
 
-def test_drops_that_wait_outlast_the_host_and_the_instrument(
+def test_stored_drops_survive_the_end_of_host_and_instrument(
     tmp_path: Path, played: Played
 ) -> None:
     store, log = tmp_path / "store", tmp_path / "log"
     options = BoardOptions(streams=False, speed=4.0, store=store, log=log)
     with HostBoard(played, options) as board:
         _, transport = two_drops_wait(board, played, log)
-        transport.close()  # a host that is killed says no more
+        transport.close()  # as a killed host
         board.kill()
     options = replace(options, begin=len(played.counts) - 1)
     with HostBoard(played, options) as board:
         events = measured(board, tmp_path / "survey")
     assert_recorded_bit_for_bit(tmp_path / "survey", played)
-    saved = [event for event in events if isinstance(event, DropSaved)]
-    assert [event.saved.view.marks for event in saved] == [(Notice("buffered-before-restart"),)] * 2
+    marks = [event.saved.view.marks for event in of_kind(events, DropSaved)]
+    assert marks == [(Notice("buffered-before-restart"),)] * 2
     with HostBoard(played, options) as board, Driver(board.url, BinaryDialect()) as driver:
         items = [driver.next(0.5) for _ in range(4)]
-    assert not [item for item in items if isinstance(item, BufferedDrop)]  # it has let go of them
+    assert not of_kind(items, BufferedDrop)  # they were released
 
 
-def test_of_drops_every_one_and_a_half_seconds_all_are_kept_and_no_bounce(tmp_path: Path) -> None:
+def test_every_drop_of_a_quick_series_is_stored_without_its_bounces(tmp_path: Path) -> None:
     drops = {"first": 0.8, "interval": 1.4, "quiet": 1.2, "bounces": [1, 2]}
-    played = play_scenario({"drops": drops}, drops=8, seed=5)
+    played = play_scenario({"drops": drops}, drops=4, seed=5)
     played = without_shunt(played)
     with HostBoard(played, BoardOptions(streams=False, speed=2.0)) as board:
-        measured(board, tmp_path / "survey", drops=8)
+        measured(board, tmp_path / "survey", drops=4)
     assert_recorded_bit_for_bit(tmp_path / "survey", played)
-    assert len(read_survey(tmp_path / "survey").drops) == 8
+    assert len(read_survey(tmp_path / "survey").drops) == 4
 
 
-def test_a_drop_that_nobody_fetches_does_not_block_the_next(tmp_path: Path, played: Played) -> None:
+def test_an_unfetched_drop_does_not_block_the_next(tmp_path: Path, played: Played) -> None:
     log = tmp_path / "log"
     options = BoardOptions(streams=False, speed=4.0, log=log)
     with HostBoard(played, options) as board:
         dialect, transport = two_drops_wait(board, played, log)
-        transport.write(dialect.encode(Hello()))  # the Offers begin with the oldest
+        transport.write(dialect.encode(Hello()))  # the offers restart with the oldest
         offers: list[int] = []
         end = time.monotonic() + 20
         while len(offers) < 12 and time.monotonic() < end:
@@ -170,12 +166,12 @@ def test_a_drop_that_nobody_fetches_does_not_block_the_next(tmp_path: Path, play
     assert offers[8:12] == [second, oldest, second, oldest]
 
 
-def test_what_does_not_compile_says_so() -> None:
+def test_a_compiler_error_is_reported() -> None:
     with pytest.raises(FirmwareError, match=r"expected a program, got .*error"):
         build_host("-DPFWD_FAULT=(")
 
 
-def test_a_drop_that_falls_while_the_shunt_is_on_is_kept(with_shunt: Played) -> None:
+def test_a_drop_during_the_shunt_is_recorded_with_it(with_shunt: Played) -> None:
     played = with_shunt
     trigger = trigger_for(played.identity, DetectionSettings())
     with (
@@ -199,7 +195,7 @@ def test_a_drop_that_falls_while_the_shunt_is_on_is_kept(with_shunt: Played) -> 
     np.testing.assert_array_equal(drop.counts, expected)
 
 
-def test_cables_that_are_pulled_lose_no_drop_and_damage_is_asked_for_again(
+def test_no_drop_is_lost_by_pulled_cables_and_damaged_frames(
     tmp_path: Path, played: Played
 ) -> None:
     options = BoardOptions(streams=False, speed=4.0)
@@ -224,7 +220,7 @@ def test_cables_that_are_pulled_lose_no_drop_and_damage_is_asked_for_again(
     assert_recorded_bit_for_bit(tmp_path / "survey", played)
 
 
-def test_streamed_samples_that_were_damaged_come_again(tmp_path: Path, played: Played) -> None:
+def test_damaged_streamed_samples_are_sent_again(tmp_path: Path, played: Played) -> None:
     with (
         HostBoard(played, BoardOptions(drop_samples=0, speed=2.0, memory=RING)) as board,
         BadLink(lambda: board.url, bit_error_rate=1e-4) as link,
@@ -245,6 +241,5 @@ def test_a_trace_file_is_played(tmp_path: Path, played: Played) -> None:
     with HostBoard(made, BoardOptions(speed=4.0)) as board:
         measured(board, tmp_path / "survey")
     for number, drop in enumerate(read_survey(tmp_path / "survey").drops):
-        found = drop.read().drop
-        peak = float(np.max(found.load))
+        peak = float(np.max(drop.read().drop.load))
         assert peak == pytest.approx(8000 * (0.9, 1.0)[number], rel=1e-3)

@@ -17,7 +17,7 @@ from pfwd_device.acquisition.items import Connected, Gap, Samples
 from simulators.firmware import Played, play_scenario, zig_command
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "build-an-instrument.md"
-MOST_LINES = 40
+MAX_LINES = 40
 STUB = """
 #include <cstdint>
 #include <cstdio>
@@ -65,11 +65,13 @@ def played() -> Played:
     return play_scenario({"device": device, "drops": drops}, drops=2)
 
 
-def test_it_has_forty_lines_at_most() -> None:
-    assert len(blocks()["cpp"].splitlines()) <= MOST_LINES
+def test_the_sketch_has_at_most_forty_lines() -> None:
+    assert len(blocks()["cpp"].splitlines()) <= MAX_LINES
 
 
-def test_drops_that_it_prints_are_found_as_they_were(tmp_path: Path, played: Played) -> None:
+def test_printed_drops_are_detected_with_the_printed_samples(
+    tmp_path: Path, played: Played
+) -> None:
     compiler = [shutil.which("c++") or shutil.which("g++")]
     command = [compiler[0]] if compiler[0] else zig_command("c++")
     if command is None:
@@ -80,17 +82,17 @@ def test_drops_that_it_prints_are_found_as_they_were(tmp_path: Path, played: Pla
     source.write_text(STUB + blocks()["cpp"] + END, encoding="utf-8")
     program = tmp_path / "sketch"
     subprocess.run([*command, "-O1", str(source), "-o", str(program)], check=True)
-    said = subprocess.run([str(program)], check=True, capture_output=True).stdout
-    assert len(said.splitlines()) == 2 * 1000
+    output = subprocess.run([str(program)], check=True, capture_output=True).stdout
+    assert len(output.splitlines()) == 2 * 1000
 
     setup = parse_setup(blocks()["toml"], "the page")
     decoder = Decoder(setup.device.make_dialect(1))
     now = datetime.datetime.now(datetime.UTC)
     # As a port of 115200 baud hands it over: some bytes at a time.
-    parts = [said[at : at + 500] for at in range(0, len(said), 500)]
+    parts = [output[at : at + 500] for at in range(0, len(output), 500)]
     items = [item for part in parts for item in decoder.feed(part, 0.0, now)]
     assert decoder.counters.link.frames_damaged == 0
-    detector, found = None, list[DetectedItem]()
+    detector, detected = None, list[DetectedItem]()
     for item in items:
         if isinstance(item, Connected):
             detector = Detector(setup.identity_with(item.identity), setup.device.detection)
@@ -100,10 +102,10 @@ def test_drops_that_it_prints_are_found_as_they_were(tmp_path: Path, played: Pla
             if item.stream != stream:  # as a session does
                 detector.begin(item.stream, item.first)
                 stream = item.stream
-            found += detector.feed(item)
+            detected += detector.feed(item)
     assert detector is not None
-    found += detector.finish("the lines end")
-    drops = [each for each in found if isinstance(each, RawDrop)]
+    detected += detector.finish("the lines end")
+    drops = [each for each in detected if isinstance(each, RawDrop)]
     assert len(drops) == 2
     for drop in drops:
         assert drop.missing == ()

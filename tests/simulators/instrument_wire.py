@@ -1,7 +1,8 @@
 """Plain host of the mock instrument: it reads messages by COBS and byte offsets only."""
 
 import struct
-from typing import Any, NamedTuple
+from collections.abc import Iterable
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from cobs import cobs
@@ -11,6 +12,7 @@ from pfwd_device.wire.messages import HostMessage, Start
 from simulators.instrument.device import PortlessInstrument
 from simulators.instrument.scenario import load_scenario
 
+_T = TypeVar("_T")
 IDENTITY, SAMPLES, STATUS, EVENT, REFUSAL = 0x81, 0x82, 0x83, 0x84, 0x85
 BOOT, TRIGGER, LOW_BATTERY, END, SHUNT_ON, SHUNT_OFF = 1, 2, 3, 4, 5, 6
 
@@ -69,6 +71,11 @@ def statuses(data: bytes) -> list[tuple[int, float, float, int, int]]:
 
 def refusals(data: bytes) -> list[int]:
     return [struct.unpack("<H", f.payload[:2])[0] for f in frames(data) if f.type == REFUSAL]
+
+
+def of_kind(messages: Iterable[object], kind: type[_T]) -> list[_T]:
+    """Return the messages of a kind."""
+    return [message for message in messages if isinstance(message, kind)]
 
 
 def drain(instrument: PortlessInstrument) -> bytes:

@@ -28,6 +28,7 @@ from simulators.instrument import serve
 from simulators.instrument.device import PortlessInstrument
 from simulators.instrument.memory import OLDEST_FIRST_OFFERS, DropBuffer, WaitingDrop
 from simulators.instrument.scenario import load_scenario
+from tests.simulators.instrument_wire import of_kind
 
 QUICK = {"first": 0.5, "interval": 2.0, "bounces": [0, 0]}
 TRIGGER = Trigger(True, 0, 4194, 3, 200, 1000, 15_000)
@@ -52,10 +53,6 @@ class Host:
         return self.dialect.feed(data)
 
 
-def of(messages: list[InstrumentMessage], kind: type) -> list[InstrumentMessage]:
-    return [message for message in messages if isinstance(message, kind)]
-
-
 def test_a_drop_waits_over_a_pulled_cable_and_a_reset_until_it_is_acknowledged() -> None:
     scenario = {
         "base": "buffered",
@@ -64,26 +61,23 @@ def test_a_drop_waits_over_a_pulled_cable_and_a_reset_until_it_is_acknowledged()
     }
     instrument = PortlessInstrument(load_scenario(scenario), seed=1, drops=1)
     host = Host(instrument)
-    assert of(host.send(Hello(), Arm(TRIGGER)), Armed) == [Armed(TRIGGER)]
+    assert of_kind(host.send(Hello(), Arm(TRIGGER)), Armed) == [Armed(TRIGGER)]
     instrument.disconnect()  # the drop falls while nobody is there
     instrument.advance(1.0)
     host = Host(instrument)
-    offer = of(host.send(Hello()), DropOffer)[-1]
-    assert isinstance(offer, DropOffer)
+    offer = of_kind(host.send(Hello()), DropOffer)[-1]
     assert (offer.trigger, offer.samples, offer.earlier) == (200, 1200, False)
     host.receive(1.0)
-    repeated = of(host.send(Hello()), DropOffer)[-1]
-    assert isinstance(repeated, DropOffer)
+    repeated = of_kind(host.send(Hello()), DropOffer)[-1]
     assert (repeated.crc, repeated.earlier, repeated.clock_us) == (offer.crc, True, None)
     name = offer.stream, offer.first_sample
-    blocks = of(host.send(Fetch(*name)), DropBlock)
+    blocks = of_kind(host.send(Fetch(*name)), DropBlock)
     assert len(blocks) == offer.blocks
-    assert of(host.send(Acknowledge(*name)), Released) == [Released(*name)]
+    assert of_kind(host.send(Acknowledge(*name)), Released) == [Released(*name)]
     instrument.status()
     messages = host.receive(0.0)
-    (status,) = of(messages, Status)
-    assert isinstance(status, Status)
-    assert (status.drops_waiting, of(messages, DropOffer)) == (0, [])
+    (status,) = of_kind(messages, Status)
+    assert (status.drops_waiting, of_kind(messages, DropOffer)) == (0, [])
 
 
 def test_a_drop_whose_recording_configure_ends_counts_as_lost() -> None:
@@ -93,8 +87,7 @@ def test_a_drop_whose_recording_configure_ends_counts_as_lost() -> None:
     host.receive(0.58)  # the trigger is at 0.53 s, the end of the drop at 0.63 s
     host.send(Configure(5e3), Arm(TRIGGER))
     host.instrument.status()
-    (status,) = of(host.receive(0.0), Status)
-    assert isinstance(status, Status)
+    (status,) = of_kind(host.receive(0.0), Status)
     assert (status.drops_waiting, status.drops_lost) == (0, 1)
 
 
@@ -140,13 +133,10 @@ def test_samples_in_the_ring_are_sent_again_on_request() -> None:
     scenario = {"link": {"ring": 0.2}}
     host = Host(PortlessInstrument(load_scenario(scenario)))
     host.send(Hello(), Start())
-    (streamed,) = of(host.receive(0.5), SampleBlock)
-    assert isinstance(streamed, SampleBlock)
+    (streamed,) = of_kind(host.receive(0.5), SampleBlock)
     response = host.send(Resend(streamed.stream, 0, len(streamed.counts)))
-    (lost,) = of(response, SamplesGone)
-    (resent,) = of(response, SampleBlock)
-    assert isinstance(lost, SamplesGone)
-    assert isinstance(resent, SampleBlock)
+    (lost,) = of_kind(response, SamplesGone)
+    (resent,) = of_kind(response, SampleBlock)
     assert (lost.first_sample, lost.count) == (0, resent.first_sample)
     assert 2000 <= len(resent.counts) <= 2050
     np.testing.assert_array_equal(resent.counts, streamed.counts[resent.first_sample :])
@@ -166,8 +156,7 @@ def test_every_drop_of_a_quick_series_is_stored_without_its_bounces() -> None:
     host.send(Hello(), Arm(TRIGGER))
     triggers: list[int] = []
     for _ in range(22):
-        for offer in of(host.receive(0.5), DropOffer):
-            assert isinstance(offer, DropOffer)
+        for offer in of_kind(host.receive(0.5), DropOffer):
             triggers.append(offer.first_sample + offer.trigger)
             host.send(Acknowledge(offer.stream, offer.first_sample))
     triggers = sorted(set(triggers))
