@@ -67,9 +67,8 @@ from inversion.measured.record import prepare
 from pfwd.files.foreign.column_map import parse_map
 from pfwd.files.traces import read_traces
 from pfwd.session.live_trace import Envelope
-from pfwd_device.identity import ChannelIdentity, Identity, identity_as_dict, identity_from_dict
+from pfwd_device.identity import ChannelIdentity, Identity
 from pfwd_device.recording import read_survey
-from pfwd_device.recording.drop_file import drop_file_bytes, drop_from_file_bytes
 from pfwd_device.setup import read_device_setup
 from pfwd_device.wire.identity_layout import pack_identity, read_identity
 from pfwd_plugins.quantities import Measurand
@@ -81,8 +80,6 @@ jerk = Measurand.JERK
 channel = ChannelIdentity("j0", jerk)
 load = ChannelIdentity("load", Measurand.LOAD)
 identity = Identity("1", "m", "1", 1e4, 18, 5.0, (load, channel))
-assert identity_as_dict(identity)["channels"][1]["role"] == "jerkmeter"
-assert identity_from_dict(identity_as_dict(identity)) == identity
 payload = pack_identity(identity)
 assert payload.count(b"j0\\x09") == 1
 assert read_identity(payload) == identity
@@ -108,8 +105,6 @@ record = DropRecord(point="1", drop=traces, declared={})
 with SurveyWriter.open(folder / "jerks", publish=False, reserve_bytes=0) as writer:
     writer.save_drop(record)
 assert read_survey(folder / "jerks").drops[0].read().drop.channels[0].quantity is jerk
-stored = drop_from_file_bytes(drop_file_bytes(record, 1, bytes(16)), "file")[0]
-assert stored.drop.channels[0].quantity is jerk
 
 # Three integrations, on both sides.
 expected = jerks
@@ -130,7 +125,7 @@ assert figure.curves[0].values.max() == 2.0
 """
 
 
-def test_a_number_of_a_result_and_a_quantity_are_one_edit_each(tmp_path: Path) -> None:
+def test_a_number_of_a_result_and_a_quantity_are_single_edits(tmp_path: Path) -> None:
     script = EDIT + NUMBER + QUANTITY
     command = [sys.executable, "-c", script, str(TOP), str(tmp_path), json.dumps(EDITS)]
     run = subprocess.run(command, cwd=TOP, capture_output=True, check=False)

@@ -1,4 +1,4 @@
-"""The list of benchmarks, and the benchmark of many drops: sound surveys, and its limits."""
+"""The list of benchmarks, and the benchmark of many drops."""
 
 import json
 from pathlib import Path
@@ -35,7 +35,9 @@ def test_ten_thousand_drops_are_at_1700_points() -> None:
     assert numbers == sorted(numbers)
 
 
-def test_the_survey_is_sound_and_goes_on(tmp_path: Path, templates: list[scale.Template]) -> None:
+def test_a_built_survey_is_complete_and_can_be_continued(
+    tmp_path: Path, templates: list[scale.Template]
+) -> None:
     scale.build(tmp_path, 0, 4, templates)
     scale.build(tmp_path, 4, 14, templates)
     assert check(tmp_path).damaged == ()
@@ -51,10 +53,10 @@ def test_the_survey_is_sound_and_goes_on(tmp_path: Path, templates: list[scale.T
 
 
 @pytest.mark.posix
-def test_a_command_is_measured_and_a_failing_one_is_named(tmp_path: Path) -> None:
+def test_commands_are_measured_and_failures_are_named(tmp_path: Path) -> None:
     cost = scale.measure(["--help"])
     assert 0 < cost.processor < 60
-    ballast = bytearray(300 * 10**6)  # whoever measures does not count
+    ballast = bytearray(300 * 10**6)  # memory of the measuring process does not count
     assert 5 < scale.measure(["--help"]).megabytes < 200 < len(ballast) / 1e6
     with pytest.raises(RuntimeError, match=r"pfwd check .*: status 1: .*expected the folder"):
         scale.measure(["check", str(tmp_path / "none")])
@@ -63,7 +65,7 @@ def test_a_command_is_measured_and_a_failing_one_is_named(tmp_path: Path) -> Non
 def judged(
     capsys: pytest.CaptureFixture[str], processor: tuple[float, float, float], **last: float
 ) -> tuple[int, dict[str, object]]:
-    """What is said of `check` with this processor time for 1, 2,500 and 10,000 drops."""
+    """Return status and record for these processor times of 1, 2,500 and 10,000 drops, s."""
     costs = [scale.Cost(1.0, seconds, 50.0) for seconds in processor]
     costs[-1] = scale.Cost(last.get("seconds", 1.0), processor[-1], last.get("megabytes", 50.0))
     name = "export h5" if "megabytes" in last else "check"
@@ -75,16 +77,15 @@ def judged(
     ("processor", "last", "status"),
     [
         ((0.2, 1.2, 4.2), {}, 0),
-        ((0.2, 1.2, 5.3), {}, 0),  # 1.28 times as much for each
+        ((0.2, 1.2, 5.3), {}, 0),  # a ratio of 1.28
         ((0.2, 1.2, 5.5), {}, 1),  # 1.33
-        ((0.2, 1.2, 16.2), {}, 1),  # the square
         ((0.2, 1.2, 4.2), {"seconds": 7.9}, 0),
         ((0.2, 1.2, 4.2), {"seconds": 8.1}, 1),
         ((0.2, 1.2, 4.2), {"megabytes": 199.0}, 0),
         ((0.2, 1.2, 4.2), {"megabytes": 201.0}, 1),
     ],
 )
-def test_what_grows_or_takes_too_long_is_refused(
+def test_excessive_time_growth_or_memory_fails(
     capsys: pytest.CaptureFixture[str],
     processor: tuple[float, float, float],
     last: dict[str, float],
@@ -93,18 +94,5 @@ def test_what_grows_or_takes_too_long_is_refused(
     assert judged(capsys, processor, **last)[0] == status
 
 
-def test_the_limits_are_those_that_were_promised() -> None:
-    limits = {case.name: (case.seconds, case.megabytes) for case in scale.CASES}
-    assert limits == {
-        "edit, list": (1.0, None),
-        "edit --note": (1.5, None),
-        "export table": (5.0, None),
-        "check": (8.0, None),
-        "export h5": (60.0, 200.0),
-    }
-    assert (scale.MAX_PAINT_S, scale.MAX_RATIO, scale.DROPS) == (2.0, 1.3, (2_500, 10_000))
-
-
-@pytest.mark.parametrize("wrong", [["--drops", "5"], ["--repeats", "x"]])
-def test_wrong_usage_is_status_2(wrong: list[str]) -> None:
-    assert bench(["scale", *wrong]) == 2
+def test_invalid_options_have_status_2() -> None:
+    assert bench(["scale", "--drops", "5"]) == 2

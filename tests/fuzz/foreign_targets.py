@@ -25,7 +25,7 @@ from tests.pfwd.files.foreign.builders import (
 from tests.pfwd.files.foreign.peaks_builders import dynatest, f25, pddx, places, sweco
 
 HEADER = b"plate_radius_m = 0.15\nsensor_offsets_m = [0.0, 0.3]\n"
-ONE_SENSOR = b"plate_radius_m = 0.15\nsensor_offsets_m = [0.0]\n"
+CENTRE_ONLY = b"plate_radius_m = 0.15\nsensor_offsets_m = [0.0]\n"
 MAP = b"""plate_radius_m = 0.15
 [time]
 column = 1
@@ -78,7 +78,7 @@ PIECES = (
 def read_or_refused(
     data: bytes, name: str, *, header: bytes | None = None, map_: bytes | None = None
 ) -> bool:
-    """Whether it is read, and then whole; it is refused on one line that names the file."""
+    """Return True if a file is read completely, and False if it is refused in a line."""
     with tempfile.TemporaryDirectory(dir=memory_folder()) as folder:
         path, keys, columns = Path(folder) / name, Path(folder) / "h.toml", Path(folder) / "m.toml"
         path.write_bytes(data)
@@ -113,7 +113,7 @@ def read_or_refused(
 
 
 def _check_peaks(drop: Drop) -> None:
-    """Finite numbers, each sensor once, and what is made of them is finite too."""
+    """Check that all numbers are finite and that each sensor occurs once."""
     peaks = trace_peaks(drop)
     offsets = [offset for offset, _ in peaks.displacements]
     assert len(set(offsets)) == len(offsets) > 0
@@ -126,13 +126,13 @@ def project(database: bytes = DATABASE, traces: bytes = TRACES) -> bytes:
     return zipped({"database.json": database, "rawdata/1": traces})
 
 
-def changed(data: bytes, whole: bytes) -> bytes:
-    """Right content with up to four places replaced by a byte or a piece, as the data say."""
+def changed(data: bytes, content: bytes) -> bytes:
+    """Return content with up to four places replaced by a byte or a piece, as the data state."""
     for place, value, length, piece in zip(*(data[n:16:4] for n in range(4)), strict=False):
-        at = (place * 251 + value) % (len(whole) + 1)
+        at = (place * 251 + value) % (len(content) + 1)
         new = PIECES[piece % len(PIECES)] if piece < 200 else bytes([value])
-        whole = whole[:at] + new + whole[at + length % 12 :]
-    return whole
+        content = content[:at] + new + content[at + length % 12 :]
+    return content
 
 
 @target("foreign")
@@ -179,7 +179,7 @@ def jils_file(data: bytes) -> None:
     rows = b"".join(b"%d.0 %d -%d 1\n" % (n, byte, byte) for n, byte in enumerate(data[:40]))
     for text in (data, JILS + data, JILS + rows):
         read_or_refused(text, "a.thy", header=HEADER)
-    read_or_refused(changed(data, THY), "a.thy", header=ONE_SENSOR)
+    read_or_refused(changed(data, THY), "a.thy", header=CENTRE_ONLY)
 
 
 @target("foreign")
@@ -199,39 +199,26 @@ def delimited_text(data: bytes) -> None:
 
 
 def _lines(data: bytes, head: bytes) -> bytes:
-    """A right head, then lines of the bytes."""
+    """Return a valid head and lines of the bytes."""
     return head + b"".join(piece.replace(b"\n", b" ") + b"\r\n" for piece in cuts(data))
 
 
-def _peaks_text(data: bytes, name: str, whole: bytes) -> None:
-    read_or_refused(data, name)
-    read_or_refused(data, name, header=HEADER)
-    read_or_refused(changed(data, whole), name)
-    read_or_refused(_lines(data, whole), name, header=HEADER)
+def _peaks_target(name: str, path: str, content: bytes, head: bytes = b"") -> None:
+    def read_peaks(data: bytes) -> None:
+        """Any bytes as a file of peaks, behind one, and changes of one."""
+        read_or_refused(head + data, path)
+        read_or_refused(head + data, path, header=HEADER)
+        read_or_refused(changed(data, content), path)
+        read_or_refused(_lines(data, content), path, header=HEADER)
+
+    read_peaks.__name__ = name
+    target("foreign")(read_peaks)
 
 
-@target("foreign")
-def f25_file(data: bytes) -> None:
-    """Any bytes as an F25, behind one, and changes of one."""
-    _peaks_text(data, "a.f25", F25)
-
-
-@target("foreign")
-def dynatest_file(data: bytes) -> None:
-    """Any bytes as a Dynatest .fwd, behind one, and changes of one."""
-    _peaks_text(data, "a.fwd", DYNATEST)
-
-
-@target("foreign")
-def sweco_file(data: bytes) -> None:
-    """Any bytes as a Sweco .fwd, behind one, and changes of one."""
-    _peaks_text(b"ROAD SYSTEM" + data, "a.fwd", SWECO)
-
-
-@target("foreign")
-def pddx_file(data: bytes) -> None:
-    """Any bytes as a PDDX, behind one, and changes of one."""
-    _peaks_text(data, "a.pdx", PDDX)
+_peaks_target("f25_file", "a.f25", F25)
+_peaks_target("dynatest_file", "a.fwd", DYNATEST)
+_peaks_target("sweco_file", "a.fwd", SWECO, b"ROAD SYSTEM")
+_peaks_target("pddx_file", "a.pdx", PDDX)
 
 
 @target("foreign")

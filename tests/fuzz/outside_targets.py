@@ -68,7 +68,7 @@ def ledger_bytes(data: bytes) -> None:
 
 @target("recording")
 def survey_folder(data: bytes) -> None:
-    """A folder with any journal and any ledger is read, checked and recovered, twice alike."""
+    """Read, check and recover a folder with any journal and any ledger, with equal results."""
     half = len(data) // 2
     journal = encode_frame(RecordKind.SURVEY, SURVEY_ID, 1, encode_payload({"format_version": 2}))
     with tempfile.TemporaryDirectory(dir=memory_folder()) as name:
@@ -83,8 +83,8 @@ def survey_folder(data: bytes) -> None:
             check(folder)
         with contextlib.suppress(RecordingError):
             recover(folder, jobs=Jobs(0))
-            again = recover(folder, jobs=Jobs(0))
-            assert not again.actions
+            repeated = recover(folder, jobs=Jobs(0))
+            assert not repeated.actions
 
 
 @target("recording")
@@ -130,5 +130,5 @@ def trace_file(data: bytes) -> None:
 
 
 def memory_folder() -> str | None:
-    """Where files cost nothing, if there is such a place."""
+    """Return a folder in memory; None: there is none."""
     return "/dev/shm" if os.path.isdir("/dev/shm") else None

@@ -1,4 +1,4 @@
-"""What is fuzzed: functions of bytes that fail when an invariant breaks. Needs no fuzzer.
+"""Targets of fuzzing: functions of bytes that fail when an invariant breaks, without a fuzzer.
 
 Another reader of outside bytes joins with a function under `@target("group")`; the everyday tests
 and `fuzz.py` find it in `TARGETS`.
@@ -71,32 +71,32 @@ def plain(messages: list[Any]) -> list[Any]:
     return flat
 
 
-def check_stream(make: Callable[[], Any], data: bytes, most_kept: int) -> None:
-    """Whole and in pieces the same comes out, the same is counted, and little is kept."""
-    whole, pieces = make(), make()
-    once = plain(whole.feed(data))
-    often: list[Any] = []
+def check_stream(make: Callable[[], Any], data: bytes, max_stored: int) -> None:
+    """Check that messages and counts do not depend on the division of bytes; bound the storage."""
+    complete, divided = make(), make()
+    expected = plain(complete.feed(data))
+    messages: list[Any] = []
     for piece in cuts(data):
-        often += pieces.feed(piece)
-    assert plain(often) == once
-    assert pieces.counters == whole.counters
-    counters = whole.counters
+        messages += divided.feed(piece)
+    assert plain(messages) == expected
+    assert divided.counters == complete.counters
+    counters = complete.counters
     assert counters.bytes_received == len(data)
     assert 0 <= counters.bytes_discarded <= len(data)
     counts = (counters.frames_good, counters.frames_damaged, counters.frames_unknown)
     assert min(*counts, counters.frames_lost) >= 0
-    assert kept(whole) <= most_kept
+    assert stored_bytes(complete) <= max_stored
 
 
-def kept(end: Any) -> int:
-    """Bytes that wait for more."""
+def stored_bytes(end: Any) -> int:
+    """Return the number of bytes that wait for more."""
     deframer = getattr(end, "_deframer", end)
     held = sum(line.size for line in getattr(end, "_held", []))
     return deframer._cutter.held + held
 
 
 def framed(data: bytes, types: bytes) -> bytes:
-    """The data as payloads of frames whose check is right: fuzzers do not guess CRCs."""
+    """Return the data as payloads of frames with valid CRCs, which fuzzers do not guess."""
     frames = []
     at = counter = 0
     while at + 2 < len(data):
@@ -116,7 +116,7 @@ def binary_bytes(data: bytes) -> None:
 
 @target("wire")
 def binary_payloads(data: bytes) -> None:
-    """The host's end, any payloads; what was understood can be said again and means the same."""
+    """The host's end, any payloads; accepted messages survive encoding and decoding."""
     stream = framed(data, b"\x81\x82\x83\x84\x85\x86")
     check_stream(BinaryDialect, stream, MAX_FRAME_BYTES)
     for message in BinaryDialect().feed(stream):
@@ -155,7 +155,7 @@ def ascii_bytes(data: bytes) -> None:
 
 @target("wire")
 def ascii_words(data: bytes) -> None:
-    """Lines made of what lines are made of: each byte is a piece of one, or a whole right one."""
+    """Lines of typical pieces: each byte is a piece of a line, or a valid line."""
     pieces, time = [], 1000
     for byte in data[:3000]:
         if byte < 64:
@@ -175,7 +175,7 @@ _WORDS += [b"nan", b"inf", b"_", b"\0", b"\xd9\xa1", b" " * 500, b"9" * 14]
 
 @target("wire")
 def ascii_times(data: bytes) -> None:
-    """Lines whose times jump as the data say."""
+    """Lines whose times jump as the data state."""
     time, lines = 1000, []
     for at, byte in enumerate(data[:2000]):
         jump = byte & 0x3F
@@ -198,13 +198,13 @@ def ascii_times(data: bytes) -> None:
             first = message.stream, message.first_sample
             assert first > last
             last = first[0], first[1] + len(message.counts) - 1
-            # No sample is told twice, or out of order.
+            # No sample is repeated or out of order.
             assert (np.diff(message.counts[:, 0]) > 0).all()
 
 
 @target("wire")
 def identity_payload(data: bytes) -> None:
-    """Any bytes as an identity: read, refused, or too short; what was read reads the same again."""
+    """Any bytes as an identity: it is read, refused or too short; an identity survives encoding."""
     try:
         identity = read_identity(data)
     except (struct.error, SetupError):
@@ -213,8 +213,8 @@ def identity_payload(data: bytes) -> None:
         assert len(text) <= 32
         assert all(letter.isprintable() or letter.isspace() for letter in text)
         assert len(text.splitlines()) <= 1
-    again = read_identity(pack_identity(identity))
-    assert repr(again) == repr(identity)
+    repeated = read_identity(pack_identity(identity))
+    assert repr(repeated) == repr(identity)
 
 
 def texts(message: object) -> list[str]:
@@ -226,7 +226,7 @@ def texts(message: object) -> list[str]:
 
 
 def peak_memory(function: Target, data: bytes) -> int:
-    """Bytes that a call has in use at most."""
+    """Return the peak memory of a call, bytes."""
     tracemalloc.start()
     try:
         function(data)

@@ -47,12 +47,12 @@ def test_target_holds_on_any_bytes(group: str, name: str, data: bytes) -> None:
             for database in (foreign.ACQUIRED, foreign.VIEWED)
         ),
         (foreign.zipped({"database.xml": foreign.DATA_SET}), "a.dynz", {}),
-        (foreign.THY, "a.thy", {"header": foreign.ONE_SENSOR}),
+        (foreign.THY, "a.thy", {"header": foreign.CENTRE_ONLY}),
         (foreign.DAT, "a.dat", {"header": foreign.HEADER}),
         (foreign.TEXT, "a.txt", {"map_": foreign.MAP}),
     ],
 )
-def test_what_the_targets_change_is_right(
+def test_the_unchanged_files_of_the_targets_are_read(
     data: bytes, name: str, options: dict[str, bytes]
 ) -> None:
     assert foreign.read_or_refused(data, name, **options)
@@ -67,7 +67,7 @@ def test_target_holds_on_long_noise(group: str, name: str) -> None:
     target(b"\x07" * 20_000)
 
 
-def test_memory_is_bounded_by_what_is_fed() -> None:
+def test_memory_is_bounded_by_the_input() -> None:
     noise = b"\x07" * 1_000_000
     for target in TARGETS["wire"].values():
         assert peak_memory(target, noise) < 40 * len(noise)

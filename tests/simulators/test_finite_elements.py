@@ -4,7 +4,6 @@ No test uses the model of the inversion: the values are those of `tests.referenc
 records of other programs.
 """
 
-import itertools
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -266,20 +265,6 @@ def test_two_equal_layers_act_as_a_single_layer() -> None:
     assert largest(drops[0].plate_displacement - drops[1].plate_displacement, drops[0]) < 5e-4
 
 
-def test_a_stiff_crust_spreads_the_load() -> None:
-    soil, crust = SoilLayer(40e6, 20e3, 1900, 0.35, 0.9), SoilLayer(160e6, 20e3, 2000, 0.35, 0.1)
-    plain, crusted = (
-        simulate_drop(SoilProfile(layers), PLATE, HAMMER, (0.3,), 0.015)
-        for layers in ((replace(soil, thickness=1.0),), (crust, soil))
-    )
-    ratios = [
-        float(np.max(drop.ground_displacement) / np.max(drop.plate_displacement))
-        for drop in (plain, crusted)
-    ]
-    assert np.max(crusted.plate_displacement) < 0.8 * np.max(plain.plate_displacement)
-    assert ratios[1] > 1.3 * ratios[0]
-
-
 # --- how fine is fine enough --------------------------------------------------------------------
 
 
@@ -314,7 +299,6 @@ def test_finer_elements_and_steps_change_little() -> None:
     ("ground", "plate", "pulse"),
     [
         (SoilProfile.uniform(60e6, bedrock_depth=0.5), PLATE, 0.0133),
-        (SoilProfile.uniform(5e6, 300e3, bedrock_depth=1.0), PLATE, 0.0133),
         (SoilProfile.uniform(45e6, 0, 2000, 0.49, 1.0), PLATE, 0.0133),
         (SoilProfile.uniform(60e6, 0, 1200, 0.1, 1.0), Plate(0.1, 5.0, "smooth"), 0.008),
         (
@@ -328,7 +312,7 @@ def test_finer_elements_and_steps_change_little() -> None:
             0.0133,
         ),
     ],
-    ids=["undamped", "viscous", "incompressible", "short pulse", "constant Q", "growing"],
+    ids=["undamped", "incompressible", "short pulse", "constant Q", "growing"],
 )
 @pytest.mark.timeout(300)
 def test_finer_elements_and_steps_change_little_anywhere(
@@ -338,31 +322,6 @@ def test_finer_elements_and_steps_change_little_anywhere(
     peak, sensors = compare_with_refined(ground, plate, hammer, 0.03)
     assert peak < 3e-3
     assert sensors < 5e-3
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(300)
-def test_the_absorbing_zone_reflects_no_waves() -> None:
-    ground = SoilProfile.uniform(40e6)
-    wide = replace(Resolution(), undamped_wavelengths=2.5)
-    drop, reference = (
-        simulate_drop(ground, PLATE, HAMMER, OFFSETS, 0.04, 2.5e-4, resolution)
-        for resolution in (Resolution(), wide)
-    )
-    assert largest(drop.ground_displacement - reference.ground_displacement, reference) < 1e-3
-
-
-def test_time_steps_converge_with_the_second_order() -> None:
-    ground = SoilProfile.uniform(30e6, 54e3, bedrock_depth=0.5)
-    time = np.linspace(0, 0.016, 1601)
-    load = PrescribedLoad(time, 8000 * np.sin(np.pi * time / 0.016) ** 2)  # without a kink
-    motions = []
-    for substeps in (1, 2, 4):
-        resolution = replace(Resolution(), steps_per_pulse=substeps * load.pulse_duration / 1e-3)
-        drop = simulate_drop(ground, PLATE, load, (), 0.02, 1e-3, resolution)
-        motions.append(drop.plate_displacement)
-    coarse, fine = (float(np.max(np.abs(a - b))) for a, b in itertools.pairwise(motions))
-    assert coarse / fine == pytest.approx(4, rel=0.1)
 
 
 # --- another program ----------------------------------------------------------------------------
