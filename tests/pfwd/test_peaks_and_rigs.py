@@ -1,6 +1,5 @@
 """A survey of peaks, and one of a rig, on their way through every command."""
 
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from pfwd.export.export import export_survey
 from pfwd.files.importing import import_files
 from pfwd.files.reading import read_points
 from pfwd.procedures import Kind, PointDrop, find_procedure, judge
+from tests.pfwd.export.conftest import rows_of
 from tests.pfwd.files.foreign.builders import dataset, pulse, zipped
 from tests.pfwd.files.foreign.peaks_builders import places
 from tests.records import known
@@ -33,30 +33,24 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "s"
 
 
-def rows_of(survey: Path, tmp_path: Path) -> list[dict[str, str]]:
-    assert export_survey(survey, "table", tmp_path / "t.csv")
-    with open(tmp_path / "t.csv", newline="", encoding="utf-8") as stream:
-        return list(csv.DictReader(stream))
+def table_of(survey: Path, tmp_path: Path) -> list[dict[str, str]]:
+    export_survey(survey, "table", tmp_path / "t.csv")
+    return rows_of(tmp_path / "t.csv")
 
 
 def test_peaks_are_judged_by_a_procedure_of_peaks(peaks: Path) -> None:
     (first, _) = read_points(peaks)
-    screenings = screen_point(first)
-    facts = [
-        point_drop(drop, first.setup, screening)
-        for drop, screening in zip(first.drops, screenings, strict=True)
-    ]
+    screened = zip(first.drops, screen_point(first), strict=True)
+    facts = [point_drop(drop, first.setup, screening) for drop, screening in screened]
     assert [item.kind for item in facts] == [Kind.MEASURED] * 3
-    assert facts[0].peak_load == pytest.approx(70168, abs=1)
-    assert facts[0].modulus is None
-    procedure = find_procedure("astm-e2835")
-    progress = judge(procedure, [*facts, *facts], plate_radius=0.15)
+    assert (facts[0].peak_load, facts[0].modulus) == (pytest.approx(70168, abs=1), None)
+    progress = judge(find_procedure("astm-e2835"), [*facts, *facts], plate_radius=0.15)
     assert known(progress.value).drops == 6
     assert judge(find_procedure("paper"), facts, plate_radius=0.15).value is None
 
 
 def test_peaks_have_moduli_and_indices_in_tables(peaks: Path, tmp_path: Path) -> None:
-    rows = rows_of(peaks, tmp_path)
+    rows = table_of(peaks, tmp_path)
     assert [row["kind"] for row in rows] == ["peaks"] * 6
     first = rows[0]
     assert first["status"] == "rejected"
@@ -78,19 +72,18 @@ def test_peaks_are_exported_as_peaks(peaks: Path, tmp_path: Path) -> None:
         export_survey(peaks, "csv", tmp_path / "csv")
     export_survey(peaks, "pddx", tmp_path / "again.pddx")
     expected, exported = read_points(peaks), read_points(tmp_path / "again.pddx")
-    for point, exported_point in zip(expected, exported, strict=True):
-        for drop, item in zip(point.drops, exported_point.drops, strict=True):
-            assert known(item.only_peaks).load == pytest.approx(
-                known(drop.only_peaks).load, abs=5.1
-            )
+    loads, exported_loads = (
+        [known(drop.only_peaks).load for point in points for drop in point.drops]
+        for points in (expected, exported)
+    )
+    assert exported_loads == pytest.approx(loads, abs=5.1)
     export_survey(peaks, "survey", tmp_path / "a.pfwdz")
-    assert len(read_points(tmp_path / "a.pfwdz")) == 2
     repeated = list(import_files([str(tmp_path / "a.pfwdz")], tmp_path / "s"))
     assert [(item.kind, item.error) for item in repeated] == [("peaks", None)] * 6
 
 
 def test_a_rig_has_stiffness_and_no_modulus(rig: Path, tmp_path: Path) -> None:
-    (row,) = rows_of(rig, tmp_path)
+    (row,) = table_of(rig, tmp_path)
     assert (row["kind"], row["status"]) == ("stiffness", "rejected")
     assert row["reason"].startswith("stiffness test: the weight fell on a rig of springs")
     assert float(row["secant_stiffness_n_per_m"]) == pytest.approx(80e6, rel=0.01)
@@ -114,12 +107,9 @@ def test_a_rig_needs_no_plate_and_ground_does(tmp_path: Path) -> None:
         read_points(path)
 
 
-def test_a_missing_plate_leaves_a_point_without_value() -> None:
+def test_a_rejected_drop_needs_no_plate() -> None:
     rejected = PointDrop(1, Kind.REJECTED)
     assert judge(find_procedure("astm-e2835"), [rejected], plate_radius=0.0).value is None
-    measured = PointDrop(2, Kind.MEASURED, peak_load=7e3, peak_deflection=5e-4)
-    with pytest.raises(SurveyError, match="plate radius: expected a number > 0"):
-        judge(find_procedure("astm-e2835"), [rejected, measured], plate_radius=0.0)
 
 
 def test_scripts_read_the_kind_of_a_drop(peaks: Path, rig: Path) -> None:

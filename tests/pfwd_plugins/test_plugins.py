@@ -1,4 +1,4 @@
-"""What other packages add, and what it costs when it cannot be used."""
+"""Extensions of other packages, and remarks on those that cannot be used."""
 
 import sys
 import warnings
@@ -27,7 +27,7 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         del sys.modules[name]
 
 
-def test_what_a_package_names_is_found_and_loaded_when_it_is_asked_for(site: Path) -> None:
+def test_an_entry_point_is_listed_and_loaded_on_request(site: Path) -> None:
     install(site, {"some_good.py": "VALUE = 7.5\n"}, f"[{GROUP}]\nseven = some_good:VALUE\n")
     assert pfwd_plugins.names(GROUP) == ("seven",)
     assert pfwd_plugins.package_of(GROUP, "seven") == "toy 0.1"
@@ -52,12 +52,12 @@ def test_what_a_package_names_is_found_and_loaded_when_it_is_asked_for(site: Pat
         ("X = 1.0\n", "some bad", "is left out: expected an object that can be imported"),
     ],
 )
-def test_a_broken_one_costs_a_remark_and_not_the_others(
+def test_a_broken_plugin_is_a_remark_and_the_rest_is_loaded(
     site: Path, source: str, value: str, expected: str
 ) -> None:
     install(site, {"some_bad.py": source}, f"[{GROUP}]\nbad = {value}\n", "broken-toy")
     install(site, {"some_good.py": "X = 2.0\n"}, f"[{GROUP}]\ngood = some_good:X\n")
-    for _ in range(2):  # and one remark, however often it is asked for
+    for _ in range(2):  # and one remark, however often it is loaded
         assert list(pfwd_plugins.load_all(GROUP, float)) == [("good", 2.0)]
     (remark,) = pfwd_plugins.remarks()
     assert remark.startswith(f"plug-in bad of broken-toy 0.1 ({GROUP}) is left out: expected ")
@@ -75,7 +75,7 @@ def test_a_script_is_warned_once(site: Path) -> None:
         pfwd_plugins.load(GROUP, "bad", float)
 
 
-def test_nobody_replaces_what_the_program_has(site: Path) -> None:
+def test_a_plugin_does_not_replace_a_built_in_name(site: Path) -> None:
     install(site, {"some_good.py": "X = 2.0\n"}, f"[{GROUP}]\nown = some_good:X\n")
     assert list(pfwd_plugins.load_all(GROUP, float, {"own"})) == []
     (remark,) = pfwd_plugins.remarks()
@@ -84,7 +84,7 @@ def test_nobody_replaces_what_the_program_has(site: Path) -> None:
 
 
 @pytest.mark.parametrize("entry", ["", ".", "absolute"])
-def test_the_current_folder_is_not_looked_at(
+def test_packages_in_the_current_folder_are_ignored(
     site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, entry: str
 ) -> None:
     received = tmp_path / "received"
@@ -101,20 +101,20 @@ def test_the_current_folder_is_not_looked_at(
 def test_the_same_package_twice_on_the_path_counts_once(
     site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    again = tmp_path / "again"
-    for folder, value in ((site, 1.0), (again, 2.0)):
+    second = tmp_path / "second"
+    for folder, value in ((site, 1.0), (second, 2.0)):
         install(folder, {"some_good.py": f"X = {value}\n"}, f"[{GROUP}]\nx = some_good:X\n")
-    monkeypatch.setattr(sys, "path", [str(site), str(again), *sys.path[1:]])
+    monkeypatch.setattr(sys, "path", [str(site), str(second), *sys.path[1:]])
     pfwd_plugins.forget()
     assert list(pfwd_plugins.load_all(GROUP, float)) == [("x", 1.0)]
     assert pfwd_plugins.remarks() == ()
 
 
-def test_the_current_folder_is_left_out_in_any_spelling(
+def test_the_current_folder_is_excluded_in_any_spelling(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The file systems of macOS and Windows do not distinguish upper and lower case."""
-    other = tmp_path / "other"
+    trusted = tmp_path / "trusted"
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", ["", str(tmp_path), str(tmp_path).upper(), str(other)])
-    assert pfwd_plugins._trusted_path() == [str(other)]
+    monkeypatch.setattr(sys, "path", ["", str(tmp_path), str(tmp_path).upper(), str(trusted)])
+    assert pfwd_plugins._trusted_path() == [str(trusted)]

@@ -7,8 +7,8 @@ from typing import Any
 from pyarrow import dataset as tables
 
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.results import DropResult
-from pfwd.archive.work import ArchiveWorkers, Batch, Source, SourceOutcome, invert_batch
+from pfwd.archive.work import ArchiveWorkers, Batch, SourceOutcome, invert_batch
+from tests.pfwd.archive.worker_functions import quick
 
 OPTIONS = AnalysisOptions(method="posterior", sensors="centre", bedrock_depth=1.2)
 """Quick settings of the inversion."""
@@ -34,11 +34,7 @@ class QuickWorkers(LocalWorkers):
     """Invent a result for each source, for tests of anything but the inversion."""
 
     def work(self, batch: Batch) -> list[SourceOutcome]:
-        return [SourceOutcome(source, [(invented(source), {})]) for source in batch]
-
-
-def invented(source: Source) -> DropResult:
-    return DropResult(file=source.path, drop=1, status="measured", modulus_pa=4e7)
+        return quick(batch, self.options)
 
 
 def rows(archive: Path, table: str = "results") -> list[dict[str, Any]]:

@@ -6,85 +6,78 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import psutil
 import pytest
 
-from pfwd.analysis.options import AnalysisOptions
 from pfwd.archive import run as running
+from pfwd.archive import work
 from pfwd.archive.run import Summary, invert_archive, invert_stream
-from pfwd.archive.work import (
-    MAX_DEATHS_PER_SOURCE,
-    ArchiveWorkers,
-    Batch,
-    Source,
-    SourceFailure,
-    SourceOutcome,
-)
+from pfwd.archive.work import ArchiveWorkers, Source, SourceFailure
 from pfwd.errors import SurveyError
 
 pytest.importorskip("pyarrow")
-from tests.pfwd.archive.stand_ins import OPTIONS, LocalWorkers, QuickWorkers, facts, invented, rows
+from tests.pfwd.archive.stand_ins import OPTIONS, LocalWorkers, QuickWorkers, facts, rows
+from tests.pfwd.archive.worker_functions import deadly, held, quick, stillborn
+
+Replace = Callable[..., None]
+
+
+@pytest.fixture
+def work_by(monkeypatch: pytest.MonkeyPatch) -> Replace:
+    """Replaces the inversion of a batch, and the numbers of failures after which work ends."""
+
+    def replace(function: Callable[..., object], **limits: int) -> None:
+        monkeypatch.setattr(work, "invert_batch", function)
+        for name, value in limits.items():
+            monkeypatch.setattr(work, name, value)
+
+    return replace
 
 
 def test_the_work_of_a_killed_worker_is_repeated(
-    drops: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    drops: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, work_by: Replace
 ) -> None:
-    monkeypatch.setattr(running, "BATCH_SOURCES", 2)
+    monkeypatch.setattr(running, "BATCH_SOURCES", 1)
+    work_by(held)
     killed = []
-
     with contextlib.closing(ArchiveWorkers(OPTIONS, 2)) as workers:
 
         def tell(summary: Summary, failures: Sequence[SourceFailure]) -> None:
             if not killed:
-                # All of them: whoever has work is among them.
                 for process in workers._jobs.processes:
                     process.kill()
                     killed.append(process)
+                (drops / "go").touch()
 
         summary = invert_archive([str(drops)], tmp_path / "out", workers, tell)
     assert killed
-    assert (summary.drops, summary.failed_in_all) == (12, 0)
-    assert len(facts(tmp_path / "out")) == 12
+    assert (summary.drops, summary.failed_in_all) == (6, 0)
+    assert len(facts(tmp_path / "out")) == 6
 
 
 def test_a_source_that_kills_its_workers_is_skipped(
-    drops: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    drops: Path, tmp_path: Path, work_by: Replace
 ) -> None:
-    monkeypatch.setattr("pfwd.archive.work.invert_batch", deadly)
-    with contextlib.closing(ArchiveWorkers(OPTIONS, 2)) as workers:
+    work_by(deadly, MAX_DEATHS_PER_SOURCE=1)
+    with contextlib.closing(ArchiveWorkers(OPTIONS)) as workers:
         summary = invert_archive([str(drops)], tmp_path / "out", workers)
     assert (summary.drops, summary.failed_in_all) == (5, 1)
     (line,) = (tmp_path / "out" / "unfinished" / f"{summary.run}.jsonl").read_text().splitlines()
     failure = json.loads(line)
     assert failure["file"].endswith("point-3.csv")
-    assert f"the end of the worker process, {MAX_DEATHS_PER_SOURCE} times" in failure["reason"]
+    assert "the end of the worker process, 1 times" in failure["reason"]
 
 
-def deadly(sources: Batch, options: AnalysisOptions) -> list[SourceOutcome]:
-    """A worker that dies of one file and invents the others' results."""
-    if any(source.path.endswith("point-3.csv") for source in sources):
-        os._exit(9)
-    return quick(sources, options)
-
-
-def test_processes_that_always_die_end_the_run(
-    drops: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("pfwd.archive.work.invert_batch", stillborn)
-    monkeypatch.setattr("pfwd.archive.work.MAX_CONSECUTIVE_FAILURES", 1)
+def test_processes_that_always_die_end_the_run(drops: Path, work_by: Replace) -> None:
+    work_by(stillborn, MAX_DEATHS_PER_SOURCE=1, MAX_CONSECUTIVE_FAILURES=2)
     with (
-        contextlib.closing(ArchiveWorkers(OPTIONS, 1)) as workers,
-        pytest.raises(SurveyError, match="expected processes that stay alive, got 3"),
+        contextlib.closing(ArchiveWorkers(OPTIONS)) as workers,
+        pytest.raises(SurveyError, match="expected processes that stay alive, got 2"),
     ):
         list(invert_stream([str(drops)], workers))
-
-
-def stillborn(sources: Batch, options: AnalysisOptions) -> list[SourceOutcome]:
-    """A worker that does not live to do anything."""
-    os._exit(1)
 
 
 MAIN = """
@@ -132,7 +125,7 @@ def test_a_killed_main_process_goes_on_where_it_was(drops: Path, tmp_path: Path)
 def test_memory_does_not_grow_with_the_archive(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    count = 40_000
+    count = 20_000
     sources = (Source(f"/drops/{number}.csv", 20_000, number) for number in range(count))
     monkeypatch.setattr(running, "find_sources", lambda *_: sources)
     monkeypatch.setattr(running, "content_digest", lambda source: f"{source.mtime_ns:064d}")
@@ -143,32 +136,19 @@ def test_memory_does_not_grow_with_the_archive(
     resident: list[int] = []
 
     def tell(summary: Summary, failures: Sequence[SourceFailure]) -> None:
-        if summary.drops % 4_000 == 0:
+        if summary.drops % 2_000 == 0:
             resident.append(process.memory_info().rss)
 
     invert_archive([str(tmp_path)], tmp_path / "out", QuickWorkers(), tell)
     assert len(resident) >= 10
-    # A row takes 3 kB as Python objects: all of them would be 100 MB.
+    # A row takes 3 kB as Python objects: all of them would be 60 MB.
     assert max(resident[3:]) - resident[2] < 30e6
 
 
-def test_batches_are_read_only_when_needed(drops: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pfwd.archive.work.invert_batch", quick)
+def test_batches_are_read_only_when_needed(work_by: Replace) -> None:
+    work_by(quick)
     count = itertools.count()
-    n_batches = 0
-
-    def endless() -> Iterator[Batch]:
-        while True:
-            yield (Source(f"/{next(count)}", 1, 1),)
-
-    with contextlib.closing(ArchiveWorkers(OPTIONS, 2)) as workers:
-        for _ in workers.run(endless()):
-            n_batches += 1
-            if n_batches == 20:
-                break
-    assert next(count) <= 20 + 2 + 2 + 1
-
-
-def quick(sources: Batch, options: AnalysisOptions) -> list[SourceOutcome]:
-    """A worker that invents results."""
-    return [SourceOutcome(source, [(invented(source), {})]) for source in sources]
+    endless = ((Source(f"/{next(count)}", 1, 1),) for _ in itertools.repeat(None))
+    with contextlib.closing(ArchiveWorkers(OPTIONS)) as workers:
+        assert len(list(itertools.islice(workers.run(endless), 20))) == 20
+    assert next(count) <= 20 + 1 + 2 + 1

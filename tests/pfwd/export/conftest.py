@@ -1,6 +1,7 @@
 """A survey with everything that an export has to carry."""
 
 import csv
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,29 +18,19 @@ from pfwd.judging import drop_from_traces
 from pfwd_device import Channel, Drop
 from pfwd_device.jobs import Jobs
 from pfwd_device.recording import DropRecord, ReboundRecord, SurveyWriter
+from tests.pfwd.report import surveys
 from tests.records import complete, known
 
 RESULT: dict[str, Any] = {
-    "method": "mpga",
-    "model": "half-space",
-    "modulus_pa": 45e6,
-    "modulus_sd_pa": 0.5e6,
+    **surveys.result_of(1),
     "modulus_interval_pa": [43e6, 47e6],
-    "equivalent_modulus_pa": 45e6,
     "equivalent_modulus_interval_pa": [43e6, 47e6],
     "viscosity_pa_s": 1e4,
-    "density_kg_m3": 1900.0,
-    "poisson_ratio": 0.35,
-    "plate_radius_m": 0.15,
-    "plate": "rigid-rough",
-    "load": "measured",
     "half_sine": {"peak_pressure_pa": 1.1e5, "duration_s": 0.018, "rms_over_peak": 0.02},
-    "peak_modulus_pa": 50e6,
     "residual_rms_over_peak": float("nan"),
     "explained": True,
     "converged": True,
     "at_bound": [],
-    "seed": 0,
     "warnings": ["depth not unique"],
 }
 
@@ -53,7 +44,7 @@ BELONGS = ("modulus_sd_pa", "model", "plate_radius_m", "poisson_ratio", "warning
 def result_of(drop: Drop, **more: Any) -> dict[str, Any]:
     """A stored result with all its keys."""
     empty = drop_result("f", DropAnalysis(drop, Screening("measured"), None)).to_json()
-    return empty | RESULT | more
+    return empty | RESULT | {"drop": drop.number} | more
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
@@ -62,9 +53,15 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 
 
 @pytest.fixture
-def survey(tmp_path: Path, make_drop: Callable[..., Drop]) -> Path:
+def survey(made: Path, tmp_path: Path) -> Path:
+    """A copy that a test may change."""
+    return shutil.copytree(made, tmp_path / "survey")
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory, make_drop: Callable[..., Drop]) -> Path:
     """Two points: one with position, results, notes and a discarded drop, one without any."""
-    folder = tmp_path / "survey"
+    folder = tmp_path_factory.mktemp("export") / "survey"
     counts = np.arange(600, dtype=np.int32).reshape(300, 2)
     with SurveyWriter.open(folder, jobs=Jobs(0)) as writer:
         declared = {"plate_radius_m": 0.15, "poisson_ratio": 0.35, "site": "km 1", "device": "d7"}
@@ -85,10 +82,8 @@ def survey(tmp_path: Path, make_drop: Callable[..., Drop]) -> Path:
             saved = writer.save_drop(record)
             writer.publish(saved)
             if number < 3:
-                writer.save_result(
-                    saved, complete(DropResult, result_of(drop, modulus_pa=1.0, method="posterior"))
-                )
-                writer.save_result(saved, complete(DropResult, result_of(drop)))
+                for more in ({"modulus_pa": 1.0, "method": "posterior"}, {}):
+                    writer.save_result(saved, complete(DropResult, result_of(drop, **more)))
         writer.edit("note", FORMULA, number=1)
         writer.edit("discard", "wet", number=3)
         writer.edit("name", "north, end", point="A/1")

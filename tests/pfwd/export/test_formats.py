@@ -1,7 +1,9 @@
 """Every format is opened by a reader of its own and holds what it promises."""
 
+import configparser
+import contextlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +22,16 @@ from pfwd.files.importing import import_files
 from pfwd.files.opening import survey_content
 from pfwd.files.reading import read_points
 from pfwd.files.upkeep import check_survey
+from pfwd.judging import view
 from pfwd_device import Drop
-from pfwd_device.recording import DropRecord, ReboundRecord, SurveyWriter, read_survey
+from pfwd_device.recording import (
+    DropRecord,
+    ReboundRecord,
+    SurveyWriter,
+    drop_payload,
+    payload,
+    read_survey,
+)
 from tests.pfwd.export.conftest import BELONGS, rows_of
 from tests.pfwd.files.trace_lines import assert_same_drops
 from tests.records import known
@@ -36,17 +46,15 @@ def everything(survey: Path) -> Any:
         content.append((point.position, point.declared))
         for drop in point.drops:
             record = drop.read()
-            arrays = [record.drop.time, record.drop.load]
+            rebounds = [rebound.counts for rebound in record.rebounds]
+            arrays = [record.drop.time, record.drop.load, record.counts, *rebounds]
             arrays += [channel.values for channel in record.drop.channels]
-            arrays += [] if record.counts is None else [record.counts]
-            arrays += [rebound.counts for rebound in record.rebounds]
             metadata = {k: v for k, v in record.metadata.items() if k != "key"}
             content.append((drop.drop, drop.discarded, drop.notes, json.dumps(metadata)))
-            content.append((record.declared, [array.tobytes() for array in arrays]))
+            content.append((record.declared, [a.tobytes() for a in arrays if a is not None]))
             content.append([path.read_bytes() for path in drop.results])
     content.append([event.get("details") for event in read.events if event["event"] != "recovery"])
-    content.append([check["details"] for check in read.checks])
-    return content
+    return [*content, *(check["details"] for check in read.checks)]
 
 
 def test_a_survey_file_contains_the_complete_survey(survey: Path, tmp_path: Path) -> None:
@@ -96,10 +104,8 @@ def test_h5_is_for_foreign_programs_only(
 def test_csv_is_a_folder_that_comes_back(survey: Path, tmp_path: Path) -> None:
     folder = tmp_path / "traces"
     summary = export_survey(survey, "csv", folder)
-    assert sorted(path.name for path in folder.iterdir()) == [
-        "0001-north, end.csv",
-        "0002-CON.csv",
-    ]
+    files = [str(path) for path in sorted(folder.iterdir())]
+    assert [Path(file).name for file in files] == ["0001-north, end.csv", "0002-CON.csv"]
     # The record that was cut short keeps its unbroken part, and that is said.
     assert any("CON/1" in note and "unbroken part" in note for note in summary.notes)
     assert any("1 discarded" in note for note in summary.notes)
@@ -107,7 +113,6 @@ def test_csv_is_a_folder_that_comes_back(survey: Path, tmp_path: Path) -> None:
     (imported,) = read_points(folder / "0001-north, end.csv")
     assert imported.setup == expected.setup
     assert_same_drops(imported.drops, expected.drops)
-    files = [str(path) for path in folder.iterdir()]
     assert all(item.error is None for item in import_files(files, tmp_path / "again"))
 
 
@@ -117,20 +122,15 @@ def test_a_table_has_every_drop_with_its_modulus(survey: Path, tmp_path: Path) -
     assert (summary.results, summary.as_dict()["without_result"]) == (2, 2)
     rows = rows_of(path)
     assert list(rows[0]) == [column.name for column in DROP_COLUMNS]
-    assert [(row["point"], row["drop"], row["status"]) for row in rows] == [
-        ("north, end", "1", "measured"),
-        ("north, end", "2", "measured"),
-        ("north, end", "3", "no result"),
-        ("CON", "1", "no result"),
-    ]
+    points = [(row["point"], row["drop"]) for row in rows]
+    assert points == [*(("north, end", number) for number in "123"), ("CON", "1")]
+    assert [row["status"] for row in rows] == ["measured"] * 2 + ["no result"] * 2
     first, _, third, last = rows
     # The last of several results counts.
     assert (first["modulus_pa"], first["method"]) == ("45000000.0", "mpga")
     assert all(first[name] for name in BELONGS)
-    assert (first["modulus_interval_low_pa"], first["modulus_interval_high_pa"]) == (
-        "43000000.0",
-        "47000000.0",
-    )
+    ends = first["modulus_interval_low_pa"], first["modulus_interval_high_pa"]
+    assert ends == ("43000000.0", "47000000.0")
     assert first["residual_rms_over_peak"] == ""
     assert (first["latitude"], first["longitude"], first["altitude_m"]) == ("48.1", "11.5", "520.0")
     assert float(first["peak_load_n"]) == pytest.approx(8001.0, rel=1e-3)
@@ -221,11 +221,8 @@ def test_the_last_declared_position_counts(survey: Path, tmp_path: Path) -> None
     path = tmp_path / "r.geojson"
     export_survey(survey, "geojson", path)
     places = [feature["geometry"] for feature in json.loads(path.read_text())["features"]]
-    assert [place and place["coordinates"] for place in places] == [
-        [6.0, 5.0],
-        [-170.5, -10.0],
-        None,
-    ]
+    expected = [[6.0, 5.0], [-170.5, -10.0], None]
+    assert [place and place["coordinates"] for place in places] == expected
 
 
 def test_gpx_has_the_points_with_a_position(survey: Path, tmp_path: Path) -> None:
@@ -233,11 +230,8 @@ def test_gpx_has_the_points_with_a_position(survey: Path, tmp_path: Path) -> Non
     summary = export_survey(survey, "gpx", path)
     with open(path, encoding="utf-8") as stream:
         document = gpxpy.parse(stream, version="1.1")
-    assert document.version == "1.1"
-    assert document.schema_locations == [
-        "http://www.topografix.com/GPX/1/1",
-        "http://www.topografix.com/GPX/1/1/gpx.xsd",
-    ]
+    namespace = "http://www.topografix.com/GPX/1/1"
+    assert document.schema_locations == [namespace, f"{namespace}/gpx.xsd"]
     (point,) = document.waypoints
     assert (point.latitude, point.longitude, point.elevation) == (48.1, 11.5, 520.0)
     assert point.name == "north, end"
@@ -248,59 +242,41 @@ def test_gpx_has_the_points_with_a_position(survey: Path, tmp_path: Path) -> Non
     assert summary.notes[0] == "1 points without a position or drops are left out"
 
 
-def sections(path: Path) -> dict[str, dict[str, str]]:
-    content: dict[str, dict[str, str]] = {}
-    for line in path.read_text(encoding="utf-8").splitlines():
-        if line.startswith("["):
-            section = content.setdefault(line.strip("[]"), {})
-        elif " = " in line and not line.startswith(";"):
-            key, _, value = line.partition(" = ")
-            section[key] = value
-    return content
-
-
 def test_pddx_holds_the_peaks_in_its_units(survey: Path, tmp_path: Path) -> None:
     path = tmp_path / "r.pdx"
     summary = export_survey(survey, "pddx", path)
-    content = sections(path)
-    assert next(iter(content)) == "Pavement Deflection Data Exchange File"
-    assert content["Pavement Deflection Data Exchange File"]["PDDXVersionNumber"] == "2.0"
+    content = configparser.ConfigParser(comment_prefixes=";", interpolation=None)
+    content.read(path, encoding="utf-8")
+    head, *_ = content.sections()
+    assert (head, content[head]["PDDXVersionNumber"]) == (
+        "Pavement Deflection Data Exchange File",
+        "2.0",
+    )
     assert content["Operations Information"]["StartDate"] == "06-May-2024"
     assert content["Device Configuration"]["LoadPlateRadius"] == "150"
     assert content["Device Configuration"]["DeflectionSensorXAxisDistances"] == "0,-300"
     first = content["Test Location 1"]
-    assert first["NumberOfDrops"] == "2"
-    assert first["GPSLocation"] == "48.10000000,11.50000000,520"
+    assert (first["NumberOfDrops"], first["GPSLocation"]) == ("2", "48.10000000,11.50000000,520")
     assert first["TestComment"] == "north  end"  # the delimiter would split it
     load, *deflections = map(float, first["DropData_2"].split(","))
     assert load == pytest.approx(8.002, abs=0.01)
     assert deflections == pytest.approx([500, 200], rel=0.01)
+    assert (first["PointQuantity"], first["PointVerdict"]) == ("equivalent-modulus", "undecided")
+    assert (first["PointValue"], first["PointTarget"]) == ("45000.00", "45000.00")
+    assert (first["DropKind_1"], "DropDeflectionCorrected_1" in first) == ("measured", True)
     assert "GPSLocation" not in content["Test Location 2"]
-    # What is not certain stands in the file and is said.
+    # What is not certain stands in the file and in the summary.
     assert "not verified" in path.read_text(encoding="utf-8")
     assert any("not verified" in note for note in summary.notes)
-    text = path.read_text(encoding="utf-8")
-    assert (
-        "PointQuantity = equivalent-modulus\nPointValue = 45000.00\nPointTarget = 45000.00\n"
-        "PointVerdict = undecided\n" in text
-    )
-    assert "DropKind_1 = measured\nDropDeflectionCorrected_1 = " in text
 
 
 def test_pddx_has_a_file_for_each_configuration(survey: Path, tmp_path: Path) -> None:
     with SurveyWriter.open(survey, publish=False) as writer:
         writer.edit("declared", {"plate_radius_m": 0.1}, point="CON")
     summary = export_survey(survey, "pddx", tmp_path / "r.pdx")
-    files = sorted(path.name for path in tmp_path.glob("r*"))
-    assert files == ["r-2.pdx", "r.pdx"]
-    radii = {
-        line.split("=")[1].strip()
-        for name in files
-        for line in (tmp_path / name).read_text(encoding="utf-8").splitlines()
-        if line.startswith("LoadPlateRadius =")
-    }
-    assert len(radii) == 2
-    assert "100" in radii
+    assert {path.name for path in tmp_path.glob("r*")} == {"r.pdx", "r-2.pdx"}
+    for name, radius in (("r.pdx", "150"), ("r-2.pdx", "100")):
+        assert f"LoadPlateRadius = {radius}\n" in (tmp_path / name).read_text(encoding="utf-8")
     assert any("r-2.pdx" in note for note in summary.notes)
 
 
@@ -312,3 +288,70 @@ def test_trace_files_have_no_empty_values(tmp_path: Path, make_drop: Callable[..
     export_survey(tmp_path / "s", "csv", tmp_path / "csv")
     (point,) = read_points(tmp_path / "csv" / "0001-A.csv")
     assert point.setup.extra["imported"] == {"loads": [1.0], "nested": {"lane": 2}}
+
+
+# A table takes the peaks that were recorded with a drop, and they are those of its traces.
+
+
+def table(survey: Path, path: Path) -> bytes:
+    export_survey(survey, "table", path)
+    return path.read_bytes()
+
+
+@contextlib.contextmanager
+def without_recorded_peaks() -> Iterator[None]:
+    """Ignore the recorded peaks, as those of another version."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(drop_payload, "TRACE_PEAKS_VERSION", drop_payload.TRACE_PEAKS_VERSION + 1)
+        yield
+
+
+@pytest.fixture
+def counted(monkeypatch: pytest.MonkeyPatch) -> Callable[[], tuple[int, int]]:
+    """Numbers of drops of which arrays were unpacked, and of which peaks were computed."""
+    unpacked, computed = [], []
+    arrays, of = payload._arrays, view.unbroken_peaks
+
+    def noted(*arguments: Any) -> Any:
+        unpacked.append(1)
+        return arrays(*arguments)
+
+    monkeypatch.setattr(payload, "_arrays", noted)
+    monkeypatch.setattr(view, "unbroken_peaks", lambda drop: computed.append(1) or of(drop))
+    return lambda: (len(unpacked), len(computed))
+
+
+def test_recorded_peaks_make_the_same_table_without_unpacking_arrays(
+    survey: Path, tmp_path: Path, counted: Callable[[], tuple[int, int]]
+) -> None:
+    recorded = table(survey, tmp_path / "recorded")
+    # The drop of four with missing samples, once for its row and for the verdict of its point.
+    assert counted() == (1, 1)
+    with without_recorded_peaks():
+        assert table(survey, tmp_path / "computed") == recorded
+    assert counted() == (5, 5)
+
+
+def test_later_declarations_do_not_change_peaks(survey: Path, tmp_path: Path) -> None:
+    """The integral of a velocity carries the geophone's response, whatever is said of it."""
+    with SurveyWriter.open(survey, publish=False) as writer:
+        declared = {"geophone_frequency_hz": 10.0, "geophone_damping": 0.7, "plate_radius_m": 0.1}
+        for point in writer.points:
+            writer.edit("declared", declared, point=point)
+    recorded = table(survey, tmp_path / "recorded")
+    with without_recorded_peaks():
+        assert table(survey, tmp_path / "computed") == recorded
+
+
+def test_a_damaged_record_is_replaced_by_the_drop_file(survey: Path, tmp_path: Path) -> None:
+    expected = table(survey, tmp_path / "expected")
+    contents = read_survey(survey)
+    drop = contents.drops[0]
+    journal = survey / "journal" / "0001.pfwdj"
+    data = bytearray(journal.read_bytes())
+    at = data.index(b'"displacements"')
+    data[at + 20] ^= 1
+    journal.write_bytes(data)
+    facts = drop.read_facts()
+    assert np.array_equal(known(facts.drop).load, drop.read().drop.load)
+    assert table(survey, tmp_path / "damaged") == expected

@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from filelock import FileLock
 
 from pfwd.errors import OptionError
 from pfwd.export.output import clear_leftovers, new_file, new_folder
@@ -66,7 +65,6 @@ def names(folder: Path) -> list[str]:
 
 @pytest.mark.parametrize("kind", ["folder", "file"])
 def test_files_of_a_killed_export_are_removed_by_the_next(kind: str, tmp_path: Path) -> None:
-    end(started(tmp_path, kind))
     end(started(tmp_path, kind))
     assert [re.sub(r"[0-9a-f]{8}", "#", name) for name in names(tmp_path)].count("out.#.tmp") == 1
     with new_folder(tmp_path / "out", ".csv", force=False) as draft:
@@ -129,22 +127,13 @@ def test_links_lead_nowhere(tmp_path: Path) -> None:
 
 @pytest.mark.posix
 @pytest.mark.filterwarnings("ignore:flock not supported")
-@pytest.mark.parametrize("reported_by", ["the system", "filelock"])
 def test_a_disk_without_locks_keeps_existing_files(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reported_by: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if reported_by == "the system":
+    def no_locks(*_: object) -> None:
+        raise OSError(errno.ENOSYS, "Function not implemented")
 
-        def no_locks(*_: object) -> None:
-            raise OSError(errno.ENOSYS, "Function not implemented")
-
-        monkeypatch.setattr("fcntl.flock", no_locks)
-    else:  # as it did in earlier versions
-
-        def not_implemented(*_: object, **__: object) -> None:
-            raise NotImplementedError
-
-        monkeypatch.setattr(FileLock, "acquire", not_implemented)
+    monkeypatch.setattr("fcntl.flock", no_locks)
     leftovers = ["out.abcdef01.lock", "out.abcdef01.tmp"]
     for name in leftovers:
         (tmp_path / name).write_text("somebody's")

@@ -22,7 +22,7 @@ from inversion.notices import text_of
 from pfwd.analysis.result_store import basis_of, store_diagnoses
 from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
 from pfwd.errors import OptionError, SurveyError
-from pfwd.export import geopackage, workbook
+from pfwd.export import export, geopackage
 from pfwd.export.export import export_survey
 from pfwd.export.tables import cell
 from pfwd.files.photos import store_photo
@@ -56,15 +56,20 @@ def points_of(survey: Path, path: Path, **options: Any) -> list[dict[str, str]]:
         return list(csv.DictReader(stream, strict=True, delimiter=sign))
 
 
+def save_results(survey: Path, **more: Any) -> None:
+    """Save a result for each of the first two drops."""
+    drops = read_survey(survey).drops[:2]
+    with SurveyWriter.open(survey, publish=False) as writer:
+        for drop in drops:
+            result = result_of(drop.read().drop, **more)
+            writer.save_result(drop.number, complete(DropResult, result))
+
+
 @pytest.fixture
 def judged(survey: Path) -> Path:
     """A survey with results that can be judged, a note and a target."""
-    drops = [drop for drop in read_survey(survey).drops if drop.number < 3]
-    more = {"density_kg_m3": 1900.0, "residual_rms_over_peak": 0.01}
-    results = [(drop.number, result_of(drop.read().drop, **more)) for drop in drops]
+    save_results(survey, residual_rms_over_peak=0.01)
     with SurveyWriter.open(survey) as writer:
-        for number, result in results:
-            writer.save_result(number, complete(DropResult, result))
         writer.edit("note", "=1+1 wet", point="A/1")
         writer.edit("target", 40e6, point="A/1")
     return survey
@@ -88,27 +93,19 @@ def test_a_point_has_value_interval_target_and_verdict(judged: Path, tmp_path: P
     assert (second["point"], second["value"], second["verdict"]) == ("CON", "", "none")
 
 
-def test_photos_are_named_within_the_survey(judged: Path, tmp_path: Path) -> None:
+def test_photos_discarded_and_empty_points_are_in_the_table(judged: Path, tmp_path: Path) -> None:
     stream = io.BytesIO()
     Image.new("RGB", (8, 6)).save(stream, "PNG")
     file = store_photo(judged, "A/1", stream.getvalue())
-    first, second = points_of(judged, tmp_path / "p.csv")
-    assert first["photos"] == file.relative_to(judged).as_posix()
-    assert second["photos"] == ""
-
-
-def test_a_discarded_point_is_marked_and_has_no_verdict(judged: Path, tmp_path: Path) -> None:
     with SurveyWriter.open(judged) as writer:
         writer.edit("discard", "wrong place", point="A/1")
-    first, second = points_of(judged, tmp_path / "p.csv")
-    assert (first["discarded"], first["verdict"]) == ("true", "none")
-    assert second["discarded"] == "false"
-
-
-def test_a_point_of_damaged_or_no_drops_is_a_row_too(judged: Path, tmp_path: Path) -> None:
-    with SurveyWriter.open(judged) as writer:
         writer.add_point("empty")
-    assert [row["point"] for row in points_of(judged, tmp_path / "p.csv")][-1] == "empty"
+    points = points_of(judged, tmp_path / "p.csv")
+    assert [(row["point"], row["discarded"], row["verdict"], row["photos"]) for row in points] == [
+        ("north, end", "true", "none", file.relative_to(judged).as_posix()),
+        ("CON", "false", "none", ""),
+        ("empty", "false", "none", ""),
+    ]
 
 
 def test_decimal_commas_for_european_spreadsheets(judged: Path, tmp_path: Path) -> None:
@@ -145,18 +142,15 @@ def test_signs_that_make_no_table_are_refused(
 
 def test_points_geojson_has_a_feature_a_point(judged: Path, tmp_path: Path) -> None:
     summary = export_survey(judged, "points-geojson", tmp_path / "p.geojson")
-    text = (tmp_path / "p.geojson").read_text(encoding="utf-8")
-    collection = geojson.loads(text)
+    collection = geojson.loads((tmp_path / "p.geojson").read_text(encoding="utf-8"))
     assert collection.is_valid
     first, second = collection["features"]
     assert first["geometry"]["coordinates"] == [11.5, 48.1, 520.0]
-    assert list(first["properties"]) == [
-        name for name in POINT_COLUMNS if name not in ("latitude", "longitude")
-    ]
-    assert first["properties"]["verdict"] == "pass"
-    assert second["geometry"] is None
+    places = ("latitude", "longitude")
+    assert list(first["properties"]) == [name for name in POINT_COLUMNS if name not in places]
+    assert (first["properties"]["verdict"], second["geometry"]) == ("pass", None)
     assert "1 of 2 points have no position" in summary.notes[0]
-    assert json.loads(text)["pfwd"]["survey_id"]
+    assert collection["pfwd"]["survey_id"]
 
 
 def test_a_workbook_has_engineering_units_and_dates(judged: Path, tmp_path: Path) -> None:
@@ -206,27 +200,17 @@ def test_a_workbook_describes_the_job_in_words(judged: Path, tmp_path: Path) -> 
     }
     procedure = find_procedure("mndot", enforce_unverified=True)
     with SurveyWriter.open(judged) as writer:
-        for kind, values in JobRequest(procedure=procedure).events():
+        for kind, values in (*JobRequest(procedure=procedure).events(), ("job", details)):
             writer.note_event(kind, values)
-        writer.note_event("job", details)
     export_survey(judged, "xlsx", tmp_path / "p.xlsx")
     rows = CalamineWorkbook.from_path(tmp_path / "p.xlsx").get_sheet_by_name("job").to_python()
-    assert not [row[0] for row in rows if "_" in row[0]]
     job = {row[0]: row[1] for row in rows}
+    assert "_" not in "".join(job)
     assert job["Procedure"].startswith("mndot; numbers that are not verified are enforced")
-    changes = {key.removeprefix("Change of the "): job[key] for key in job if "Change" in key}
-    assert changes == {
-        "procedure": "mndot",
-        "target": "60 MPa",
-        "step between stations": "20 m",
-        "operator": "withdrawn",
-        "units on the screen": "US customary",
-        "time zone": "+02:00",
-        "list of stations": "1 station",
-        "calibration": "2 channels",
-    }
-    dates = [row[2] for row in rows if "Change" in row[0]]
-    assert all(isinstance(date, datetime.datetime) for date in dates)
+    changes = [row for row in rows if "Change" in row[0]]
+    expected = {"mndot", "60 MPa", "20 m", "withdrawn", "US customary", "+02:00"}
+    assert {row[1] for row in changes} == expected | {"1 station", "2 channels"}
+    assert all(isinstance(row[2], datetime.datetime) for row in changes)
 
 
 def test_a_workbook_has_filters_frozen_heads_formats_and_a_chart(
@@ -241,32 +225,12 @@ def test_a_workbook_has_filters_frozen_heads_formats_and_a_chart(
     assert formats["Latitude (°)"] == "0.0000000"
     assert formats["Fitted modulus (MPa)"] == formats["Value"] == "#,##0.0"
     (chart,) = book["chart"]._charts
-    references = [series.val.numRef.f for series in chart.series]
-    titles = [
-        points[ref.split("!")[1].split(":")[0].replace("$2", "1").strip("$")].value
-        for ref in references
-    ]
-    assert titles == [
-        "Modulus in force (MPa)",
-        "Modulus in force interval low (MPa)",
-        "Modulus in force interval high (MPa)",
-    ]
+    columns = [series.val.numRef.f.split("$")[1] for series in chart.series]
+    titles = [points[f"{column}1"].value for column in columns]
+    kinds = ("", " interval low", " interval high")
+    assert titles == [f"Modulus in force{kind} (MPa)" for kind in kinds]
     assert {series.cat.numRef.f for series in chart.series} == {"'points'!$A$2:$A$3"}
     assert chart.hiLowLines is not None
-
-
-@pytest.mark.parametrize(
-    ("values", "name", "expected"),
-    [
-        ({"value": 0.00042, "unit": "m"}, "value", 0.42),
-        ({"value": 45e6, "unit": "Pa"}, "value", 45.0),
-        ({"unit": "m"}, "unit", "mm"),
-        ({"surface_moduli_pa": ["0.3: 4.5e+07"]}, "surface_moduli_pa", ["0.3: 45"]),
-    ],
-)
-def test_cells_in_engineering_units(values: dict[str, Any], name: str, expected: Any) -> None:
-    value, _ = workbook._in_unit(values, name, None)
-    assert value == (pytest.approx(expected) if isinstance(expected, float) else expected)
 
 
 def test_a_geopackage_has_a_feature_a_point(judged: Path, tmp_path: Path) -> None:
@@ -274,32 +238,24 @@ def test_a_geopackage_has_a_feature_a_point(judged: Path, tmp_path: Path) -> Non
     with contextlib.closing(sqlite3.connect(tmp_path / "p.gpkg")) as base:
         base.row_factory = sqlite3.Row
         # OGC 12-128r17: "GPKG", version 1.3.0.
-        assert base.execute("pragma application_id").fetchone()[0] == 0x47504B47
-        assert base.execute("pragma user_version").fetchone()[0] == 10300
-        assert base.execute("pragma integrity_check").fetchone()[0] == "ok"
+        pragmas = ("application_id", "user_version", "integrity_check")
+        states = [base.execute(f"pragma {name}").fetchone()[0] for name in pragmas]
+        assert states == [0x47504B47, 10300, "ok"]
         assert base.execute("pragma foreign_key_check").fetchall() == []
         (content,) = base.execute("select * from gpkg_contents")
-        assert (content["table_name"], content["data_type"]) == ("points", "features")
         assert [content[n] for n in ("min_x", "min_y", "max_x", "max_y")] == [11.5, 48.1] * 2
         assert re.fullmatch(r"\d{4}-\d\d-\d\dT[\d:]{8}\.\d{3}Z", content["last_change"])
-        (column,) = base.execute("select * from gpkg_geometry_columns")
-        assert tuple(column) == ("points", "geom", "POINT", 4326, 1, 0)
         systems = base.execute("select srs_id, organization from gpkg_spatial_ref_sys")
         assert sorted(map(tuple, systems)) == [(-1, "NONE"), (0, "NONE"), (4326, "EPSG")]
         types = {row["name"]: row["type"] for row in base.execute("pragma table_info(points)")}
-        assert (types["value"], types["drops_measured"]) == ("REAL", "INTEGER")
-        assert (types["discarded"], types["note"]) == ("BOOLEAN", "TEXT")
+        names = ("value", "drops_measured", "discarded", "note")
+        assert [types[name] for name in names] == ["REAL", "INTEGER", "BOOLEAN", "TEXT"]
         first, second = base.execute("select * from points").fetchall()
-    blob = first["geom"]
     # Version 1, no envelope, little-endian; then the reference system.
-    assert struct.unpack("<2sBBi", blob[:8]) == (b"GP", 0, 1, 4326)
-    order, kind, east, north, height = struct.unpack("<BIddd", blob[8:])
-    assert (order, kind, east, north, height) == (1, 1001, 11.5, 48.1, 520.0)
+    assert struct.unpack("<2sBBi", first["geom"][:8]) == (b"GP", 0, 1, 4326)
+    assert struct.unpack("<BIddd", first["geom"][8:]) == (1, 1001, 11.5, 48.1, 520.0)
     assert second["geom"] is None
     assert any("1 of 2 points have no position" in note for note in summary.notes)
-    with pytest.raises(OptionError, match="an existing one"):
-        export_survey(judged, "gpkg", tmp_path / "p.gpkg")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["p.gpkg", "survey"]
 
 
 def test_a_point_without_altitude_makes_the_layer_flat(judged: Path, tmp_path: Path) -> None:
@@ -328,18 +284,9 @@ def test_gdal_reads_a_geopackage_and_edits_it(judged: Path, tmp_path: Path) -> N
     assert first["value"] == pytest.approx(45e6)
     inside = raw.read(tmp_path / "p.gpkg", bbox=(11.4, 48.0, 11.6, 48.2))[2]
     assert (len(inside), len(raw.read(tmp_path / "p.gpkg", bbox=(0.0, 0.0, 1.0, 1.0))[2])) == (1, 0)
-    names = np.array(["added"], object)
-    raw.write(
-        tmp_path / "p.gpkg",
-        geometry[:1],
-        [names],
-        ["point"],
-        layer="points",
-        driver="GPKG",
-        geometry_type="Point Z",
-        crs="EPSG:4326",
-        append=True,
-    )
+    added = (geometry[:1], [np.array(["added"], object)], ["point"])
+    layer = {"layer": "points", "driver": "GPKG", "geometry_type": "Point Z", "crs": "EPSG:4326"}
+    raw.write(tmp_path / "p.gpkg", *added, **layer, append=True)
     assert len(raw.read(tmp_path / "p.gpkg", bbox=(11.4, 48.0, 11.6, 48.2))[2]) == 2
 
 
@@ -358,9 +305,6 @@ def test_a_full_disk_is_an_error_of_the_geopackage(
 def test_results_inverted_for_the_export_count_for_the_points(
     judged: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from pfwd.analysis.results import DropResult
-    from pfwd.export import export
-
     moduli = {"modulus_pa": 60e6, "equivalent_modulus_pa": 70e6}
     inverted = DropResult(status="measured", **moduli, modulus_interval_pa=(59e6, 61e6))
     results = {("north, end", 1): inverted, ("north, end", 2): inverted}
@@ -381,33 +325,21 @@ def test_a_chainage_is_that_of_the_station_or_of_the_name(judged: Path, tmp_path
     assert first["chainage_m"] == "12321.5"
 
 
-@pytest.mark.parametrize(("name", "form"), [("p.gpkg", "gpkg"), ("p.XLSX", "xlsx")])
-def test_the_ending_names_the_format(name: str, form: str, judged: Path, tmp_path: Path) -> None:
-    assert export_survey(judged, None, tmp_path / name).format == form
-
-
-@pytest.mark.parametrize(
-    ("name", "hint"),
-    [("p.csv", "table, points or csv"), ("p", "one of survey, h5"), ("p.xls", "xlsx")],
-)
-def test_an_ending_that_names_no_format_is_refused(
-    name: str, hint: str, judged: Path, tmp_path: Path
-) -> None:
-    with pytest.raises(OptionError, match=f"an ending that names a format.*{hint}"):
-        export_survey(judged, None, tmp_path / name)
-    assert not (tmp_path / name).exists()
+def test_the_ending_names_the_format(judged: Path, tmp_path: Path) -> None:
+    for name, form in (("p.gpkg", "gpkg"), ("p.XLSX", "xlsx")):
+        assert export_survey(judged, None, tmp_path / name).format == form
+    endings = {"p.csv": "table, points or csv", "p": "one of survey, h5", "p.xls": "xlsx"}
+    for name, hint in endings.items():
+        with pytest.raises(OptionError, match=f"an ending that names a format.*{hint}"):
+            export_survey(judged, None, tmp_path / name)
+        assert not (tmp_path / name).exists()
 
 
 def test_drops_have_no_number_where_their_point_has_no_modulus(
     judged: Path, tmp_path: Path
 ) -> None:
     """A fit on a bound is exported as it is, but not after a diagnosis that permits no modulus."""
-    drops = [drop for drop in read_survey(judged).drops if drop.number < 3]
-    more = {"density_kg_m3": 1900.0, "residual_rms_over_peak": 0.01, "at_bound": ["bedrock_depth"]}
-    on_bound = [result_of(drop.read().drop, **more) for drop in drops]
-    with SurveyWriter.open(judged) as writer:
-        for number, result in enumerate(on_bound, 1):
-            writer.save_result(number, complete(DropResult, result))
+    save_results(judged, residual_rms_over_peak=0.01, at_bound=["bedrock_depth"])
     before = [(45e6, "bedrock depth sits on a bound of the search")] * 2
     assert _fits_of(judged, tmp_path / "before") == before
     assert ["modulus_pa" in value for value in values_of_averaged_drops(judged)] == [True] * 2

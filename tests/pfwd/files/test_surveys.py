@@ -1,15 +1,18 @@
-"""Trace files into surveys, surveys into analyses, and what is said of points and drops later."""
+"""Surveys of trace files: import, edits, and what is damaged or missing."""
 
 import math
+import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from inversion.notices import text_of
+from inversion.notices import OTHER, Notice, codes, text_of
 from pfwd.errors import OptionError, SurveyError
+from pfwd.files import importing
 from pfwd.files.editing import (
     Edit,
     edit_survey,
@@ -19,83 +22,84 @@ from pfwd.files.editing import (
     target_pa,
 )
 from pfwd.files.folders import is_survey
-from pfwd.files.header import PointSetup
+from pfwd.files.header import PointSetup, remark_notices
 from pfwd.files.importing import Imported, import_files
 from pfwd.files.reading import read_points
 from pfwd.files.traces import TracePoint, write_traces
 from pfwd.files.upkeep import check_survey, recover_survey
 from pfwd_device import Drop
 from pfwd_device.recording import SurveyWriter, read_survey
-from tests.pfwd.files.trace_lines import assert_same_drops
+from tests.pfwd.files.trace_lines import NAMES, assert_same_drops, rows
+from tests.records import known
 
 SETUP = PointSetup(plate_radius=0.15, plate_mass=12.0, poisson_ratio=0.3, site="km 1")
 
 
-@pytest.fixture
-def csv(tmp_path: Path, make_drop: Callable[..., Drop]) -> Path:
-    path = tmp_path / "first.csv"
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory, make_drop: Callable[..., Drop]) -> Path:
+    """Folder with a trace file of three drops and a survey of it."""
+    folder = tmp_path_factory.mktemp("surveys")
     drops = tuple(make_drop(number=n, peak=8000.0 + n, offsets=(0.0, 0.3)) for n in (1, 2, 3))
-    write_traces(path, TracePoint("", SETUP, drops, ()))
-    return path
-
-
-@pytest.fixture
-def survey(tmp_path: Path, csv: Path) -> Path:
-    folder = tmp_path / "survey"
-    list(import_files([str(csv)], folder))
+    write_traces(folder / "first.csv", TracePoint("", SETUP, drops, ()))
+    list(import_files([str(folder / "first.csv")], folder / "survey"))
     return folder
 
 
-def test_an_import_has_the_drops_of_the_file(csv: Path, survey: Path) -> None:
-    (from_file,) = read_points(csv)
-    (from_survey,) = read_points(survey)
-    assert from_survey.setup.point == "first"
+@pytest.fixture
+def csv(made: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copy(made / "first.csv", tmp_path))
+
+
+@pytest.fixture
+def survey(made: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(made / "survey", tmp_path / "survey")
+
+
+@pytest.fixture
+def write_drop(tmp_path: Path, make_drop: Callable[..., Drop]) -> Callable[..., str]:
+    """Writes a trace file with one drop of a point of a name."""
+
+    def write(file: str, name: str, radius: float = 0.15, **drop: float) -> str:
+        setup = PointSetup(plate_radius=radius, point=name)
+        write_traces(tmp_path / file, TracePoint("", setup, (make_drop(**drop),), ()))
+        return str(tmp_path / file)
+
+    return write
+
+
+def test_an_import_has_the_drops_of_the_file_once(csv: Path, survey: Path) -> None:
+    (from_file,), (from_survey,) = read_points(csv), read_points(survey)
+    assert from_survey.setup == replace(from_file.setup, point="first")
     assert_same_drops(from_file.drops, from_survey.drops)
-    assert from_survey.setup.poisson_ratio == 0.3
-    assert from_survey.setup.site == "km 1"
-
-
-def test_a_second_import_adds_no_drops(csv: Path, survey: Path) -> None:
-    repeated = list(import_files([str(csv)], survey))
-    assert [(item.before, item.number, item.record) for item in repeated] == [
-        (True, number, number) for number in (1, 2, 3)
-    ]
+    again = import_files([str(csv)], survey)
+    expected = [(True, number, number) for number in (1, 2, 3)]
+    assert [(item.before, item.number, item.record) for item in again] == expected
     assert len(read_survey(survey).drops) == 3
 
 
 def test_a_used_number_becomes_the_next_number(
-    tmp_path: Path, survey: Path, make_drop: Callable[..., Drop]
+    survey: Path, write_drop: Callable[..., str]
 ) -> None:
-    second_file = tmp_path / "other.csv"
-    setup = PointSetup(plate_radius=0.15, point="first")
-    write_traces(second_file, TracePoint("", setup, (make_drop(peak=5000.0),), ()))
+    second_file = write_drop("other.csv", "first", peak=5000.0)
     for before in (False, True):
-        (drop,) = import_files([str(second_file)], survey)
+        (drop,) = import_files([second_file], survey)
         assert (drop.number, drop.before) == (4, before)
 
 
-def test_files_after_a_rejected_file_are_imported(
-    tmp_path: Path, csv: Path, make_drop: Callable[..., Drop]
+def test_a_rejected_file_does_not_end_an_import_and_leaves_no_survey(
+    tmp_path: Path, csv: Path, write_drop: Callable[..., str]
 ) -> None:
-    bad = tmp_path / "bad.csv"
-    bad.write_text("nonsense\n")
-    long = tmp_path / "long.csv"
-    setup = PointSetup(plate_radius=0.15, point="x" * 65)
-    write_traces(long, TracePoint("", setup, (make_drop(),), ()))
-    imported = list(import_files([str(bad), str(long), str(csv)], tmp_path / "new"))
-    assert [item.error is None for item in imported] == [False, False, True, True, True]
-    assert imported[1] == Imported(str(long), error=imported[1].error)
-    assert "point: 1 to 64 characters" in str(imported[1].error)
-
-
-def test_unreadable_files_leave_no_survey(tmp_path: Path, csv: Path) -> None:
-    text, exported = tmp_path / "text.csv", tmp_path / "damaged.pfwdz"
-    text.write_text("not a drop\n", encoding="utf-8")
-    exported.write_bytes(b"PK")
-    refused, into = [str(text), str(exported), str(tmp_path / "none.csv")], tmp_path / "into"
-    assert [item.error is None for item in import_files(refused, into)] == [False] * 3
+    (tmp_path / "damaged.pfwdz").write_bytes(b"PK")
+    long = write_drop("long.csv", "x" * 65)
+    refused = [long, str(tmp_path / "damaged.pfwdz"), str(tmp_path / "none.csv")]
+    into = tmp_path / "into"
+    first, *others = import_files(refused, into)
+    assert first == Imported(long, error=first.error)
+    assert "point: 1 to 64 characters" in str(first.error)
+    assert all(item.error for item in others)
     assert not into.exists()
-    assert len(list(import_files([*refused, str(csv)], into))) == 6
+    imported = list(import_files([*refused, str(csv)], into))
+    assert [item.error is None for item in imported] == [False] * 3 + [True] * 3
     assert len(list(import_files(refused, into))) == 3
     assert len(read_survey(into).drops) == 3
 
@@ -175,15 +179,12 @@ def test_results_are_counted(survey: Path) -> None:
 
 
 def test_drops_with_a_different_setup_are_a_separate_point(
-    tmp_path: Path, make_drop: Callable[..., Drop]
+    tmp_path: Path, write_drop: Callable[..., str]
 ) -> None:
-    folder = tmp_path / "s"
-    for number, radius in ((1, 0.15), (2, 0.15), (3, 0.10)):
-        path = tmp_path / f"{number}.csv"
-        setup = PointSetup(plate_radius=radius, point="P")
-        write_traces(path, TracePoint("", setup, (make_drop(number=number),), ()))
-        list(import_files([str(path)], folder))
-    points = read_points(folder)
+    radii = ((1, 0.15), (2, 0.15), (3, 0.10))
+    files = [write_drop(f"{n}.csv", "P", radius, number=n) for n, radius in radii]
+    list(import_files(files, tmp_path / "s"))
+    points = read_points(tmp_path / "s")
     assert [(item.setup.plate_radius, len(item.drops)) for item in points] == [(0.15, 2), (0.1, 1)]
 
 
@@ -216,25 +217,16 @@ def test_an_edit_names_its_point(survey: Path, csv: Path, tmp_path: Path) -> Non
         edit_survey(survey, [Edit("name", "first")], point="second")
 
 
-@pytest.mark.parametrize("text", ["", "1", "1,2,3", "91,0", "0,181", "nan,nan", "a,b"])
+@pytest.mark.parametrize("text", ["1", "1,2,3", "91,0", "0,181", "nan,nan", "a,b"])
 def test_positions_outside_of_the_earth(text: str) -> None:
     with pytest.raises(OptionError, match="--position"):
         parse_position(text)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "x",
-        "x=1",
-        "plate_mass_kg=-1",
-        "plate_mass_kg=a",
-        "plate_mass_kg=nan",
-        "site=true",
-        "plate_radius_m=" + "[" * 100_000,
-        "density_kg_m3=1" + "0" * 400,
-    ],
-)
+LONG = ["plate_radius_m=" + "[" * 100_000, "density_kg_m3=1" + "0" * 400]
+
+
+@pytest.mark.parametrize("text", ["x", "x=1", "plate_mass_kg=-1", "plate_mass_kg=a", *LONG])
 def test_declarations_that_are_refused_are_wrong_usage(text: str) -> None:
     with pytest.raises(OptionError, match="--set") as caught:
         parse_declaration_option(text)
@@ -254,15 +246,14 @@ def test_a_folder_without_survey_is_rejected(tmp_path: Path, csv: Path) -> None:
         for use in (survey_overview, check_survey, recover_survey):
             with pytest.raises(SurveyError, match=r"expected (the folder of )?a survey"):
                 use(wrong)  # type: ignore[operator]
-    with pytest.raises(SurveyError):
-        read_points(tmp_path)
-
-
-def test_a_survey_without_drops_is_refused(tmp_path: Path) -> None:
     with SurveyWriter.open(tmp_path / "s"):
         pass
-    with pytest.raises(SurveyError, match="expected a survey with drops, got none"):
-        read_points(tmp_path / "s")
+    for folder, message in (
+        (tmp_path, "expected"),
+        (tmp_path / "s", "a survey with drops, got none"),
+    ):
+        with pytest.raises(SurveyError, match=message):
+            read_points(folder)
 
 
 def test_lost_drops_are_a_warning(survey: Path) -> None:
@@ -297,3 +288,50 @@ def test_a_broken_drop_file_is_a_clear_line(survey: Path, tmp_path: Path) -> Non
         with pytest.raises(SurveyError) as caught:
             read_points(path)
         assert "\n" not in str(caught.value)
+
+
+# Refusals and remarks of imported files
+
+
+def test_points_without_drops_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    empty = TracePoint("a.x", PointSetup(plate_radius=0.15), (), ())
+    monkeypatch.setattr(importing, "read_points", lambda *_, **_more: [empty])
+    (refused,) = import_files([str(tmp_path / "a.x")], tmp_path / "survey")
+    assert known(refused.error).endswith("a.x: expected at least one drop, got none")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_missing_plate_radius_names_the_header(tmp_path: Path) -> None:
+    file = tmp_path / "a.csv"
+    file.write_text("\n".join(["# pfwd-traces = 1", NAMES, *rows()]) + "\n", encoding="utf-8")
+    (refused,) = import_files([str(file)], tmp_path / "survey")
+    assert "plate_radius_m = 0.15 (in m) into a TOML file" in known(refused.error)
+    header = tmp_path / "h.toml"
+    header.write_text("plate_radius_m = 0.15", encoding="utf-8")
+    (imported,) = import_files([str(file)], tmp_path / "survey", str(header))
+    assert imported.error is None
+
+
+def test_warnings_of_imported_files_have_codes(shared: Path) -> None:
+    warnings = [
+        warning
+        for file in sorted((shared / "originals").glob("*/*.*"))
+        for point in read_points(file, overrides={"plate_radius_m": 0.15})
+        for warning in point.warnings
+    ]
+    assert {"stored-traces", "peaks-imported"} <= {warning.code for warning in warnings}
+    assert [warning for warning in warnings if warning.code == OTHER] == []
+
+
+PEAKS = {"code": "peaks-imported", "values": {}}
+
+
+@pytest.mark.parametrize("codes", [None, [{"code": "unknown", "values": {}}], [PEAKS, PEAKS]])
+def test_codes_that_cannot_be_read_leave_the_sentence(codes: Any) -> None:
+    (notice,) = remark_notices({"imported": {"remarks": ["it rained"], "remark_codes": codes}})
+    assert (notice.code, text_of(notice)) == (OTHER, "it rained")
+
+
+def test_a_reworded_remark_keeps_its_code() -> None:
+    stored = {"remarks": ["an earlier wording"], "remark_codes": codes([Notice("peaks-imported")])}
+    assert [notice.code for notice in remark_notices({"imported": stored})] == ["peaks-imported"]

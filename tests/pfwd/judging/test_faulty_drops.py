@@ -16,7 +16,6 @@ from inversion.notices import invalidating
 from pfwd.analysis.analyse import analyse_point
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.results import DropResult
 from pfwd.files.reading import read_points
 from pfwd.judging import Job, PointView, drop_from_traces
 from pfwd.procedures import Verdict
@@ -28,33 +27,16 @@ VISIBLE_OVER_PEAK = 0.01
 
 @dataclass(frozen=True)
 class FaultyDrop:
-    """Simulated drop with its fault, its fit and its verdict against a target that is met."""
+    """Simulated drop with a fault: what its fit shows, and its verdict against a reached target."""
 
     name: str
-    modulus: float
-    """Modulus of the simulated ground, Pa."""
-    result: DropResult
+    is_warned: bool
+    """Whether a warning says that the fit decides nothing."""
+    is_visible: bool
+    """Whether a warning or the residual shows the fault."""
+    is_wrong: bool
+    """Whether the interval of the fitted modulus misses the simulated one."""
     verdict: Verdict
-
-    @property
-    def is_visible(self) -> bool:
-        """Return whether a warning or the residual shows the fault."""
-        result = self.result
-        residual = result.contact_residual_rms_over_peak or 0.0
-        noise = (result.noise_rms_m or 0.0) / (result.deflection_recorded_m or math.inf)
-        beyond_noise = math.sqrt(max(0.0, residual**2 - noise**2))
-        return self.is_warned or beyond_noise > VISIBLE_OVER_PEAK
-
-    @property
-    def is_warned(self) -> bool:
-        """Return whether a warning says that the fit decides nothing."""
-        return invalidating(self.result.warnings or (), "fit") is not None
-
-    @property
-    def is_wrong(self) -> bool:
-        """Return whether the interval of the fitted modulus misses the true one."""
-        low, high = self.result.modulus_interval_pa or (0.0, math.inf)
-        return not low <= self.modulus <= high
 
 
 @pytest.fixture(scope="module")
@@ -68,10 +50,17 @@ def faulty_drops(tmp_path_factory: pytest.TempPathFactory) -> list[FaultyDrop]:
         (point,) = read_points(folder / name)
         (analysis,) = analyse_point(point, AnalysisOptions(method="posterior"), library)
         result = drop_result(name, analysis, point.warnings)
+        noise = (result.noise_rms_m or 0.0) / (result.deflection_recorded_m or math.inf)
+        residual = result.contact_residual_rms_over_peak or 0.0
+        beyond_noise = math.sqrt(max(0.0, residual**2 - noise**2))
+        warned = invalidating(result.warnings or (), "fit") is not None
+        low, high = result.modulus_interval_pa or (0.0, math.inf)
         view = drop_from_traces(point.drops[0], point.setup).with_result(result)
         target = 0.5 * (result.modulus_pa or 0.0)
         verdict = PointView(name, [view], target, job=Job()).progress.verdict
-        drops.append(FaultyDrop(name, true["modulus_pa"], result, verdict))
+        visible = warned or beyond_noise > VISIBLE_OVER_PEAK
+        wrong = not low <= true["modulus_pa"] <= high
+        drops.append(FaultyDrop(name, warned, visible, wrong, verdict))
     return drops
 
 

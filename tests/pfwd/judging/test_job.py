@@ -7,7 +7,7 @@ import pytest
 from pfwd.errors import OptionError, SurveyError
 from pfwd.files.header import declared_values
 from pfwd.judging import Job, JobRequest, Station, job_of, target_si
-from pfwd.procedures import NO_PROCEDURE, find_procedure, plain_procedure
+from pfwd.procedures import NO_PROCEDURE, Procedure, find_procedure, plain_procedure
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from tests.pfwd.report.surveys import SETUP, half_sine_drop
 from tests.records import known
@@ -40,12 +40,12 @@ def test_declarations_of_a_job_are_read_back_with_their_date(tmp_path: Path) -> 
         time_zone="+02:00",
     )
     job = job_of(read_survey(survey_with(tmp_path / "s", request)))
-    assert {key: getattr(job, key) for key in request.declared() if key != "procedure"} == {
-        key: value for key, value in request.declared().items() if key != "procedure"
-    }
+    declared = request.declared()
     assert known(job.procedure).text == MNDOT.text
+    others = {key: value for key, value in declared.items() if key != "procedure"}
+    assert {key: getattr(job, key) for key in others} == others
     assert not request.news(job), "what the survey says already is nothing new"
-    assert {change.key for change in job.changes} == set(request.declared())
+    assert {change.key for change in job.changes} == set(declared)
     assert all(change.time_utc for change in job.changes)
     assert job.station("12+340") == stations[1]
 
@@ -59,12 +59,9 @@ def test_the_last_declaration_counts_and_every_change_is_stored(tmp_path: Path) 
     )
     job = job_of(read_survey(folder))
     assert (job.target, job.procedure_in_force.name) == (5e-4, "paper")
-    assert [(change.key, change.value) for change in job.changes] == [
-        ("procedure", "mndot"),
-        ("target", 6e-4),
-        ("target", 5e-4),
-        ("procedure", "paper"),
-    ]
+    changes = [(change.key, change.value) for change in job.changes]
+    procedures = [("procedure", "mndot"), ("procedure", "paper")]
+    assert changes == [procedures[0], ("target", 6e-4), ("target", 5e-4), procedures[1]]
 
 
 def test_an_event_of_a_foreign_program_is_ignored(tmp_path: Path) -> None:
@@ -107,25 +104,17 @@ def test_targets_of_another_quantity_are_named_when_the_procedure_changes() -> N
     assert job_lines[2].startswith(f"2 stations with targets such as 0.6 mm of A: {rule}")
     replaced = JobRequest(procedure=PAPER, target=4e7, stations=(Station("A", target=5e7),))
     assert not any("not for" in line for line in replaced.differences(job))
-    unplanned = Job(target=4e7)
-    assert (
-        "40 MPa of the survey: not for procedure mndot"
-        in JobRequest(procedure=MNDOT).differences(unplanned)[0]
-    )
+    (line,) = JobRequest(procedure=MNDOT).differences(Job(target=4e7))
+    assert "40 MPa of the survey: not for procedure mndot" in line
 
 
 @pytest.mark.parametrize(
     ("procedure", "typed", "si"),
-    [
-        (PAPER, 45.0, 45e6),
-        (MNDOT, 0.6, 6e-4),
-        (plain_procedure(), 40, 40e6),
-        (MNDOT, 10.0, 1e-2),
-        (PAPER, 2.0, 2e6),
-        (PAPER, 10e3, 10e9),
-    ],
+    [(MNDOT, 0.6, 6e-4), (plain_procedure(), 40, 40e6), (MNDOT, 10.0, 1e-2), (PAPER, 2.0, 2e6)],
 )
-def test_a_target_is_typed_in_the_unit_of_the_procedure(procedure, typed, si) -> None:  # type: ignore[no-untyped-def]
+def test_a_target_is_typed_in_the_unit_of_the_procedure(
+    procedure: Procedure, typed: float, si: float
+) -> None:
     assert target_si(typed, procedure) == pytest.approx(si)
 
 
@@ -143,6 +132,6 @@ def test_a_target_is_typed_in_the_unit_of_the_procedure(procedure, typed, si) ->
         (0.6, NO_PROCEDURE, r"did you mean a deflection\? without a procedure a modulus is judged"),
     ],
 )
-def test_an_impossible_target_is_rejected(typed: float, procedure, message: str) -> None:  # type: ignore[no-untyped-def]
+def test_an_impossible_target_is_rejected(typed: float, procedure: Procedure, message: str) -> None:
     with pytest.raises(OptionError, match=message):
         target_si(typed, procedure)

@@ -17,7 +17,7 @@ from pfwd_device.recording import Survey, SurveyDrop, SurveyPoint, read_survey
 from tests.pfwd.judging.stories import PlayedSession, story_of
 from tests.records import known
 
-N_STORIES, N_EVERYDAY = 300, 60
+N_STORIES, N_EVERYDAY = 300, 36
 
 
 def played(number: int, folder: Path) -> Survey:

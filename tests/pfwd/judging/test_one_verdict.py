@@ -14,7 +14,7 @@ import pytest
 import pfwd
 from pfwd.export.export import export_survey
 from pfwd.files.opening import survey_content
-from pfwd.judging import JobRequest, PointView, point_views
+from pfwd.judging import PointView, point_views
 from pfwd.procedures import PointProgress
 from pfwd.report import formatting, gathering
 from pfwd.report.blocks import Mark
@@ -26,7 +26,6 @@ from pfwd.session.events import SurveyChanged
 from pfwd.session.live_view import CompletePoints
 from pfwd.session.measure import replay
 from pfwd_device.recording import read_survey
-from tests.pfwd.judging import stories
 from tests.pfwd.judging.stories import PlayedSession, story_of, with_results
 from tests.pfwd.report.surveys import RecordedInversion
 from tests.records import known
@@ -191,44 +190,6 @@ def assert_same_verdict(row: Mapping[str, Any], progress: PointProgress) -> None
     assert row["verdict"] == progress.verdict.value
     for key, number in expected.items():
         assert (None if row[key] in ("", None) else float(row[key])) == number, key
-
-
-PLAIN = JobRequest(procedure=stories.PROCEDURES[0])
-DIFFERED = {
-    "a drop is restored where it was moved from": [
-        *(("job", "", PLAIN), ("drop", "1", 8000.0, 45e6), ("drop", "1", 8100.0, 45e6)),
-        *(("move", 1, "2"), ("restore", 1, None), ("drop", "1", 8000.0, 45e6)),
-    ],
-    "what a rebound is one of is moved away": [
-        *(("job", "", PLAIN), ("drop", "1", 9000.0, 45e6), ("drop", "1", 1600.0, 40e6)),
-        *(("drop", "1", 1600.0, 40e6), ("move", 1, "2"), ("drop", "1", 1600.0, 40e6)),
-    ],
-    "a rebound after the diagnosis": [
-        *stories.measured(44e6),
-        *(("diagnosis", "1", 41e6), ("drop", "1", 1600.0, None)),
-    ],
-    "a point that is not complete any more": [
-        *(("job", "", PLAIN), *stories.measured(30e6, 3), ("drop", "1", 80000.0, 45e6)),
-    ],
-    "a value that changes alone": [*stories.measured(30e6), ("drop", "1", 8000.0, 45.5e6)],
-    "a point judged by its diagnosis": [*stories.measured(44e6), ("diagnosis", "1", 41e6)],
-    "a small drop before a large one": [("drop", "1", 1600.0, 45e6), ("drop", "1", 9000.0, 45e6)],
-}
-"""Stories of which two readers once gave different verdicts."""
-
-
-@pytest.mark.parametrize("story", DIFFERED.values(), ids=DIFFERED.keys())
-def test_stories_that_differed_once(story: list[Any]) -> None:
-    check_sessions(story, len(story))
-    check_documents(story)
-
-
-def test_a_rebound_does_not_end_a_diagnosis() -> None:
-    with surveys() as place:
-        session = PlayedSession(place / "s")
-        session.play(DIFFERED["a rebound after the diagnosis"])
-        value = read(session.folder)["1"].progress.value
-    assert known(value).value == 41e6
 
 
 # Some stories every day, many more in the slow run.

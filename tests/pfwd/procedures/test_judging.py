@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from inversion.forward.model import MAX_RADIUS_M
-from inversion.notices import Notice, text_of
+from inversion.notices import Notice, text_of, without_drops
 from pfwd.errors import OptionError
 from pfwd.procedures import (
     ExcludedDrop,
@@ -27,6 +27,7 @@ from pfwd.procedures import (
     judge,
 )
 from pfwd.procedures.point import LARGEST_PLATE_RADIUS_M
+from pfwd.procedures.profile import CHECKS
 from pfwd.procedures.values import e_lwd, e_vd, mean
 from tests.records import known
 
@@ -92,15 +93,6 @@ def test_e_lwd_is_boussinesq_s() -> None:
     assert progress.value.poisson_ratio == 0.3
 
 
-def test_a_rejected_drop_does_not_seat_the_plate() -> None:
-    drops = [SIX[0], PointDrop(2, Kind.REJECTED, reason=Notice("no-drop")), SIX[1]]
-    progress = judged([dataclasses.replace(each, number=n) for n, each in enumerate(drops, 1)])
-    assert progress.seating_done == 2
-    assert progress.next_kind is Kind.SEATING
-    rejected = Notice("rejected", {"reason": Notice("no-drop")})
-    assert ExcludedDrop(2, Exclusion.REJECTED, rejected) in progress.excluded
-
-
 def test_a_discarded_drop_has_seated_and_is_replaced() -> None:
     slipped = Notice("discarded-because", {"reason": "plate slipped"})
     drops = [*SIX[:4], drop(5, 0.8, Kind.DISCARDED, reason=slipped)]
@@ -110,14 +102,6 @@ def test_a_discarded_drop_has_seated_and_is_replaced() -> None:
     assert judged([*drops, drop(6, 0.5), drop(7, 0.5)]).used == (4, 6, 7)
     seated = [drop(1, 0.9, Kind.DISCARDED), *SIX[1:3]]
     assert judged(seated).next_kind is Kind.MEASURED, "it did load the ground"
-
-
-def test_drops_beyond_the_measured_ones_take_no_part() -> None:
-    progress = judged([*SIX, drop(7, 0.2)])
-    assert progress.used == (4, 5, 6)
-    assert progress.excluded[-1] == ExcludedDrop(
-        7, Exclusion.BEYOND, Notice("beyond-measured", {"required": 3})
-    )
 
 
 @pytest.mark.parametrize(
@@ -137,34 +121,23 @@ def test_drops_beyond_the_measured_ones_take_no_part() -> None:
 def test_a_drop_outside_of_a_limit_is_repeated(
     check: str, limit: float, field: str, value: float
 ) -> None:
-    side = "small" if value < limit else "large"
-    outside, at_limit, unknown = (
-        [*SIX[:4], dataclasses.replace(SIX[4], **{field: number})]  # type: ignore[arg-type]
-        for number in (value, limit, None)
-    )
-    progress = judged(outside, limits(**{check: limit}))
-    assert progress.used == (4,)
+    def with_value(number: float | None) -> list[PointDrop]:
+        return [*SIX[:4], dataclasses.replace(SIX[4], **{field: number})]  # type: ignore[arg-type]
+
+    strict, outside = limits(**{check: limit}), with_value(value)
+    progress = judged(outside, strict)
+    assert (progress.used, progress.next_kind) == ((4,), Kind.MEASURED)
     fault = progress.excluded[-1]
+    side = "small" if value < limit else "large"
     assert (fault.number, fault.why, fault.reason.code) == (5, Exclusion.FAULT, f"value-too-{side}")
-    assert progress.next_kind is Kind.MEASURED
-    assert 5 in judged(unknown, limits(**{check: limit})).used
-    assert 5 in judged(at_limit, limits(**{check: limit})).used
+    for accepted in (limit, None):
+        assert 5 in judged(with_value(accepted), strict).used
     loose = german(checks={check: SourcedNumber(limit, "here", False)})
     progress = judged([*outside, dataclasses.replace(outside[4], number=6)], loose)
     assert progress.used == (4, 5, 6)
     (note,) = (note for note in progress.notes if note.code == "of-drops")
-    assert text_of(note).startswith("drops 5, 6: ")
-    strict = dataclasses.replace(loose, enforce_unverified=True)
-    assert judged(outside, strict).used == (4,)
-
-
-def test_drops_that_differ_too_much_leave_the_point_undecided() -> None:
-    wide = [*SIX[:3], drop(4, 0.4), drop(5, 0.5), drop(6, 0.6)]
-    progress = judged(wide, limits(most_deflection_spread=0.1), target=20e6)
-    assert progress.deflection_spread == pytest.approx(0.4)
-    assert progress.verdict is Verdict.UNDECIDED
-    assert progress.verdict_reason_code is ReasonCode.SCATTER
-    assert progress.next_kind is None
+    assert without_drops(note)[1] == (5, 6)
+    assert judged(outside, dataclasses.replace(loose, enforce_unverified=True)).used == (4,)
 
 
 @pytest.mark.parametrize(
@@ -200,11 +173,6 @@ def test_a_deflection_below_a_metre_is_a_target() -> None:
     assert judged(SIX, find_procedure("mndot"), target=0.999).target == 0.999
 
 
-def test_a_single_drop_has_no_scatter() -> None:
-    alone = judged([drop(1, 0.5, modulus=50e6)], find_procedure("paper"))
-    assert "one-measured-drop" in [note.code for note in alone.notes]
-
-
 def test_s_over_v_and_compaction() -> None:
     drops = [dataclasses.replace(each, peak_velocity=0.1) for each in SIX]
     progress = judged(drops, limits(most_s_over_v_s=0.0035))
@@ -228,13 +196,13 @@ def test_an_impossible_plate_radius_is_rejected(radius: float) -> None:
         judge(GERMAN, SIX, plate_radius=radius)
 
 
-@pytest.mark.parametrize(
-    ("name", "modulus"),
-    [
-        ("tp-bf-stb-b8.3", lambda deflection: e_vd(deflection, 0.15, 1.5, 100e3)),
-        ("mchw-885", lambda deflection: e_lwd(7070.0, deflection, 0.15, 0.35, 2.0)),
-    ],
-)
+MODULI = {
+    "tp-bf-stb-b8.3": lambda deflection: e_vd(deflection, 0.15, 1.5, 100e3),
+    "mchw-885": lambda deflection: e_lwd(7070.0, deflection, 0.15, 0.35, 2.0),
+}
+
+
+@pytest.mark.parametrize(("name", "modulus"), MODULI.items())
 def test_a_profile_averages_deflections_or_moduli(
     name: str, modulus: Callable[[float], float]
 ) -> None:
@@ -252,20 +220,14 @@ def test_unverified_numbers_are_named_before_any_drop() -> None:
     numbers = {
         "factor": SourcedNumber(1.5, "here", False),
         "seating": SourcedNumber(3, "here", False),
+        "measured": SourcedNumber(3, "here", True),
+        "nominal_pressure": SourcedNumber(1e5, "here", True),
+        "plate_radius": SourcedNumber(0.15, "here", True),
     }
     profile = german(**numbers, checks={}, nominal_load=None)
-    profile = dataclasses.replace(
-        profile,
-        measured=SourcedNumber(3, "here", True),
-        nominal_pressure=SourcedNumber(1e5, "here", True),
-        plate_radius=SourcedNumber(0.15, "here", True),
-    )
-    assert [note.code for note in judged([], profile).notes] == [
-        "unverified-in-formula",
-        "unverified",
-    ]
-    bold = dataclasses.replace(profile, enforce_unverified=True)
-    assert judged([], bold).notes == ()
+    codes = [note.code for note in judged([], profile).notes]
+    assert codes == ["unverified-in-formula", "unverified"]
+    assert judged([], dataclasses.replace(profile, enforce_unverified=True)).notes == ()
 
 
 def test_a_single_drop_has_no_spread_and_no_change() -> None:
@@ -275,6 +237,8 @@ def test_a_single_drop_has_no_spread_and_no_change() -> None:
     assert progress.s_over_v == pytest.approx(0.005)
     spreads = (progress.deflection_spread, progress.load_spread, progress.modulus_spread)
     assert (*spreads, progress.compaction_change) == (None, None, None, None)
+    alone = judged([drop(1, 0.5, modulus=50e6)], find_procedure("paper"))
+    assert "one-measured-drop" in [note.code for note in alone.notes]
 
 
 def test_s_over_v_needs_both_of_every_drop() -> None:
@@ -296,13 +260,12 @@ def test_s_over_v_needs_both_of_every_drop() -> None:
 def test_the_range_of_the_method_is_noted_and_no_fault(
     check: str, limit: float, codes: list[str]
 ) -> None:
-    progress = judged(SIX, limits(**{check: limit}))
-    assert [note.code for note in progress.notes if note.code.endswith("-range")] == codes
-    assert progress.faults == ()
-    deflection = dataclasses.replace(
-        limits(**{check: limit}), quantity=Quantity.DEFLECTION, average="deflection"
-    )
-    assert not [note for note in judged(SIX, deflection).notes if note.code.endswith("-range")]
+    limited = limits(**{check: limit})
+    deflection = dataclasses.replace(limited, quantity=Quantity.DEFLECTION, average="deflection")
+    for procedure, expected in ((limited, codes), (deflection, [])):
+        progress = judged(SIX, procedure)
+        assert [note.code for note in progress.notes if note.code.endswith("-range")] == expected
+        assert progress.faults == ()
 
 
 @pytest.mark.parametrize(
@@ -320,7 +283,9 @@ def test_each_spread_has_a_limit(check: str, field: str) -> None:
         for n, factor in enumerate((1, 1, 1, 0.9, 1.0, 1.1), 1)
     ]
     limited = {check: 0.15, "most_load_deviation": 0.5}
-    (fault,) = judged(drops, limits(**limited)).faults
+    progress = judged(drops, limits(**limited), target=20e6)
+    (fault,) = progress.faults
+    assert (progress.verdict_reason_code, progress.next_kind) == (ReasonCode.SCATTER, None)
     spread = {"spread": check, "value": pytest.approx(0.2), "limit": 0.15}
     assert (fault.code, fault.values) == ("spread-too-large", spread)
     assert judged(drops, limits(**limited | {check: 0.25})).faults == ()
@@ -371,6 +336,9 @@ def test_the_ends_of_the_interval_belong_to_it() -> None:
 def test_excluded_drops_are_sorted_by_number() -> None:
     progress = judged([*SIX[:4], drop(5, 0.5, Kind.DISCARDED), SIX[5], drop(7, 0.5), drop(8, 0.5)])
     assert [excluded.number for excluded in progress.excluded] == [1, 2, 3, 5, 8]
+    assert progress.used == (4, 6, 7)
+    beyond = Notice("beyond-measured", {"required": 3})
+    assert progress.excluded[-1] == ExcludedDrop(8, Exclusion.BEYOND, beyond)
     assert progress.measured_done == 4
     assert (progress.seating_wanted, progress.measured_wanted) == (3, 3)
 
@@ -383,3 +351,111 @@ def test_json_has_numbers_lists_and_words_alone() -> None:
     assert type(written["verdict"]) is str
     assert written["value"]["interval"] == list(judged(SIX).value.interval)  # type: ignore[union-attr,arg-type]
     json.dumps(written, allow_nan=False)
+
+
+# The next step at a point, and the reasons of drops that are not averaged
+
+
+PAPER = find_procedure("paper")
+MEASURED, SEATING = Kind.MEASURED, Kind.SEATING
+DISCARDED, REJECTED = Kind.DISCARDED, Kind.REJECTED
+
+
+NEXT_MEASURED = "next-measured-drop"
+
+
+def judged_kinds(procedure: Procedure, *kinds: Kind, **more: Any) -> PointProgress:
+    """Drops of these kinds that are all the same."""
+    fields = {"peak_load": 7070.0, "peak_deflection": 5e-4, "modulus": 45e6, **more}
+    drops = [PointDrop(number, kind, **fields) for number, kind in enumerate(kinds, 1)]
+    return judge(procedure, drops, plate_radius=0.15)
+
+
+def codes_of(instruction: Notice) -> list[str]:
+    """Return the code of an instruction, and that of the one that it contains."""
+    following = instruction.values.get("next")
+    return [instruction.code, *([following.code] if isinstance(following, Notice) else [])]
+
+
+@pytest.mark.parametrize(
+    ("procedure", "kinds", "next_kind", "codes"),
+    [
+        (GERMAN, [], SEATING, ["next-seating-drop"]),
+        (GERMAN, [MEASURED, REJECTED], SEATING, ["drop-does-not-count", "next-seating-drop"]),
+        (GERMAN, [MEASURED] * 3, MEASURED, [NEXT_MEASURED]),
+        (GERMAN, [MEASURED] * 4 + [DISCARDED], MEASURED, ["drop-does-not-count", NEXT_MEASURED]),
+        # A fault of an earlier drop was dealt with by the drop after it.
+        (GERMAN, [MEASURED] * 3 + [DISCARDED, MEASURED], MEASURED, [NEXT_MEASURED]),
+        (GERMAN, [MEASURED] * 7, None, ["point-done"]),
+        (PAPER, [], MEASURED, ["next-drop"]),
+        (PAPER, [SEATING], MEASURED, ["next-drop"]),
+        (PAPER, [MEASURED, SEATING], MEASURED, ["enough-drops"]),
+        (PAPER, [SEATING, DISCARDED], MEASURED, ["drop-does-not-count", "next-drop"]),
+        (PAPER, [MEASURED, REJECTED], MEASURED, ["drop-does-not-count", "next-drop"]),
+    ],
+)
+def test_the_next_step_follows_from_the_drops(
+    procedure: Procedure, kinds: list[Kind], next_kind: Kind | None, codes: list[str]
+) -> None:
+    progress = judged_kinds(procedure, *kinds)
+    assert (progress.next_kind, codes_of(progress.instruction)) == (next_kind, codes)
+
+
+def test_an_instruction_counts_the_drops_that_count() -> None:
+    instruction = judged_kinds(GERMAN, MEASURED, REJECTED).instruction
+    assert text_of(instruction) == (
+        "Drop 2 does not count (rejected: no drop). Lift the weight for seating drop 2 of 3."
+    )
+    following = judged_kinds(GERMAN, *[MEASURED] * 4, DISCARDED).instruction.values["next"]
+    assert following == Notice("next-measured-drop", {"number": 2, "required": 3})
+
+
+def test_an_instruction_names_the_first_of_several_faults() -> None:
+    names = ("most_load_spread", "most_modulus_spread")
+    procedure = dataclasses.replace(
+        GERMAN,
+        seating=SourcedNumber(0, "here", True),
+        checks={key: SourcedNumber(0.1, "here", True) for key in names},
+        nominal_load=None,
+        nominal_pressure=None,
+        quantity=Quantity.MODULUS,
+    )
+    drops = [PointDrop(n, MEASURED, 7e3 * n, 5e-4, modulus=4e7 * n) for n in (1, 2, 3)]
+    progress = judge(procedure, drops, plate_radius=0.15)
+    assert [fault.values["spread"] for fault in progress.faults] == list(names)
+    assert progress.next_kind is None
+    assert progress.instruction == Notice("seat-and-repeat", {"fault": progress.faults[0]})
+
+
+def test_the_unit_of_a_limit_is_that_of_its_key() -> None:
+    scales = {"kN": 1e-3, "ms": 1e3, "mm": 1e3, "%": 1e2, "MPa": 1e-6}
+    assert {check.unit: check.scale for check in CHECKS.values()} == scales
+    ends = {"_n": "kN", "_s": "ms", "_m": "mm", "_pa": "MPa"}
+    ends |= dict.fromkeys(("_peak", "_spread", "_deviation", "_residual"), "%")
+    for key, check in CHECKS.items():
+        assert any(key.endswith(end) and check.unit == unit for end, unit in ends.items()), key
+
+
+def test_the_first_fault_of_a_drop_is_its_reason() -> None:
+    checks = {
+        "least_peak_load_n": SourcedNumber(7e3, "here", True),
+        "least_deflection_m": SourcedNumber(1e-3, "here", True),
+    }
+    progress = judged_kinds(dataclasses.replace(PAPER, checks=checks), MEASURED, peak_load=1e3)
+    assert text_of(progress.excluded[0].reason) == "peak load 1 kN, less than 7 kN"
+
+
+def test_kinds_by_the_procedure_and_by_the_marks() -> None:
+    progress = judged_kinds(GERMAN, REJECTED, MEASURED, DISCARDED, MEASURED, MEASURED)
+    assert dict(progress.kinds) == {1: REJECTED, 2: SEATING, 3: DISCARDED, 4: SEATING, 5: MEASURED}
+    assert progress.seating_done == 3, "a discarded drop loaded the ground"
+    marks = judged_kinds(PAPER, SEATING, SEATING, MEASURED, DISCARDED)
+    assert dict(marks.kinds) == {1: SEATING, 2: SEATING, 3: MEASURED, 4: DISCARDED}
+    assert [drop.reason.code for drop in marks.excluded] == ["seating-drop"] * 2 + ["discarded"]
+    assert (marks.seating_done, marks.measured_done, marks.complete) == (2, 1, True)
+
+
+def test_compaction_has_the_drops_that_loaded_the_ground() -> None:
+    progress = judged_kinds(GERMAN, MEASURED, REJECTED, MEASURED)
+    assert progress.compaction == ((1, "seating", 5e-4), (3, "seating", 5e-4))
+    assert judged_kinds(GERMAN, MEASURED, peak_deflection=None).compaction == ()

@@ -1,12 +1,15 @@
 """Drops and results that a report can show."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from inversion.notices import text_notice
 from pfwd.analysis.options import AnalysisOptions
@@ -15,8 +18,19 @@ from pfwd.files.header import PointSetup, declared_values
 from pfwd.judging import JobRequest
 from pfwd.procedures import plain_procedure
 from pfwd.report import gathering
-from pfwd_device import Channel, Drop
+from pfwd.report.blocks import (
+    Block,
+    Heading,
+    Listing,
+    Pairs,
+    Paragraph,
+    Picture,
+    Table,
+    Together,
+)
+from pfwd_device import Drop
 from pfwd_device.recording import DropRecord, SurveyWriter
+from tests import drops
 from tests.records import complete
 
 SETUP = PointSetup(
@@ -54,6 +68,40 @@ def result_of(number: int, modulus: float = 45e6) -> dict[str, Any]:
     }
 
 
+DECLARED = {"plate_radius_m": 0.15, "plate_mass_kg": 0.0, "poisson_ratio": 0.35}
+
+
+def layer(modulus: float, low: float, high: float, **more: Any) -> dict[str, Any]:
+    """A layer as a result stores it."""
+    return {
+        "modulus_pa": modulus,
+        "modulus_interval_pa": [low, high],
+        "viscosity_pa_s": 2e4,
+        "density_kg_m3": 1900.0,
+        "poisson_ratio": 0.35,
+        **more,
+    }
+
+
+UPPER = layer(
+    120e6, 110e6, 131e6, thickness_m=0.25, thickness_sd_m=0.004, thickness_interval_m=[0.24, 0.262]
+)
+LOWER = layer(45e6, 44e6, 46e6)
+LAYERS = {
+    "layers": [UPPER, LOWER],
+    "effective_modulus_pa": 71e6,
+    "effective_modulus_interval_pa": [70e6, 72e6],
+    "effective_depth_m": 0.93,
+}
+
+
+def with_loose_sensor(drop: Drop, offset: float = 0.6) -> Drop:
+    """Return the drop with a sensor that moves away."""
+    away = 5e-4 * np.clip(drop.time / 0.02, 0.0, 1.0)
+    channels = (replace(c, values=away) if c.offset == offset else c for c in drop.channels)
+    return replace(drop, channels=tuple(channels))
+
+
 def write_judged_survey(folder: Path, target: float, moduli: Mapping[str, Sequence[float]]) -> Path:
     """Write points with a drop for each modulus, of which the first of a point is seating."""
     with SurveyWriter.open(folder, publish=False) as writer:
@@ -74,15 +122,44 @@ def half_sine_drop(number: int, peak: float) -> Drop:
 
     Drops with other numbers differ by a millionth: measured drops are never the same.
     """
-    peak *= 1 + 1e-6 * number
-    time = np.arange(-50, 800) / 1e4
+    return drops.half_sine_drop(number=number, peak=peak * (1 + 1e-6 * number), window=0.08)
 
-    def pulse(time: NDArray[np.float64], duration: float) -> NDArray[np.float64]:
-        inside = (time > 0) & (time < duration)
-        return np.where(inside, np.sin(np.pi * time / duration), 0.0)
 
-    moved = 5e-4 * peak / 8000 * pulse(time - 1e-3, 0.0216)
-    return Drop(number, time, peak * pulse(time, 0.018), (Channel(0.0, "displacement", moved),))
+def flat(blocks: Iterable[Block]) -> list[Block]:
+    """Return blocks one after the other, those that stand together as well."""
+    return [
+        part
+        for block in blocks
+        for part in (flat(block.blocks) if isinstance(block, Together) else [block])
+    ]
+
+
+def drawn(picture: Picture, dpi: float = 100.0) -> Figure:
+    """Return a picture as wide as a page."""
+    figure = Figure(figsize=(180 / 25.4, picture.height / 25.4), dpi=dpi)
+    FigureCanvasAgg(figure)
+    picture.draw(figure)
+    return figure
+
+
+def texts_of(blocks: Iterable[Block], *, pictures: bool = True) -> Iterator[str]:
+    """Yield what blocks and their pictures say."""
+    for block in flat(blocks):
+        match block:
+            case Heading(text) | Paragraph(text):
+                yield text
+            case Pairs(rows):
+                yield from (text for row in rows for text in row)
+            case Table(columns, rows):
+                yield from columns
+                cells = (cell for row in rows for cell in row)
+                yield from (cell if isinstance(cell, str) else cell.text for cell in cells)
+            case Listing(items):
+                yield from items
+            case Picture():
+                yield from (block.caption, block.alternative)
+                if pictures:
+                    yield from (text.get_text() for text in drawn(block).findobj(Text))
 
 
 class RecordedInversion:

@@ -16,7 +16,7 @@ from pfwd.files.importing import import_files
 from pfwd.files.traces import TracePoint, write_traces
 from pfwd.judging import PointView
 from pfwd.report import drawing
-from pfwd.report.blocks import Pairs, Paragraph, Picture
+from pfwd.report.blocks import Pairs, Paragraph, Picture, Table
 from pfwd.report.certificate_blocks import certificate_blocks, points_table, verdict_reasons
 from pfwd.report.composing import compose
 from pfwd.report.content import Report
@@ -35,46 +35,40 @@ def rows_of(report: Report) -> dict[str, str]:
     return dict(next(block for block in blocks if isinstance(block, Pairs)).rows)
 
 
+def table_of(report: Report) -> tuple[list[str], Table]:
+    """Return the titles of the columns, with plain spaces, and the table of the points."""
+    table = points_table(report, EN)
+    return [title.replace("\N{NO-BREAK SPACE}", " ") for title in table.columns], table
+
+
+SEATED = "3 (seating) + 3 (measured)"
+E_VD, E_LWD = (
+    "E_vd = 1.5 r σ / s̄, σ = 0.1 MPa",
+    "E_LWD = 2 (1 - ν²) r σ / s̄, σ = F / (π r²), ν = 0.35",
+)
+S, MEAN, V, S_V, F = "s, mm", "s̄, mm", "v, mm/s", "s/v, ms", "F, kN"
+MODULUS, EQUIVALENT = "Modulus E", "Equivalent modulus"
+
+
 @pytest.mark.parametrize(
     ("procedure", "formula", "drops", "columns"),
     [
-        (
-            "tp-bf-stb-b8.3",
-            "E_vd = 1.5 r σ / s̄, σ = 0.1 MPa",
-            "3 (seating) + 3 (measured)",
-            ["s, mm", "s̄, mm", "v, mm/s", "s/v, ms", "E_vd", "Modulus E"],
-        ),
-        (
-            "mchw-885",
-            "E_LWD = 2 (1 - ν²) r σ / s̄, σ = F / (π r²), ν = 0.35",
-            "3 (seating) + 3 (measured)",
-            ["s, mm", "s̄, mm", "F, kN", "E_LWD", "Modulus E"],
-        ),
-        (
-            "mndot",
-            None,
-            "3 (seating) + 3 (measured)",
-            ["s, mm", "F, kN", "Peak deflection", "Modulus E"],
-        ),
-        ("paper", None, None, ["s, mm", "s̄, mm", "F, kN", "Modulus E", "Equivalent modulus"]),
-        (
-            *(None, None, None),
-            ["s, mm", "s̄, mm", "v, mm/s", "s/v, ms", "Equivalent modulus", "Modulus E"],
-        ),
+        ("tp-bf-stb-b8.3", E_VD, SEATED, [S, MEAN, V, S_V, "E_vd", MODULUS]),
+        ("mchw-885", E_LWD, SEATED, [S, MEAN, F, "E_LWD", MODULUS]),
+        ("mndot", None, SEATED, [S, F, "Peak deflection", MODULUS]),
+        ("paper", None, None, [S, MEAN, F, MODULUS, EQUIVALENT]),
+        (None, None, None, [S, MEAN, V, S_V, EQUIVALENT, MODULUS]),
     ],
 )
 def test_the_first_page_has_the_formula_and_columns_of_its_procedure(
     survey: Path, procedure: str | None, formula: str | None, drops: str | None, columns: list[str]
 ) -> None:
     report = gather(survey, ReportOptions(procedure=procedure))
-    rows, table = rows_of(report), points_table(report, EN)
-    titles = [title.replace("\N{NO-BREAK SPACE}", " ") for title in table.columns]
-    assert rows.get("Formula") == formula
-    assert rows.get("Drops at a point") == drops
+    rows, (titles, table) = rows_of(report), table_of(report)
+    assert (rows.get("Formula"), rows.get("Drops at a point")) == (formula, drops)
     assert titles == ["Point", "Time", *columns, "Target", "Verdict"]
-    assert [titles[place] for place in table.right] == [
-        name for name in columns if name in ("s̄, mm", "v, mm/s", "s/v, ms", "F, kN")
-    ]
+    right = [titles[place] for place in table.right]
+    assert right == [name for name in columns if name in (MEAN, V, S_V, F)]
 
 
 def test_an_incomplete_point_shows_its_drops(survey: Path) -> None:
@@ -82,8 +76,7 @@ def test_an_incomplete_point_shows_its_drops(survey: Path) -> None:
     first = report.points[0]
     short = replace(first, drops=first.drops[:2], whole=None)  # both are seating drops
     report = replace(report, points=(short, *report.points[1:]))
-    table = points_table(report, EN)
-    titles = [title.replace("\N{NO-BREAK SPACE}", " ") for title in table.columns]
+    titles, table = table_of(report)
     row = dict(zip(titles, table.rows[0], strict=True))
     assert row["s, mm"] == "0.500 / 0.500"
     assert row["s̄, mm"] == row["E_vd"] == "–"
@@ -100,10 +93,7 @@ def test_loads_pressures_and_conditions_are_stated(survey: Path) -> None:
     report = gather(survey)
     assert rows_of(report)["Peak load"] == "measured: 8.00 – 8.03 kN, σ = 113 – 114 kPa"
     by_nominal = rows_of(gather(survey, ReportOptions(procedure="tp-bf-stb-b8.3")))["Peak load"]
-    assert by_nominal == (
-        "measured: 8.00 – 8.03 kN, σ = 113 – 114 kPa; presumed: 7.07 kN, σ = 100 kPa (± 10 %, "
-        "tolerance of this program)"
-    )
+    assert "presumed: 7.07 kN, σ = 100 kPa (± 10 %" in by_nominal
     assert "Conditions" not in rows_of(report)
     first, second = report.points
 
@@ -138,11 +128,12 @@ def test_the_curve_has_the_peak_of_the_table(
     write_traces(tmp_path / "A.csv", TracePoint("", setup, tuple(drops), ()))
     list(import_files([str(tmp_path / "A.csv")], tmp_path / "survey"))
     report = gather(tmp_path / "survey")
-    row = dict(zip((table := points_table(report, EN)).columns, table.rows[0], strict=True))
+    titles, table = table_of(report)
+    row = dict(zip(titles, table.rows[0], strict=True))
     (axes,) = drawn_curves(list(report.points))
     lines = [line for line in axes.lines if line.get_label().isdigit()]
     peaks = [float(line.get_ydata().max()) for line in lines]
-    assert " / ".join(f"{peak:.3f}" for peak in peaks) == row["s,\N{NO-BREAK SPACE}mm"]
+    assert " / ".join(f"{peak:.3f}" for peak in peaks) == row[S]
     facts = report.points[0].facts[1:]
     np.testing.assert_allclose(peaks, [fact.peak_deflection * 1e3 for fact in facts], rtol=1e-12)
     blocks = compose(report, EN, Letters())
@@ -240,7 +231,7 @@ def test_a_chainage_has_a_column(survey: Path) -> None:
     edit_survey(survey, [Edit("declared", {"chainage_m": 8827.754})], point="A")
     report = gather(survey)
     first = replace(report.points[1], title="km 12+320")
-    table = points_table(replace(report, points=(report.points[0], first)), EN)
-    assert table.columns[:2] == ("Point", "Chainage,\N{NO-BREAK SPACE}m")
+    titles, table = table_of(replace(report, points=(report.points[0], first)))
+    assert titles[:2] == ["Point", "Chainage, m"]
     assert [row[1] for row in table.rows] == ["8827.75", "12320"]
     assert 1 in table.right

@@ -4,41 +4,22 @@ from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from statistics import fmean
-from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from pfwd.files.importing import import_files
 from pfwd.files.traces import TracePoint, write_traces
-from pfwd.report.blocks import Block, Pairs, Paragraph, Picture, Table, Together
+from pfwd.report.blocks import Pairs, Paragraph, Picture, Table
 from pfwd.report.certificate_blocks import points_table
 from pfwd.report.composing import compose
-from pfwd.report.content import Report
 from pfwd.report.fonts import Letters
 from pfwd.report.gathering import ReportOptions, gather
 from pfwd.report.peaks_blocks import basin_of_drop, has_only_peaks
 from pfwd.report.texts import load_texts
-from tests.pfwd.report.surveys import SETUP, half_sine_drop
+from tests.pfwd.report.surveys import SETUP, drawn, flat, half_sine_drop
 
 EN = load_texts("en")
-
-
-def flat(blocks: Any) -> list[Block]:
-    return [
-        part
-        for block in blocks
-        for part in (flat(block.blocks) if isinstance(block, Together) else [block])
-    ]
-
-
-def drawn(picture: Picture) -> list[Any]:
-    figure = Figure(figsize=(180 / 25.4, picture.height / 25.4))
-    FigureCanvasAgg(figure)
-    picture.draw(figure)
-    return list(figure.axes)
 
 
 def test_peaks_have_no_empty_column_and_no_fitted_modulus(peaks: Path) -> None:
@@ -82,7 +63,7 @@ def test_the_peaks_of_all_sensors_are_in_tables_and_picture(peaks: Path) -> None
     report = gather(peaks)
     blocks = flat(compose(report, EN, Letters()))
     (picture,) = (b for b in blocks if isinstance(b, Picture) and "sensor" in b.caption)
-    depth, moduli = drawn(picture)
+    depth, moduli = drawn(picture).axes
     drops = report.points[0].drops
     recorded = [dict(drop.peaks.displacements) for drop in drops if drop.peaks is not None]
     offsets = sorted(recorded[0])
@@ -97,28 +78,17 @@ def test_the_peaks_of_all_sensors_are_in_tables_and_picture(peaks: Path) -> None
 
 
 def test_names_in_a_crowded_sketch_do_not_overlap(peaks: Path) -> None:
-    from dataclasses import replace
-
     first = gather(peaks)
-    point = first.points[0]
-    points = tuple(
-        replace(
-            point,
-            name=f"station {number}",
-            title=f"station {number}",
-            whole=None,
-            place={
-                "latitude": 48.0 + 2e-4 * number,
-                "longitude": 2.0 + 1e-4 * number,
-                "source": "declared",
-            },
-        )
-        for number in range(40)
-    )
-    report: Report = replace(first, points=points)
+    points = []
+    for number in range(40):
+        place = {"latitude": 48.0 + 2e-4 * number, "longitude": 2.0 + 1e-4 * number}
+        name = {"name": f"station {number}", "title": f"station {number}"}
+        place_of = {"place": {**place, "source": "declared"}}
+        points.append(replace(first.points[0], whole=None, **name, **place_of))
+    report = replace(first, points=tuple(points))
     blocks = flat(compose(report, EN, Letters()))
     (sketch,) = (b for b in blocks if isinstance(b, Picture) and b.alternative == EN["map"])
-    (axes,) = drawn(sketch)
+    (axes,) = drawn(sketch).axes
     renderer = axes.figure.canvas.get_renderer()
     names = [text for text in axes.texts if text.get_text().isdigit()]
     assert len(names) > 5

@@ -10,7 +10,7 @@ from PIL import Image
 
 from pfwd.files.photos import store_photo
 from pfwd.report.drawing import draw_photos
-from pfwd.report.gathering import gather_stored
+from pfwd.report.gathering import ReportOptions, gather_stored
 from pfwd.report.point_blocks import photo_blocks
 from pfwd.report.report import write_report
 from pfwd.report.texts import load_texts
@@ -31,10 +31,10 @@ def test_the_report_of_a_point_has_its_photos(survey: Path, tmp_path: Path) -> N
     name = gather_stored(survey).points[0].name
     store_photo(survey, name, photo("red"))
     store_photo(survey, name, photo("blue"))
-    write_report(survey, tmp_path / "r.html")
+    write_report(survey, tmp_path / "r.html", ReportOptions(point=name))
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert text.count("<figcaption>Photos</figcaption>") == 1
-    write_report(survey, tmp_path / "r.pdf")
+    write_report(survey, tmp_path / "r.pdf", ReportOptions(point=name))
     assert (tmp_path / "r.pdf").read_bytes().startswith(b"%PDF")
 
 

@@ -10,8 +10,6 @@ from typing import TypeGuard
 import numpy as np
 import pytest
 import zxingcpp
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from pypdf import PdfReader
 
 from pfwd.analysis.results import DropResult
@@ -25,7 +23,7 @@ from pfwd.report.report import write_report
 from pfwd.report.slip_blocks import checksum_of, slip_blocks
 from pfwd.report.texts import load_texts
 from pfwd_device.recording import SurveyWriter, read_survey
-from tests.pfwd.report.surveys import half_sine_drop, result_of
+from tests.pfwd.report.surveys import drawn, half_sine_drop, result_of
 from tests.records import complete
 
 pytestmark = pytest.mark.usefixtures("without_curves")
@@ -37,20 +35,14 @@ def is_warning(block: Block) -> TypeGuard[Paragraph]:
     return isinstance(block, Paragraph) and block.style == "small warning"
 
 
-def image_of(picture: Picture) -> np.ndarray:
-    figure = Figure(figsize=(180 / 25.4, picture.height / 25.4), dpi=200)
-    canvas = FigureCanvasAgg(figure)
-    picture.draw(figure)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3]
-
-
 def test_the_code_holds_point_time_and_checksum(survey: Path) -> None:
     options = ReportOptions(point="B", slip=True, signed="Jo Döe")
     report = gather(survey, options)
     blocks = slip_blocks(report, EN, Letters(), options)
     picture = [block for block in blocks if isinstance(block, Picture)][-1]
-    (code,) = zxingcpp.read_barcodes(image_of(picture))
+    canvas = drawn(picture, dpi=200).canvas
+    canvas.draw()
+    (code,) = zxingcpp.read_barcodes(np.asarray(canvas.buffer_rgba())[..., :3])  # type: ignore[attr-defined]
     lines = dict(line.split(": ", 1) for line in code.text.split("\n"))
 
     drops = [drop for drop in read_survey(survey).drops if drop.point == "B"]

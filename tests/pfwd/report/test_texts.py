@@ -4,17 +4,39 @@ import json
 import math
 import re
 import tomllib
+from collections.abc import Iterable
+from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 
 import pytest
+from matplotlib.font_manager import FontProperties, findfont
 
 import pfwd.report as package
+from inversion.notices import (
+    OTHER,
+    Notice,
+    Value,
+    gaps_of,
+    of_drops,
+    templates,
+    terms,
+    text_notice,
+    text_of,
+)
 from pfwd.errors import OptionError
+from pfwd.matplotlib_start import start_matplotlib
 from pfwd.procedures import PointValue, Quantity
 from pfwd.report import formatting
+from pfwd.report.blocks import Block, Paragraph, Together
+from pfwd.report.composing import compose
+from pfwd.report.content import Report
 from pfwd.report.fonts import Letters
+from pfwd.report.gathering import ReportOptions, gather
 from pfwd.report.texts import _catalogues, _filled_in, languages, load_texts
 from pfwd.units import DECLARED, Fact
+from tests.pfwd.report.surveys import flat
+from tests.records import sample_notice
 
 EN = load_texts("en")
 
@@ -61,10 +83,7 @@ def test_a_custom_language_is_a_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (
-            catalogue(summary=None),
-            r"fr\.toml: expected every text, got none for summary; en",
-        ),
+        (catalogue(summary=None), r"fr\.toml: expected every text, got none for summary; en"),
         (catalogue(extra="x"), "expected the keys of the English texts, got extra; en"),
         (catalogue(verdicts="{pass} only"), "verdicts: a text with the words in braces of"),
         (catalogue(summary="{summary.__class__}"), "summary: a text with the words in braces"),
@@ -86,12 +105,11 @@ def test_a_file_that_is_no_language_is_refused(tmp_path: Path, content: str, mes
 
 
 def test_every_used_text_exists() -> None:
-    keys = set()
-    for path in Path(package.__path__[0]).glob("*.py"):
-        keys |= set(re.findall(r'texts(?:\[|\.say\(\s*)"(\w+)"', path.read_text("utf-8")))
+    pattern = r'texts(?:\[|\.say\(\s*)"(\w+)"'
+    files = Path(package.__path__[0]).glob("*.py")
+    keys = {key for path in files for key in re.findall(pattern, path.read_text("utf-8"))}
     assert len(keys) > 40
-    for key in keys:
-        assert EN[key]
+    assert all(EN[key] for key in keys)
 
 
 @pytest.mark.parametrize(
@@ -138,11 +156,102 @@ def test_control_characters_have_no_business_on_paper() -> None:
 def test_a_family_without_bold_letters_prints_no_lines(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    from matplotlib.font_manager import FontProperties, findfont
-
-    from pfwd.matplotlib_start import start_matplotlib
-
     start_matplotlib()
     findfont(FontProperties(family=["no such family at all", "DejaVu Sans"], weight="bold"))
     findfont(FontProperties(family="another family that is not there"))
     assert "findfont" not in caplog.text
+
+
+# Messages in the language of a report
+
+
+DE, ZH = load_texts("de"), load_texts("zh")
+
+
+@pytest.mark.parametrize("code", ["de", "zh"])
+def test_every_language_has_every_message_with_its_values(code: str) -> None:
+    folder = resources.files("pfwd.report").joinpath("catalogues", "messages")
+    tables = {
+        name: tomllib.loads(folder.joinpath(f"{name}.toml").read_text(encoding="utf-8"))
+        for name in ("de", "zh")
+    }
+    assert all(tables[code][part].keys() == tables["de"][part].keys() for part in tables["de"])
+    for name, table in tables["de"]["procedures"].items():
+        assert tables[code]["procedures"][name].keys() == table.keys()
+    english = {key: text for key, text in templates().items() if key != OTHER}
+    assert tables[code]["messages"].keys() == english.keys()
+    for key, text in tables[code]["messages"].items():
+        assert gaps_of(text).keys() == gaps_of(english[key]).keys(), key
+    assert terms().keys() <= tables[code]["words"].keys()
+
+
+def test_numbers_have_the_decimal_sign_of_the_language() -> None:
+    text = Notice("depth-not-unique", {"depth_low_m": 0.484, "depth_high_m": 1.3})
+    assert "Fels von 0,48 m bis 1,3 m" in DE.message(text)
+    assert "0.48 m" in ZH.message(text)
+    assert EN.message(text) == text_of(text)
+
+
+def test_a_file_before_a_message_is_kept() -> None:
+    values: dict[str, Value] = {"traces": "stored_traces", "deviation": (0.0, 0.095)}
+    values["file"] = "a-12.prjz, database.json"
+    notice = Notice("stored-deflection-differs", values)
+    assert DE.message(notice).startswith("a-12.prjz, database.json: die größte Setzung")
+    assert "+0,0 bis +9,5 %" in DE.message(notice)
+    limit: dict[str, Value] = {"quantity": "peak_deflection", "limit": 2.0, "unit": "mm"}
+    assert DE.message(of_drops(Notice("values-too-large", limit), 1, 2)) == (
+        "Stöße 1, 2: größte Setzung über 2 mm (nicht belegt, nicht angewandt)"
+    )
+    assert DE.message(text_notice("a text of a person: 4.5")) == "a text of a person: 4.5"
+
+
+def with_warnings(report: Report, *warnings: tuple[Notice, ...]) -> Report:
+    points = zip(report.points, warnings, strict=True)
+    return replace(report, points=tuple(replace(point, warnings=w) for point, w in points))
+
+
+def items_of(blocks: Iterable[Block]) -> list[str]:
+    return [item for block in blocks for item in getattr(block, "items", ())]
+
+
+@pytest.mark.usefixtures("without_curves")
+def test_warnings_of_all_points_stand_once(survey: Path) -> None:
+    first, second = (Notice("plate-radius-suspect", {"plate_radius_m": r}) for r in (15.5, 16.0))
+    report = with_warnings(gather(survey), (first,), (second, text_notice("its own: 3")))
+    blocks = compose(report, EN, Letters())
+    listed = items_of(blocks)
+    assert "units suspect: plate_radius_m = 15.5 and 16 (in metres?) (all 2 points)" in listed
+    assert "its own: 3 (point B)" in listed
+    pages = flat(block for block in blocks if isinstance(block, Together))
+    notes = [part.text for part in pages if isinstance(part, Paragraph)]
+    assert sum("its own: 3" in text for text in notes) == 1
+    assert not any("units suspect" in text for text in notes)
+
+
+@pytest.mark.usefixtures("without_curves")
+def test_several_processes_find_the_same(survey: Path) -> None:
+    alone, shared = (gather(survey, ReportOptions(jobs=jobs)) for jobs in (1, 2))
+    assert [p.shown_name for p in shared.points] == [p.shown_name for p in alone.points]
+    assert [p.progress for p in shared.points] == [p.progress for p in alone.points]
+    assert shared.instruments == alone.instruments
+
+
+@pytest.mark.parametrize("code", sorted(templates().keys() - {OTHER}))
+def test_warnings_are_complete_in_every_language(code: str) -> None:
+    notice = sample_notice(code)
+    english = re.compile(r"\b(the|is|are|of|or|line|left|from|moves|missing|bound|samples)\b")
+    for texts in (DE, ZH):
+        assert not english.search(texts.message(notice)), texts.message(notice)
+    assert EN.message(notice) == text_of(notice)
+
+
+@pytest.mark.usefixtures("without_curves")
+def test_drops_of_a_message_are_counted_and_not_listed(survey: Path) -> None:
+    values: dict[str, Value] = {"quantity": "pulse_duration", "limit": 15.5, "unit": "ms"}
+    limit, numbers = Notice("values-too-small", values), range(1, 92)
+    report = with_warnings(gather(survey), (of_drops(limit, *numbers),), (of_drops(limit, 3),))
+    places = {EN: "(all 2 points; 92 drops)", DE: "(alle 2 Punkte; 92 Stöße)"}
+    for texts, place in places.items():
+        listed = items_of(compose(report, texts, Letters()))
+        assert f"{texts.message(limit)} {place}" in listed
+        assert not any(", ".join(map(str, numbers)) in item for item in listed)

@@ -68,7 +68,7 @@ def words_within(pdf: bytes, folder: Path) -> Sequence[tuple[float, float, str]]
     return [(float(start), float(right), word) for start, right, word in boxes]
 
 
-@pytest.mark.parametrize("lines", range(56, 68))
+@pytest.mark.parametrize("lines", range(58, 66))
 def test_a_label_of_two_lines_stays_with_its_value(lines: int) -> None:
     label = "Last check of the instrument's load cell, which is a long label"
     paragraphs = [Paragraph(f"line {number}", "note") for number in range(lines)]

@@ -7,13 +7,19 @@ import struct
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
+SAMPLES = Path(__file__).parents[3] / "data" / "foreign"
 Values = NDArray[np.float64]
+
+
+def sample(name: str) -> str:
+    """Return a document or the beginning of a file in the layout of another program."""
+    return (SAMPLES / name).read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True)
@@ -95,13 +101,7 @@ def dataset(
         text = base64.encodebytes(data).decode()
         return f"<Length>{len(data)}</Length><Data>{text}</Data>"
 
-    text = row("ParamsAcqu", ID=3, NbSamples=300, FreqAcqu=rate, PreTrig=pre)
-    # A preset that is not used.
-    text += row("ParamsAcqu", ID=4, NbSamples=99, FreqAcqu=1, PreTrig=1)
-    text += row("ParamsPortance", ID=1, DPlaque=0.3, CPoisson=0.35, FForme=4)
-    text += row("ParamsPoint", ID=1, NbMiseEnPlace=1, NbMoyennage=2)
-    text += row("Machines", ID=1, Serial="T-1")
-    text += row("PVs", ID=7, Nom=escape("a & b"), Date="2024-05-06T10:00:00+02:00", Temperature=12)
+    text = sample("dataset.xml").format(rate=rate, pre=pre)
     for number, (identity, drops) in enumerate(points.items(), start=1):
         when = "2024-05-06T10:00:00+02:00"
         text += row("Points", ID=identity, Numero=number, IdPV=7, IdParamsAcqu=3, Date=when)
@@ -129,75 +129,35 @@ def acquired(
     **more: Any,
 ) -> dict[str, Any]:
     """A ``database.json`` of the acquisition."""
-    database: dict[str, Any] = {
-        "Database": {"Software": "Maxidyn"},
-        "Project": {"Name": "P", "Site": "yard"},
-        "ParamsBearing": {"DPlate": 0.6, "CPoisson": 0.25, "FForme": 4.0},
-        "ParamsPoint": {"NbTraining": 2, "NbAveraging": 1, "NbTotal": 3},
-        "ParamsAcqu": {"NbSamples": 300, "FreqAcqu": rate, "PreTrig": pre},
-        "Hardware": {"Serial": "T-2\0\0", "TypeMachineName": "Maxidyn"},
-    }
+    database: dict[str, Any] = json.loads(sample("acquired.json"))
+    database["ParamsAcqu"] |= {"FreqAcqu": rate, "PreTrig": pre}
     if offsets is not None:
         del database["ParamsBearing"]
         channels = [{"Type": "LoadCell", "Position": 0.0}]
         channels += [{"Type": "Geophone", "Position": float(np.float32(drop))} for drop in offsets]
         database["Calibrations"] = {"Dplate": float(np.float32(0.3)), "Channels": channels}
-    entries = []
+    (report,) = database["PVs"]
+    (entry,) = report["Points"]
+    report["Points"] = []
     for number, (identity, drops) in enumerate(points.items(), start=1):
-        point = {
-            "ID": identity,
-            "Number": number,
-            "Date": "2024-05-06T08:00:00.000Z",
-            "Latitude": 45.5,
-            "Longitude": 6.25,
-            "DOP": "NaN",
-            "Chainage": 10.0 * number,
-            "Comments": "wet",
-        }
+        point = {"ID": identity, "Number": number, "Chainage": 10.0 * number}
         peaks = [{"Number": n, "Fmax": float(d.load.max())} for n, d in enumerate(drops, start=1)]
-        entries.append({"Point": point, "Drops": peaks})
-    about = {"Name": "north", "Operator": "A. B.", "Temperature": "12"}
-    return {**database, "PVs": [{"PV": about, "Points": entries}], **more}
+        report["Points"].append({"Point": entry["Point"] | point, "Drops": peaks})
+    return {**database, **more}
 
 
 def viewed(
     points: Mapping[str, Sequence[Traces]], *, rate: float = 15_000.0, pre: float = 0.005
 ) -> dict[str, Any]:
     """A ``database.json`` of the viewer."""
-    entries = [
-        {
-            "base": {
-                "id": identity,
-                "number": number,
-                "date": "2024-05-06T08:00:00.000Z",
-                "coordinates": {"lat": 45.5, "lng": 6.25},
-                "data": [{"label": "Tsurf", "value": 13.0}],
-                "information": [{"label": "Comment", "value": "dry"}],
-            }
-        }
-        for number, identity in enumerate(points, start=1)
-    ]
-    kinds = ["Training", "Averaging", "Averaging"]
-    indexes = {"list": [{"distinct": {"type": kind}} for kind in kinds]}
-    report = {
-        "name": "east",
-        "zones": [{"base": {"points": entries}}],
-        "dataLabels": {"groups": {"list": [{"distinct": {"indexes": indexes}}]}},
-    }
-    return {
-        "version": 1,
-        "project": {
-            "machine": "Minidyn",
-            "base": {
-                "name": "V",
-                "acquisitionParameters": {"nbSamples": 300, "frequency": rate, "preTrig": pre},
-                "information": [{"label": "Site", "value": "field"}],
-                "hardware": [{"label": "Serial number", "value": "T-3"}],
-                "reports": {"list": [{"base": report}]},
-            },
-            "distinct": {"bearingParameters": {"dPlate": 0.3, "cPoisson": 0.35, "fForme": 4}},
-        },
-    }
+    database: dict[str, Any] = json.loads(sample("viewed.json"))
+    base = database["project"]["base"]
+    base["acquisitionParameters"] |= {"frequency": rate, "preTrig": pre}
+    zone = base["reports"]["list"][0]["base"]["zones"][0]["base"]
+    (point,) = zone["points"]
+    numbered = enumerate(points, start=1)
+    zone["points"] = [{"base": point["base"] | {"id": i, "number": n}} for n, i in numbered]
+    return database
 
 
 def prjz(
@@ -259,3 +219,53 @@ def thy(
             lines.append(f"{row * step_ms:.{digits}f} {kip:.6f} {mils}")
         lines.append("")
     return "\r\n".join(lines).encode("latin-1")
+
+
+SENSOR_OFFSETS = "plate_radius_m = 0.15\nsensor_offsets_m = [0.0, 0.3, nan]\n"
+"""Header of a JILS file, which names no positions; the third sensor is left out."""
+
+
+def dat(station: int, drops: Sequence[tuple[float, Sequence[float]]], note: str = "retest") -> str:
+    """The lines of a station in a JILS .DAT; loads in N, deflections in m."""
+    lines = [
+        f"{station} 1   0.000 1 {load / 4448.2216152605:.2f} "
+        f"{' '.join(f'{peak / 2.54e-5:.2f}' for peak in moved)}  68.0"
+        for load, moved in drops
+    ]
+    lines += [
+        "Drop Sequence Completed Time: 08:36    Air Temp (F): 71.6",
+        "GPS: Quality : DGPS Fix   Latitude = 34 deg30.000000  N   Longitude = 89 deg15.000000   W"
+        "   PDOP = 1.50",
+        f"Note: {note}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+DAT_HEAD = (
+    "M5\nDate-Time:  5/13/2019  8:35:57\nSensors: 1, 2, 3\nWeight/spring: 3\n"
+    "Location: Test road\nTemp:   68.00\nOperator: A. B.\nComments: \n"
+)
+
+SIMPLE_MAP = """
+plate_radius_m = 0.15
+[time]
+column = 1
+unit = "s"
+[load]
+column = 2
+unit = "N"
+[[sensor]]
+column = 3
+quantity = "displacement"
+unit = "m"
+offset_m = 0.0
+[text]
+names = false
+"""
+"""Column map of a text with time, load and a displacement."""
+
+
+def delimited(*columns: Values, separator: str = ",") -> str:
+    """Rows of numbers in a text without names."""
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return "\n".join(separator.join(map(repr, row)) for row in rows) + "\n"

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi
 
+from tests.pfwd.files.foreign.builders import sample
+
 RADIUS = 0.15
 OFFSETS = (-0.3, -0.2, 0.0, 0.2, 0.3, 0.6, 0.9, 1.2, 1.5, 1.8, 2.1)
 
@@ -43,18 +45,7 @@ def newtons(pressure: float) -> float:
 
 
 def f25(written: Sequence[Place], units: str = "25SI", empty: Sequence[int] = ()) -> str:
-    lines = [
-        '5001,25.60,1,40, 3, 1,"Prog    "',
-        f'5002,"{units}  ","8002-000","CP15-000"',
-        '5011,0,1,2024,05,06,08,42,0,"Non",000',
-        '5200,"149     ",2,0.983, 90.5, -1.89,  1.666',
-        f"5020,{1e3 * RADIUS:6g},{','.join(f'{1e3 * o:6g}' for o in OFFSETS)},N0    ,N0    ",
-        '5030,"A. Operator                 "',
-        '5031,"R 12"',
-        "5301,0,1,3,3, 170.400,1,1,NA      ,2024,05,06,08,42",
-        '5302,0,1,8,0,0,0,1,0,"rs          "',
-        "5303,0, 17.8, 18.4, 18.0",
-    ]
+    lines = sample("head.f25").format(units=units).splitlines()
     for place in written:
         lines += [
             f"5280,0,140418.0,{place.latitude:12.7f},{place.longitude:12.7f},  00.3, 2, 9,   0,  0",
@@ -69,18 +60,7 @@ def f25(written: Sequence[Place], units: str = "25SI", empty: Sequence[int] = ()
 
 
 def sweco(written: Sequence[Place]) -> str:
-    lines = [
-        "",
-        "_" * 40,
-        "(c) ROAD SYSTEM 2016, Metric",
-        "$1",
-        "Filename:..............\tyard",
-        "Date [dd/mm/yy]:.......\t06/05/2024",
-        f"Load plate radius [mm].\t{1e3 * RADIUS:g}",
-        "                       \t" + "\t".join(f"R({n + 1})" for n in range(len(OFFSETS))),
-        "Radial offset [cm].....\t" + "\t".join(f"{100 * value:.0f}" for value in OFFSETS),
-        "Tolerance [%]..........\t" + "\t".join("5" for _ in OFFSETS),
-    ]
+    lines = sample("sweco.fwd").splitlines()
     names = [f"D({n + 1})" for n in range(len(OFFSETS))]
     for place in written:
         lines += [
@@ -143,31 +123,12 @@ def pddx(written: Sequence[Place], *, viewer: bool = True) -> str:
     """Return the wrong layout of the viewer, a diameter as radius and pressures, or a sound one."""
     radius = "0.30000001192092896" if viewer else f"{1e3 * RADIUS:g}"
     axis = ([0.0] if viewer else []) + list(OFFSETS)
-    lines = [
-        "[Pavement Deflection Data Exchange File]",
-        "PDDXVersionNumber = 1.0",
-        "DelimiterSymbol = ,",
-        "DecimalSymbol = .",
-        "[Units]",
-        "LoadPlateRadiusUnits = millimeter",
-        "LoadUnits = kilo-Newton",
-        "DeflectionUnits = micron",
-        "TemperatureUnits = Celsius",
-        "SensorLocationUnits = millimeter",
-        "TestLocationUnits = kilometer,meter,meter",
-        "[Operations Information]",
-        "FileName = yard",
-        "StartDate = 06-May-2024 ",
-        "OperatorName =  ",
-        "[Device Information]",
-        f"DeviceDesignationName = {'Rincent' if viewer else 'Other'}",
-        "[Device Configuration]",
-        f"LoadPlateRadius = {radius} ",
-        f"NumberOfDeflectionSensors = {len(OFFSETS)} ",
-        f"DeflectionSensorXAxisDistances = {', '.join(f'{1e3 * value:g}' for value in axis)}",
-        f"DeflectionSensorYAxisDistances = {', '.join('0' for _ in range(17))}",
-        "TemperatureSensorUse = air,surface,manual",
-    ]
+    head = sample("head.pdx").format(
+        device="Rincent" if viewer else "Other",
+        radius=radius,
+        positions=", ".join(f"{1e3 * value:g}" for value in axis),
+    )
+    lines = head.splitlines()
     for number, place in enumerate(written):
         chainage = place.chainage if viewer else place.chainage / 1e3
         lines += [

@@ -1,6 +1,5 @@
 """Delimited text by a column map."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,31 +7,14 @@ import pytest
 
 from pfwd.errors import SurveyError, TraceError
 from pfwd.files.foreign.column_map import read_map
-from pfwd.files.importing import import_files
 from pfwd.files.reading import read_points
-from pfwd.files.traces import TracePoint, write_traces
-from tests.pfwd.files.foreign.builders import Traces, Values, pulse
+from pfwd.files.traces import TracePoint
+from tests.pfwd.files.foreign.builders import SIMPLE_MAP, Traces, Values, delimited, pulse
+from tests.pfwd.files.trace_lines import HEADER, NAMES, rows
 
 TOP = Path(__file__).resolve().parents[4]
 EXAMPLE = TOP / "examples" / "column-map.toml"
 DROPS = [pulse(rate=1e4, pre=0.02, peak=8000.0 + n, channels=2, samples=400) for n in (1, 2)]
-
-SIMPLE = """
-plate_radius_m = 0.15
-[time]
-column = 1
-unit = "s"
-[load]
-column = 2
-unit = "N"
-[[sensor]]
-column = 3
-quantity = "displacement"
-unit = "m"
-offset_m = 0.0
-[text]
-names = false
-"""
 
 
 def german(drops: list[Traces], rate: float = 1e4) -> bytes:
@@ -77,30 +59,19 @@ def test_a_map_may_put_a_sensor_behind_the_plate(tmp_path: Path) -> None:
     assert [channel.offset for channel in point.drops[0].channels] == [0.0, -0.3]
 
 
-def test_text_is_imported_into_a_survey(tmp_path: Path) -> None:
-    path = tmp_path / "a.txt"
-    path.write_bytes(german(DROPS))
-    imported = list(import_files([str(path)], tmp_path / "s", column_map=str(EXAMPLE)))
-    assert [(drop.point, drop.number) for drop in imported] == [("a", 1), ("a", 2)]
-    # With a map a trace file is a trace file still.
-    (point,) = read_points(tmp_path / "s")
-    write_traces(tmp_path / "b.csv", point)
-    (rewritten,) = read_points(tmp_path / "b.csv", column_map=EXAMPLE)
-    assert len(rewritten.drops) == 2
+def test_a_map_does_not_concern_a_trace_file(tmp_path: Path) -> None:
+    (tmp_path / "b.csv").write_text("\n".join([*HEADER, NAMES, *rows()]))
+    (point,) = read_points(tmp_path / "b.csv", column_map=EXAMPLE)
+    assert len(point.drops) == 1
 
 
 SINGLE = pulse(rate=1e4)
 TIMES = np.arange(300) / 1e4
 
 
-def text_of(columns: Sequence[Values], separator: str = ",") -> str:
-    rows = zip(*(column.tolist() for column in columns), strict=True)
-    return "\n".join(separator.join(map(repr, row)) for row in rows) + "\n"
-
-
 def read(folder: Path, map_text: str, *columns: Values, separator: str = ",") -> TracePoint:
     (folder / "m.toml").write_text(map_text)
-    (folder / "a.csv").write_text(text_of(columns, separator))
+    (folder / "a.csv").write_text(delimited(*columns, separator=separator))
     (point,) = read_points(folder / "a.csv", column_map=folder / "m.toml")
     return point
 
@@ -109,26 +80,26 @@ def read(folder: Path, map_text: str, *columns: Values, separator: str = ",") ->
     ("unit", "factor"), [("kip", 4448.2216152605), ("lbf", 4.4482216152605), ("kgf", 9.80665)]
 )
 def test_units_of_force(tmp_path: Path, unit: str, factor: float) -> None:
-    changed = SIMPLE.replace('"N"', f'"{unit}"')
+    changed = SIMPLE_MAP.replace('"N"', f'"{unit}"')
     point = read(tmp_path, changed, TIMES, SINGLE.load / factor, SINGLE.sensors[0])
     np.testing.assert_allclose(point.drops[0].load, SINGLE.load, rtol=1e-12)
 
 
 def test_a_map_with_a_wrong_unit_is_rejected(tmp_path: Path) -> None:
-    changed = SIMPLE.replace('unit = "N"', 'unit = "kN"')
+    changed = SIMPLE_MAP.replace('unit = "N"', 'unit = "kN"')
     message = r"a\.csv: expected a peak load of at most 500 kN, got .*units .* in .*m\.toml"
     with pytest.raises(TraceError, match=message):
         read(tmp_path, changed, TIMES, SINGLE.load, SINGLE.sensors[0])
 
 
 def test_upward_channels_are_turned(tmp_path: Path) -> None:
-    turned = SIMPLE.replace('unit = "m"', 'unit = "mil"\npositive = "up"')
+    turned = SIMPLE_MAP.replace('unit = "m"', 'unit = "mil"\npositive = "up"')
     point = read(tmp_path, turned, TIMES, SINGLE.load, -SINGLE.sensors[0] / 2.54e-5)
     np.testing.assert_allclose(point.drops[0].channels[0].values, SINGLE.sensors[0], atol=1e-18)
 
 
 def test_a_rate_stands_in_for_a_column_of_times(tmp_path: Path) -> None:
-    text = SIMPLE.replace('column = 1\nunit = "s"', "sampling_rate_hz = 1e4\ntrigger_s = 0.005")
+    text = SIMPLE_MAP.replace('column = 1\nunit = "s"', "sampling_rate_hz = 1e4\ntrigger_s = 0.005")
     text = text.replace("names = false", 'names = false\ndelimiter = "blank"')
     point = read(tmp_path, text, 0 * TIMES, SINGLE.load, SINGLE.sensors[0], separator="   ")
     assert point.drops[0].time[0] == pytest.approx(-0.005)
@@ -138,72 +109,40 @@ def test_a_rate_stands_in_for_a_column_of_times(tmp_path: Path) -> None:
 def test_times_that_were_printed_with_three_digits_are_even(tmp_path: Path) -> None:
     recorded = pulse(rate=15e3)
     times = np.round(1e3 * np.arange(300) / 15e3, 3)
-    changed = SIMPLE.replace('unit = "s"', 'unit = "ms"')
+    changed = SIMPLE_MAP.replace('unit = "s"', 'unit = "ms"')
     point = read(tmp_path, changed, times, recorded.load, recorded.sensors[0])
     assert point.drops[0].sampling_rate == pytest.approx(15e3, rel=1e-4)
 
 
 WRONG_MAPS = [
-    ("", "time: expected a table"),
-    ("= 1", "expected TOML"),
-    (SIMPLE.replace("column = 1", "column = 0"), "a position from 1, got 0"),
-    (SIMPLE.replace('"N"', '"stone"'), 'load.unit: expected "N" or'),
-    (SIMPLE.replace('unit = "N"', ""), "load: expected either unit"),
-    (
-        SIMPLE.replace('"N"', '"N"\nunti = 1'),
-        "load: expected a known key, got 'unti'; did you mean unit",
-    ),
-    (SIMPLE.replace("column = 3", "column = 2"), "every column once"),
-    (SIMPLE.replace("column = 3", 'column = "v"'), "positions from 1, as the file has no names"),
-    (SIMPLE.replace("offset_m = 0.0", "offset_m = -inf"), "offset_m: expected a finite number"),
-    (SIMPLE.replace("offset_m = 0.0", ""), "offset_m: expected a finite number, in m, got none"),
-    (SIMPLE.replace('"displacement"', '"jerk"'), 'sensor\\[1\\].quantity: expected "velocity" or'),
-    (SIMPLE + 'encoding = "hex"', "an encoding such as utf-8"),
-    (SIMPLE + 'decimal = ","', "another sign than the delimiter"),
-    (SIMPLE + "skip_lines = -1", "a whole number from 0 to 100000"),
-    (SIMPLE.replace('unit = "s"', 'unit = "s"\nsampling_rate_hz = 1.0'), "either column or"),
-    (SIMPLE.replace('unit = "s"', "factor = 0"), "a number other than 0"),
+    (SIMPLE_MAP, "", "time: expected a table"),
+    (SIMPLE_MAP, "= 1", "expected TOML"),
+    ("column = 1", "column = 0", "a position from 1, got 0"),
+    ('"N"', '"stone"', 'load.unit: expected "N" or'),
+    ('unit = "N"', "", "load: expected either unit"),
+    ('"N"', '"N"\nunti = 1', "load: expected a known key, got 'unti'; did you mean unit"),
+    ("column = 3", "column = 2", "every column once"),
+    ("column = 3", 'column = "v"', "positions from 1, as the file has no names"),
+    ("offset_m = 0.0", "offset_m = -inf", "offset_m: expected a finite number"),
+    ("offset_m = 0.0", "", "offset_m: expected a finite number, in m, got none"),
+    ('"displacement"', '"jerk"', 'sensor\\[1\\].quantity: expected "velocity" or'),
+    ("names = false", 'encoding = "hex"', "an encoding such as utf-8"),
+    ("names = false", 'decimal = ","', "another sign than the delimiter"),
+    ("names = false", "skip_lines = -1", "a whole number from 0 to 100000"),
+    ('unit = "s"', 'unit = "s"\nsampling_rate_hz = 1.0', "either column or"),
+    ('unit = "s"', "factor = 0", "a number other than 0"),
 ]
 
 
-@pytest.mark.parametrize(("text", "message"), WRONG_MAPS)
-def test_a_wrong_map_is_refused_with_its_key(tmp_path: Path, text: str, message: str) -> None:
+@pytest.mark.parametrize(("old", "new", "message"), WRONG_MAPS)
+def test_a_wrong_map_is_refused_with_its_key(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
     path = tmp_path / "m.toml"
-    path.write_text(text)
+    path.write_text(SIMPLE_MAP.replace(old, new))
     with pytest.raises(TraceError, match=message) as caught:
         read_map(path)
     assert "\n" not in str(caught.value)
-
-
-ROWS = text_of([np.arange(50) / 1e3, np.full(50, 1.0), np.full(50, 2.0)])
-WRONG_TEXTS = [
-    ("", "rows of numbers, got the end of the file"),
-    ("1,2\n", "line 1: expected at least 3 columns, got 2"),
-    (ROWS.replace("0.003,1.0", "0.003,x"), "line 4: expected a number, got 'x'"),
-    (ROWS.replace("0.003,1.0", "0.003,1_0"), "line 4: expected a number, got '1_0'"),
-    (ROWS.replace("0.003,1.0", "0.003,nan"), "finite numbers in the load, got nan as sample 4"),
-    (ROWS.replace("0.003,", "0.009,"), "even, growing time steps"),
-    ("\n".join(ROWS.splitlines()[:9]), "at least 16 samples, got 9"),
-    ("a\0b\n", "a line of text, got binary data"),
-]
-
-
-@pytest.mark.parametrize(("text", "message"), WRONG_TEXTS)
-def test_a_wrong_text_is_refused_with_its_line(tmp_path: Path, text: str, message: str) -> None:
-    (tmp_path / "m.toml").write_text(SIMPLE)
-    path = tmp_path / "a.csv"
-    path.write_text(text)
-    with pytest.raises(SurveyError, match=message) as caught:
-        read_points(path, column_map=tmp_path / "m.toml")
-    assert str(caught.value).startswith(str(path))
-    assert "\n" not in str(caught.value)
-
-
-def test_a_wrong_encoding_names_the_map(tmp_path: Path) -> None:
-    (tmp_path / "m.toml").write_text(SIMPLE)
-    (tmp_path / "a.csv").write_bytes("Zeit Ü\n".encode("cp1252"))
-    with pytest.raises(SurveyError, match=r"declare text.encoding in .*m.toml"):
-        read_points(tmp_path / "a.csv", column_map=tmp_path / "m.toml")
 
 
 def test_a_missing_column_lists_the_columns_of_the_file(tmp_path: Path) -> None:

@@ -1,10 +1,8 @@
-"""Projects of Rincent's programs: what they say is read, what is wrong with them is said."""
+"""Projects of Rincent's programs: channels, sensors, places and settings."""
 
 import json
-import re
-import struct
-import zipfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +10,15 @@ import numpy as np
 import pytest
 
 from inversion.notices import text_of
-from pfwd.errors import SurveyError, TraceError
+from pfwd.errors import TraceError
 from pfwd.files.foreign import archive as archive_module
-from pfwd.files.importing import import_files
+from pfwd.files.foreign.rincent import compare_peaks, smoothed_as_stored
+from pfwd.files.foreign.rincent_facts import StoredPeaks
 from pfwd.files.reading import read_points
 from pfwd.files.traces import TracePoint
-from pfwd_device.recording import read_survey
+from pfwd_device import Channel, Drop
+from pfwd_device.signals import trace_peaks
 from tests.pfwd.files.foreign.builders import (
-    Traces,
     acquired,
     dataset,
     dynz,
@@ -53,9 +52,9 @@ def test_raw_channels_are_read_exactly(read: Reader) -> None:
     assert (setup.time_utc, setup.temperature) == ("2024-05-06T08:00:00+00:00", 12.0)
     assert setup.device == "Minidyn T-1"
     assert setup.extra["imported"]["position_dop"] == 0.7
-    assert any("geophone_natural_frequency_hz" in text_of(text) for text in first.warnings)
+    assert "geophone_natural_frequency_hz" in remarks(first)
     # What another program's file said is no mistake of the user.
-    assert not any("not known to the format" in text_of(text) for text in first.warnings)
+    assert "not known to the format" not in remarks(first)
 
 
 def test_stored_channels_are_read_on_request(read: Reader) -> None:
@@ -64,7 +63,7 @@ def test_stored_channels_are_read_on_request(read: Reader) -> None:
     for drop, recorded in zip(first.drops, RAW["1"], strict=True):
         np.testing.assert_array_equal(drop.load, (2 * recorded.load).astype("f4"))
         assert drop.channels[0].quantity == "displacement"
-    assert any("processed and stored" in text_of(text) for text in first.warnings)
+    assert "processed and stored" in remarks(first)
 
 
 @pytest.mark.parametrize("folder", ["Rawdata\\", "rawdata/", "RAWDATA/"])
@@ -102,7 +101,7 @@ def test_several_sensors_stand_where_the_database_says(read: Reader, by_sample: 
         assert [channel.offset for channel in drop.channels] == offsets
         for channel, values in zip(drop.channels, recorded.sensors, strict=True):
             np.testing.assert_array_equal(channel.values, values.astype("f4"))
-    assert not any("left out" in text_of(text) for text in point.warnings)
+    assert "left out" not in remarks(point)
 
 
 def test_the_first_of_two_sensors_at_a_place_is_read(read: Reader) -> None:
@@ -111,13 +110,13 @@ def test_the_first_of_two_sensors_at_a_place_is_read(read: Reader) -> None:
     (drop,) = point.drops
     assert [channel.offset for channel in drop.channels] == [-0.3, 0.0, 0.3]
     np.testing.assert_array_equal(drop.channels[0].values, drops["1F"][0].sensors[0].astype("f4"))
-    assert any("a second sensor at -0.3 m is left out" in text_of(text) for text in point.warnings)
+    assert "a second sensor at -0.3 m is left out" in remarks(point)
 
 
 def test_accelerations_are_no_traces_but_the_stored_ones_are(read: Reader) -> None:
     point, _ = read(dynz(RAW, kind=1), "a.dynz")
     assert point.drops[0].channels[0].quantity == "displacement"
-    assert any("accelerations" in text_of(text) for text in point.warnings)
+    assert "accelerations" in remarks(point)
     with pytest.raises(TraceError, match="got accelerations; import the stored traces with"):
         read(dynz(RAW, kind=1), "a.dynz", channels="raw")
     with pytest.raises(TraceError, match="got accelerations"):
@@ -134,8 +133,7 @@ def test_traces_that_no_point_claims_are_not_lost(read: Reader) -> None:
     (point,) = read(prjz(HEX, database), "a.prjz")
     # Nobody can read out what a program calls its files.
     assert point.setup.point == "point 1"
-    remark = "a.prjz, rawdata/f0000000000000ab: no point of the database has these traces"
-    assert any(text_of(text).startswith(remark) for text in point.warnings)
+    assert "a.prjz, rawdata/f0000000000000ab: no point of the database has these" in remarks(point)
 
 
 def test_no_fix_is_no_position(read: Reader) -> None:
@@ -154,126 +152,6 @@ def test_a_time_without_a_zone_is_local(read: Reader) -> None:
     assert point.setup.extra["imported"]["time_local"] == "2024-05-06T08:00:00"
 
 
-def test_a_survey_stores_the_facts_of_the_file(tmp_path: Path) -> None:
-    path = tmp_path / "a.dynz"
-    path.write_bytes(dynz(RAW))
-    imported = list(import_files([str(path)], tmp_path / "s"))
-    numbers = [("a & b 1", 1), ("a & b 1", 2), ("a & b 1", 3), ("a & b 2", 1)]
-    assert [(recorded.point, recorded.number) for recorded in imported] == numbers
-    points = read_points(tmp_path / "s")
-    assert points[0].setup.extra["imported"]["position_dop"] == 0.7
-    assert any("geophone_natural_frequency_hz" in text_of(text) for text in points[0].warnings)
-    assert all(recorded.before for recorded in import_files([str(path)], tmp_path / "s"))
-    assert len(read_survey(tmp_path / "s").drops) == 4
-
-
-def test_a_header_wins(tmp_path: Path) -> None:
-    path, header = tmp_path / "a.dynz", tmp_path / "h.toml"
-    path.write_bytes(dynz(RAW))
-    header.write_text("plate_radius_m = 0.1\nsite = 'mine'\n")
-    point, _ = read_points(path, header)
-    assert (point.setup.plate_radius, point.setup.site) == (0.1, "mine")
-
-
-def edited(**changes: Any) -> bytes:
-    return prjz(HEX, {**acquired(HEX), **changes})
-
-
-def with_traces(data: bytes) -> bytes:
-    database = json.dumps(acquired(HEX)).encode()
-    return zipped({"database.json": database, "rawdata/F0000000000000AB": data})
-
-
-def raw_with(old: bytes, new: bytes, count: int = -1) -> bytes:
-    """Return a project with raw channels and a replaced text in its database."""
-    return zipped({"database.xml": dataset(RAW).replace(old, new, count)})
-
-
-GOOD = stored(HEX["F0000000000000AB"])
-ENTITIES = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;">]>\n'
-NAN = [Traces(np.full(300, np.nan), pulse().sensors)]
-
-WRONG: list[tuple[str, bytes, str]] = [
-    ("empty.dynz", b"", "expected a readable zip archive, got"),
-    ("text.prjz", b"hello", "expected a readable zip archive"),
-    ("cut.dynz", dynz(RAW)[:-300], "not a zip file.*; it may be cut off"),
-    ("other.dynz", zipped({"a.txt": b"x"}), "database.json or database.xml.*got 'a.txt'"),
-    ("dtd.dynz", dynz(RAW, head=ENTITIES), "without a document type, got one with entities"),
-    ("xml.dynz", zipped({"database.xml": dataset(RAW)[:500]}), "complete XML, got"),
-    ("root.dynz", zipped({"database.xml": b"<a/>"}), "a data set MDDataSet, got 'a'"),
-    ("json.prjz", zipped({"database.json": b"{"}), "expected JSON, got"),
-    ("deep.prjz", zipped({"database.json": b"[" * 100_000}), "expected JSON, got"),
-    ("list.prjz", zipped({"database.json": b"[]"}), "a database with ParamsAcqu, project or base"),
-    (
-        "rate.prjz",
-        edited(ParamsAcqu={"PreTrig": 0.0}),
-        r"FreqAcqu \(Hz\), a number from 1 to 1e\+07, got none",
-    ),
-    ("pre.prjz", edited(ParamsAcqu={"FreqAcqu": 1e4, "PreTrig": "x"}), r"PreTrig \(s\)"),
-    ("fast.prjz", edited(ParamsAcqu={"FreqAcqu": 10**30 - 1, "PreTrig": 0.005}), "FreqAcqu"),
-    ("late.prjz", edited(ParamsAcqu={"FreqAcqu": 15e3, "PreTrig": 1e300}), "PreTrig"),
-    ("packed.prjz", zipped({"database.json": b"{}"}, zipfile.ZIP_BZIP2), "packed by deflate"),
-    ("plate.prjz", edited(ParamsBearing={}), "a header key plate_radius_m, got none"),
-    (
-        "sensors.prjz",
-        prjz(HEX, acquired(HEX, offsets=[0.0, 0.3])),
-        "2 displacements, as the database lists sensors, got 1",
-    ),
-    (
-        "peaks.prjz",
-        zipped({"database.json": json.dumps(acquired(HEX)).encode()}),
-        "or peaks of load",
-    ),
-    ("magic.prjz", with_traces(b"x" * 200), "traces that begin with ISAANSIMPLEFILE"),
-    ("short.prjz", with_traces(GOOD[:-1]), r"bytes, got \d+; the file was cut off"),
-    ("long.prjz", with_traces(GOOD + b"12345"), "bytes, got"),
-    ("head.prjz", with_traces(GOOD[:40]), "expected 52 bytes, got 40"),
-    ("nan.prjz", with_traces(stored(NAN)), "finite numbers in the load, got nan as sample 1"),
-    (  # numpy warns of a signalling NaN when it makes a double of it
-        "signalling.prjz",
-        with_traces(GOOD[:56] + b"\x01\x00\xa0\x7f" + GOOD[60:]),
-        "finite numbers in the load, got nan as sample 1",
-    ),
-    (
-        "count.prjz",
-        with_traces(GOOD[:52] + struct.pack("<i", 299) + GOOD[56:]),
-        "300 samples of the load, got 299",
-    ),
-    (
-        "few.prjz",
-        prjz({"1": [pulse(samples=8)]}, acquired({"1": [pulse(samples=8)]})),
-        "at least 16 samples, got 8",
-    ),
-    ("base64.dynz", raw_with(b"<Data>", b"<Data>!!"), "Force in base64"),
-    ("length.dynz", raw_with(b"h>2400<", b"h>2408<"), "2408 bytes in Force, got 2400"),
-    (
-        "settings.dynz",
-        raw_with(b"<IdParamsAcqu>3<", b"<IdParamsAcqu>4<", 1),
-        "one set of .*, got 2",
-    ),
-]
-
-
-@pytest.mark.parametrize(("name", "data", "message"), WRONG, ids=[case[0] for case in WRONG])
-def test_a_wrong_project_is_an_error_line_with_the_file(
-    tmp_path: Path, name: str, data: bytes, message: str
-) -> None:
-    path = tmp_path / name
-    path.write_bytes(data)
-    with pytest.raises(SurveyError, match=message) as caught:
-        read_points(path)
-    text = str(caught.value)
-    assert text.startswith(str(path))
-    assert "\n" not in text
-    assert len(text) < 600
-
-
-def test_a_good_project_differs_from_the_wrong_ones(read: Reader) -> None:
-    """The refusals above are for what was changed, not for how the files are built."""
-    assert read(with_traces(GOOD), "a.prjz")
-    assert read(zipped({"database.xml": dataset(RAW)}), "a.dynz")
-
-
 def test_a_bomb_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(archive_module, "MAX_MEMBER_BYTES", 1_000_000)
     path = tmp_path / "bomb.prjz"
@@ -281,12 +159,6 @@ def test_a_bomb_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert path.stat().st_size < 100_000
     with pytest.raises(TraceError, match="expected at most 1 MB, got more"):
         read_points(path)
-
-
-def test_messages_have_no_control_characters(read: Reader) -> None:
-    with pytest.raises(TraceError) as caught:
-        read(zipped({"database.json": b'{"\\u001b[31m": 1}'}), "a.prjz")
-    assert not re.search(r"[\x00-\x1f]", str(caught.value))
 
 
 @pytest.mark.parametrize("letter", [b"\n", b"\0"])
@@ -297,3 +169,233 @@ def test_a_damaged_name_does_not_break_the_line(read: Reader, letter: bytes) -> 
     with pytest.raises(TraceError) as caught:
         read(data[:at] + letter + data[at + 1 :], "a.prjz")
     assert len(str(caught.value).splitlines()) == 1
+
+
+# Versions of the programs that differ: what is unclear in their files is a remark.
+
+DROPS = {"1F": [pulse(peak=80e3 + 100 * n) for n in range(3)]}
+
+
+def member(database: dict[str, Any], traces: bytes) -> bytes:
+    return zipped({"database.json": json.dumps(database).encode(), "Rawdata/1F": traces})
+
+
+def remarks(point: TracePoint) -> str:
+    return "\n".join(map(text_of, point.warnings))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ("a &amp; b", "a & b", "&"),
+        ("a &amp; b", "a && b", "& is not escaped, as at 1 more places"),
+        ("a &amp; b", "a &nbsp; b", "&"),
+        ("a &amp; b", "a <10", "<"),
+    ],
+)
+def test_unescaped_characters_are_read_with_a_remark(
+    read: Reader, old: str, new: str, text: str
+) -> None:
+    data = dataset({"1": DROPS["1F"]}).decode().replace(old, new)
+    at = data[: data.index(new)].count("\n") + 1
+    (point,) = read(zipped({"database.xml": data.encode()}), "rig.dynz")
+    assert point.setup.site == new
+    assert f"rig.dynz, database.xml, line {at}: {text}" in remarks(point)
+
+
+def test_entities_of_xml_are_decoded(read: Reader) -> None:
+    data = dataset({"1": DROPS["1F"]}).decode().replace("a &amp; b", "&lt;&#65;&#x42;&gt;")
+    (point,) = read(zipped({"database.xml": data.encode()}), "a.dynz")
+    assert point.setup.site == "<AB>"
+    assert "escaped" not in remarks(point)
+
+
+def test_a_set_that_is_not_utf_8_is_read_with_a_remark(read: Reader) -> None:
+    data = dataset({"1": DROPS["1F"]}).decode().replace("a &amp; b", "Étang").encode("cp1252")
+    data = data.replace(b' encoding="utf-8"', b"")
+    (point,) = read(zipped({"database.xml": data}), "a.dynz")
+    assert point.setup.site == "Étang"
+    assert "not UTF-8" in remarks(point)
+
+
+def test_the_older_layout_is_read(read: Reader) -> None:
+    (point,) = read(member(acquired(DROPS), stored(DROPS["1F"], older=True)), "a.dynz")
+    assert point.drops[0].sampling_rate == pytest.approx(15_000.0)
+    for drop, item in zip(point.drops, DROPS["1F"], strict=True):
+        np.testing.assert_array_equal(drop.load, item.load.astype("f4"))
+        np.testing.assert_array_equal(drop.channels[0].values, item.sensors[0].astype("f4"))
+
+
+@pytest.mark.parametrize("older", [False, True])
+def test_a_rate_that_no_place_says_is_declared(read: Reader, older: bool) -> None:
+    database = acquired(DROPS)
+    del database["ParamsAcqu"]["FreqAcqu"]
+    data = member(database, stored(DROPS["1F"], older=older))
+    with pytest.raises(
+        TraceError, match=r"FreqAcqu.*give sampling_rate_hz in a file with --header"
+    ):
+        read(data, "a.dynz")
+    (point,) = read(data, "a.dynz", "sampling_rate_hz = 12000.0")
+    assert point.drops[0].sampling_rate == pytest.approx(12_000.0)
+    assert "sampling_rate_hz" not in point.setup.extra
+    with pytest.raises(TraceError, match="sampling_rate_hz, a number from 1 to 1e"):
+        read(data, "a.dynz", "sampling_rate_hz = 0.0")
+
+
+@pytest.mark.parametrize("rate", [15_000.0, 30_000.0])
+def test_the_rate_of_the_traces_is_used(read: Reader, rate: float) -> None:
+    database = acquired(DROPS, rate=rate)
+    (point,) = read(member(database, stored(DROPS["1F"], rate=15_000.0)), "a.mpvz")
+    assert point.drops[0].sampling_rate == pytest.approx(15_000.0)
+    text = "a.mpvz: the traces state 15000 Hz and 300 samples, database.json states 30000 Hz and"
+    assert (text in remarks(point)) == (rate == 30_000.0)
+
+
+def test_an_older_viewers_project(read: Reader) -> None:
+    project = viewed(DROPS)["project"]
+    old = {"version": 1, **project}
+    (point,) = read(member(old, stored(DROPS["1F"])), "a.mpvz")
+    assert (point.setup.point, point.setup.device) == ("east 1", "Minidyn T-3")
+    assert len(point.drops) == 3
+
+
+def test_names_of_an_older_program(read: Reader) -> None:
+    """It says PVs, Points, Machines and Dossiers where the newer one says PV, Point and so on."""
+    database = acquired(DROPS)
+    (entry,) = database["PVs"]
+    entry["PVs"] = entry.pop("PV")
+    for point in entry["Points"]:
+        point["Points"] = point.pop("Point")
+    database["Machines"] = database.pop("Hardware")
+    database["Dossiers"] = database.pop("Project")
+    (point,) = read(prjz(DROPS, database), "a.prjz")
+    assert (point.setup.point, point.setup.site) == ("north 1", "yard")
+    assert point.setup.device == "Maxidyn T-2"
+    assert point.setup.extra["imported"]["chainage_m"] == 10.0
+
+
+def with_peaks(loads: list[float], deflections: list[float]) -> dict[str, Any]:
+    database = acquired(DROPS)
+    (point,) = database["PVs"][0]["Points"]
+    point["Drops"] = [
+        {"Number": n, "Fmax": load, "Umax": moved}
+        for n, (load, moved) in enumerate(zip(loads, deflections, strict=True))
+    ]
+    return database
+
+
+def test_peaks_of_the_makers_software_are_compared(read: Reader) -> None:
+    loads = [float(item.load.max()) for item in DROPS["1F"]]
+    moved = [float(item.sensors.max()) for item in DROPS["1F"]]
+    (point,) = read(prjz(DROPS, with_peaks(loads, moved)), "a.prjz")
+    assert "maker's software stored" not in remarks(point)
+    (point,) = read(prjz(DROPS, with_peaks([1.004 * item for item in loads], moved)), "a.prjz")
+    assert "peak load" not in remarks(point)
+    (point,) = read(prjz(DROPS, with_peaks([item / 1.01 for item in loads], moved)), "a.prjz")
+    assert "a.prjz, database.json: peak load of the stored traces is +1.0 % off" in remarks(point)
+    (point,) = read(prjz(DROPS, with_peaks(loads[:2], moved[:2])), "a.prjz")
+    assert "peaks of 2 drops, 3 drops in the stored traces" in remarks(point)
+
+
+def test_a_drifting_deflection_is_a_remark(read: Reader) -> None:
+    drops = {"1F": [pulse(peak=8000.0), pulse(peak=9000.0)]}
+    late = np.linspace(0, 9e-4, 300)
+    for item in drops["1F"]:
+        item.sensors[0, 200:] += late[200:] - late[200]
+    database = acquired(drops)
+    (entry,) = database["PVs"][0]["Points"]
+    entry["Drops"] = [{"Fmax": 8000.0, "Umax": 1e-4}, {"Fmax": 9000.0, "Umax": 1.125e-4}]
+    (point,) = read(prjz(drops, database), "a.prjz")
+    assert "which are larger later: they drift" in remarks(point)
+    assert " % off " not in remarks(point)
+
+
+def test_equal_drops_are_a_remark(read: Reader) -> None:
+    drops = {"1F": [pulse(), pulse(), pulse()]}
+    (point,) = read(prjz(drops, acquired(drops)), "a.prjz")
+    assert len(point.drops) == 3
+    assert "of all 3 drops are the same, number for number" in remarks(point)
+    (point,) = read(prjz(DROPS, acquired(DROPS)), "a.prjz")
+    assert "number for number" not in remarks(point)
+
+
+def test_stored_peaks_of_smoothed_channels_are_recognised(read: Reader) -> None:
+    """The filter is that of the maker's software; unsmoothed channels are off by more."""
+    item = pulse(peak=8000.0)
+    item.sensors[0] = np.gradient(item.sensors[0], 1 / 15_000.0)
+    # What rings at 1 kHz is smoothed away.
+    item.load[80:160] += 300 * np.sin(2 * np.pi * 1000 * np.arange(80) / 15_000)
+    database = dataset({"1": [item]})
+    (plain,) = read(zipped({"database.xml": database}), "a.dynz")
+    (smooth,) = (smoothed_as_stored(drop) for drop in plain.drops)
+    load, ((_, moved),) = trace_peaks(smooth).load, trace_peaks(smooth).displacements
+
+    def stored_as(load: float, moved: float) -> str:
+        acquisition = acquired({"1": [item]})
+        (entry,) = acquisition["PVs"]
+        entry["PV"]["Name"] = "a & b"
+        entry["Points"][0]["Drops"] = [{"Fmax": load, "Umax": moved}]
+        members = {"database.xml": database, "database.json": json.dumps(acquisition).encode()}
+        (point,) = read(zipped(members), "b.dynz")
+        return remarks(point)
+
+    assert "smoothed alike these agree within 0.5 %" in stored_as(load, moved)
+    assert "peak load of the raw channels is" in stored_as(0.9 * load, moved)
+    recorded = trace_peaks(plain.drops[0])
+    assert "maker's software stored" not in stored_as(recorded.load, recorded.displacements[0][1])
+
+
+def test_a_wrong_count_without_a_rate_is_a_remark(read: Reader) -> None:
+    database = acquired(DROPS)
+    database["ParamsAcqu"]["NbSamples"] = 600
+    data = member(database, stored(DROPS["1F"], older=True))
+    (point,) = read(data, "a.dynz")
+    expected = "a.dynz, rawdata/1f: 300 samples without a sampling rate; 15000 Hz of the database"
+    assert expected in remarks(point)
+    (point,) = read(data, "a.dynz", "sampling_rate_hz = 7500.0")
+    assert "without a sampling rate" not in remarks(point)
+
+
+@pytest.mark.parametrize(("count", "read_it"), [(10_000, True), (10_001, False)])
+def test_no_end_of_signs_is_mended(read: Reader, count: int, read_it: bool) -> None:
+    data = dataset({"1": DROPS["1F"]}).decode().replace("a &amp; b", "&" * count)
+    archive = zipped({"database.xml": data.encode()})
+    if read_it:
+        assert len(read(archive, "a.dynz")) == 1
+        return
+    with pytest.raises(TraceError, match="complete XML"):
+        read(archive, "a.dynz")
+
+
+def peak_deviations(drops: list[Drop], stored: list[StoredPeaks]) -> dict[str, float]:
+    return compare_peaks(drops, stored, "a.prjz", "stored_traces")[1]
+
+
+def peaks_of(drop: Drop, load: float = 1.0, deflection: float = 1.0) -> StoredPeaks:
+    peaks = trace_peaks(drop)
+    assert peaks.centre is not None
+    return StoredPeaks(load * peaks.load, (deflection * peaks.centre,))
+
+
+def moved(drop: Drop, factor: float) -> Drop:
+    centre = replace(drop.channels[0], values=factor * drop.channels[0].values)
+    return replace(drop, channels=(Channel(0.0, centre.quantity, centre.values),))
+
+
+def test_each_drop_is_compared_with_its_peaks(make_drop: Callable[..., Drop]) -> None:
+    first = moved(make_drop(), 1.0)
+    second = replace(moved(make_drop(), 2.0), number=2)
+    assert peak_deviations([first, second], [peaks_of(first), peaks_of(second)]) == {}
+    low = peaks_of(second, deflection=4.0)
+    assert peak_deviations([first, second], [peaks_of(first), low]) == {"2": pytest.approx(0.75)}
+    heavy = peaks_of(first, load=0.5)
+    assert peak_deviations([first, second], [heavy, peaks_of(second)]) == {"1": pytest.approx(1.0)}
+
+
+def test_copies_have_the_deviation_of_the_first(make_drop: Callable[..., Drop]) -> None:
+    first = moved(make_drop(), 1.0)
+    copy = replace(first, number=2)
+    stored = [peaks_of(first), peaks_of(first, deflection=4.0)]
+    assert peak_deviations([first, copy], stored) == {}
+    turned = peak_deviations([first, copy], stored[::-1])
+    assert turned == {"1": pytest.approx(0.75), "2": pytest.approx(0.75)}
