@@ -5,23 +5,24 @@ Each drop is computed once a run; the ground of a name is the truth that an inve
 
 from __future__ import annotations
 
-from dataclasses import replace
+import json
+import math
 from functools import cache
-from typing import Any
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inversion import Instrument, Record, Sensor
-from pfwd_plugins.quantities import MotionName
+from inversion import Instrument, Record
+from inversion.forward.layered import LayeredGround, Medium
+from pfwd.analysis.analyse import record_of as analysed_record
+from pfwd.files.traces import read_traces
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Plate, SoilLayer, SoilProfile
+from tests.inversion.simulated_drops import POISSON_RATIO, RADIUS, record_of
 
-Array = NDArray[Any]
-
-RADIUS, PLATE_MASS, POISSON_RATIO = 0.15, 10.0, 0.35
+PLATE_MASS = 10.0
 OFFSETS = (0.0, 0.3, 0.6, 0.9)
-STEP, DURATION = 2e-4, 0.04
+STEP, DURATION, BEFORE = 2e-4, 0.04, 100
 INSTRUMENT = Instrument(RADIUS, PLATE_MASS)
 
 # On rock, so that the mesh ends there: seconds less than without end.
@@ -33,6 +34,40 @@ TWO = SoilProfile(
 )
 ALONE = SoilProfile.uniform(6.0e7, 5.0e4, 1950.0, POISSON_RATIO, 1.2)
 DEPTH = 1.2
+EXTERNAL = [f"layers{number:02}" for number in range(1, 7)]
+"""Names of drops by other finite elements."""
+
+
+def ground_of(profile: SoilProfile) -> LayeredGround:
+    """Return the ground of the forward model."""
+    media = (
+        Medium(m.modulus, m.viscosity, m.density, m.poisson_ratio, m.thickness)
+        for m in profile.layers
+    )
+    return LayeredGround(tuple(media), profile.base == "rigid")
+
+
+def external(shared: Path, name: str) -> tuple[Record, LayeredGround, float]:
+    """Return a drop by other finite elements, its ground, and its noise over the peak.
+
+    Its licence keeps it out of the project; where it is absent the test is skipped.
+    """
+    point = read_traces(shared / "layered" / f"{name}.csv")
+    record = analysed_record(point.drops[0], point.setup)
+    truth = json.loads((shared / "layered" / "truth.json").read_text())[name]
+    rock, above = truth["rock_depth_m"], truth["thickness_m"]
+    thicknesses = [*above, math.inf if rock is None else rock - sum(above)]
+    media = (
+        Medium(
+            1e6 * layer["modulus_MPa"],
+            1e3 * layer["viscosity_kPa_s"],
+            layer["density"],
+            record.poisson_ratio,
+            thickness,
+        )
+        for layer, thickness in zip(truth["layers"], thicknesses, strict=True)
+    )
+    return record, LayeredGround(tuple(media), rock is not None), truth["noise"]
 
 
 @cache
@@ -48,8 +83,6 @@ def recorded(
     *,
     noise: float = 0.0,
     seed: int = 0,
-    scale: float = 1.0,
-    quantity: MotionName = "velocity",
     rock_depth: float | None = DEPTH,
     density: float | None = None,
 ) -> Record:
@@ -60,26 +93,18 @@ def recorded(
     noise : standard deviation over the largest value of the plate's channel, and of the load's
     """
     drop = simulated(ground)
-    quiet = np.zeros(100)
-    time = STEP * np.arange(-quiet.size, drop.time.size)
-    rng = np.random.default_rng(seed)
-    histories = drop.ground_velocity if quantity == "velocity" else drop.ground_displacement
-    largest = float(np.abs(histories[0]).max())
-
-    def channel(values: Array, size: float) -> Array:
-        complete = np.concatenate([quiet, values]) * scale
-        return np.asarray(complete + noise * size * rng.standard_normal(complete.size))
-
-    load = channel(drop.load, float(drop.load.max()))
-    motion = tuple(
-        Sensor(offset, quantity, channel(values, largest))
-        for offset, values in zip(OFFSETS[:sensors], histories, strict=False)
+    velocity = drop.ground_velocity[:sensors]
+    return record_of(
+        STEP,
+        drop.load,
+        velocity,
+        OFFSETS[:sensors],
+        quantity="velocity",
+        noise=noise * float(np.abs(velocity[0]).max()),
+        load_noise=noise * float(drop.load.max()),
+        seed=seed,
+        before=BEFORE,
+        instrument=INSTRUMENT,
+        density=density,
+        bedrock_depth=rock_depth,
     )
-    return Record(time, load, motion, INSTRUMENT, POISSON_RATIO, density, rock_depth)
-
-
-def changed(record: Record, sensor: int, factor: float) -> Record:
-    """The same record with one sensor multiplied."""
-    sensors = list(record.sensors)
-    sensors[sensor] = replace(sensors[sensor], values=factor * sensors[sensor].values)
-    return replace(record, sensors=tuple(sensors))

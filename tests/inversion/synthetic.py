@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from inversion import ForwardModel, Grounds, Instrument, PlateProblem, Record, Sensor
 from inversion import SurrogateLibrary as Library
+from inversion.effects import Ground
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.forward.surrogate import Surrogate
 from inversion.measured.record import prepare
@@ -26,6 +27,7 @@ RADIUS, POISSON_RATIO = 0.15, 0.35
 INSTRUMENT = Instrument(RADIUS, 10.0)
 STEP, PULSE = 2e-4, 0.018
 TRUTH = {MODULUS: 45e6, VISCOSITY: 5e4, DENSITY: 1900.0, DEPTH: 1.1}
+GROUND = Ground(TRUTH[MODULUS], TRUTH[VISCOSITY], TRUTH[DENSITY], 1 / TRUTH[DEPTH], 10.0)
 
 
 @dataclass(frozen=True)

@@ -29,25 +29,15 @@ def moved(drop: Record, *places: float) -> Record:
     )
 
 
-@pytest.mark.parametrize("places", [(0.0, -0.3, 0.6), (0.0, 0.3, -0.6), (0.0, -0.3, -0.6)])
-def test_a_sensor_on_the_opposite_side_gives_the_same_result(
-    library: SurrogateLibrary, places: tuple[float, ...]
-) -> None:
+def test_side_and_order_of_the_sensors_change_no_result(library: SurrogateLibrary) -> None:
     drop = record(library, SCENE)
-    right = invert(drop, QUICK, library)
-    result = invert(moved(drop, *places), QUICK, library)
-    assert result.layers == right.layers
-    assert result.modulus_pa == pytest.approx(TRUTH["modulus"], rel=1e-3)
-    assert result.history.offsets.tolist() == list(places)
-    np.testing.assert_array_equal(result.history.predicted, right.history.predicted)
-
-
-def test_the_order_of_the_sensors_does_not_matter(library: SurrogateLibrary) -> None:
-    drop = moved(record(library, SCENE), 0.0, -0.3, 0.6)
-    variant = replace(drop, sensors=drop.sensors[::-1])
+    opposite = moved(drop, 0.0, -0.3, 0.6)
+    variant = replace(opposite, sensors=opposite.sensors[::-1])
     result, right = (invert(item, QUICK, library) for item in (variant, drop))
     assert result.layers == right.layers
+    assert result.modulus_pa == pytest.approx(TRUTH["modulus"], rel=1e-3)
     assert result.history.offsets.tolist() == [0.0, -0.3, 0.6]
+    np.testing.assert_array_equal(result.history.predicted, right.history.predicted)
 
 
 def test_two_sensors_at_equal_distance_are_both_fitted(library: SurrogateLibrary) -> None:
@@ -110,7 +100,7 @@ def test_the_centre_alone_is_the_nearest_of_both_sides(library: SurrogateLibrary
         invert(outer, centre, library)
 
 
-@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 0, 2)])
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1)])
 def test_a_diagnosis_gives_each_sensor_its_prediction(
     library: SurrogateLibrary, order: tuple[int, ...]
 ) -> None:

@@ -53,9 +53,10 @@ def simulated(
         (time[0] - 1e-3, time[-1]),
         [0.0] * 4,
         dense_output=True,
-        rtol=1e-10,
-        atol=1e-14,
-        max_step=1e-4,
+        method="DOP853",
+        rtol=1e-9,
+        atol=1e-13,
+        max_step=1e-3,
     )
     recorded = gain * result.sol(time - delay)[3]
     load = np.array([force(t) for t in time])
@@ -87,7 +88,7 @@ def test_constants_are_recovered(
     frequency: float, damping: float, gain: float, delay: float
 ) -> None:
     constants = {"frequency": frequency, "damping": damping, "gain": gain, "delay": delay}
-    result = calibrate([simulated(seed, **constants) for seed in range(6)])
+    result = calibrate([simulated(seed, **constants) for seed in range(3)])
     assert result.of("natural_frequency").value == pytest.approx(frequency, abs=0.1)
     assert result.of("damping").value == pytest.approx(damping, abs=0.02)
     assert result.of("gain").value == pytest.approx(gain, rel=3e-3)
@@ -107,10 +108,10 @@ def test_two_rigs_share_an_instrument() -> None:
 
 
 def test_intervals_hold_the_truth() -> None:
-    """95 % of them, counted over many; of four sets of four all but two at most."""
+    """95 % of them, counted over many; of four constants in four sets all but two at most."""
     missed = 0
     for first in range(0, 40, 10):
-        result = calibrate([simulated(seed, noise=3e-3) for seed in range(first, first + 5)])
+        result = calibrate([simulated(seed, noise=3e-3) for seed in range(first, first + 3)])
         for name, value in CONSTANTS.items():
             low, high = result.of(name).interval
             assert low < high
@@ -120,20 +121,20 @@ def test_intervals_hold_the_truth() -> None:
 
 def test_another_stiffness_is_another_gain() -> None:
     """A spring tells the ratio of the gains by its stiffness, and by nothing else."""
-    drops = [replace(simulated(seed), stiffness=22e6) for seed in range(4)]
+    drops = [replace(simulated(seed), stiffness=22e6) for seed in range(3)]
     result = calibrate(drops)
     assert result.of("gain").value == pytest.approx(1.1 * 1.03, rel=0.02)
 
 
 def test_springs_that_differ_do_not_repeat() -> None:
-    drops = [simulated(seed, stiffness=20e6 * (1 + 0.1 * (seed % 2))) for seed in range(6)]
+    drops = [simulated(seed, stiffness=20e6 * (1 + 0.1 * (seed % 2))) for seed in range(4)]
     result = calibrate([replace(drop, stiffness=20e6) for drop in drops])
     assert any("gain: expected an uncertainty of at most" in reason for reason in result.reasons)
 
 
 def test_friction_is_no_spring() -> None:
     drops = []
-    for seed in range(4):
+    for seed in range(3):
         drop = simulated(seed)
         late = np.where(drop.time > 0.008, 0.4 * np.abs(drop.velocity).max(), 0.0)
         drops.append(replace(drop, velocity=drop.velocity + late))

@@ -29,13 +29,13 @@ from inversion.measured.record import CALIBRATED_ERROR
 from inversion.notices import text_of
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Plate, SoilProfile
+from tests.inversion.simulated_drops import POISSON_RATIO, record_of
 from tests.records import known
 
 MODULUS, VISCOSITY, DENSITY, DEPTH = 40e6, 40e3, 1900.0, 0.9
-POISSON_RATIO = 0.35
 PLATE = Plate(radius=0.15, mass=10.6, contact="smooth")
 HAMMER = Hammer(mass=10.0, stiffness=5.6e5, velocity=4.2)
-STEP = 2e-4
+STEP, BEFORE = 2e-4, 100
 NOISE = 0.002  # of the largest load and the largest plate velocity
 
 LEAST_SQUARES = Settings(plate="rigid-smooth", method="posterior")
@@ -55,28 +55,19 @@ class Bench:
     drop: SimulatedDrop
     library: SurrogateLibrary
 
-    def record(
-        self,
-        seed: int | None = None,
-        pre_trigger: float = 0.02,
-        bedrock_depth: float | None = DEPTH,
-    ) -> Record:
+    def record(self, seed: int | None = None, bedrock_depth: float | None = DEPTH) -> Record:
         """The plate's velocity and the load; without noise where there is no seed."""
-        drop, quiet = self.drop, np.zeros(round(pre_trigger / STEP))
-        time = STEP * np.arange(-quiet.size, drop.time.size)
-        load = np.concatenate([quiet, drop.load])
-        velocity = np.concatenate([quiet, drop.plate_velocity])
-        if seed is not None:
-            rng = np.random.default_rng(seed)
-            load = load + NOISE * drop.load.max() * rng.standard_normal(time.size)
-            largest = np.abs(drop.plate_velocity).max()
-            velocity = velocity + NOISE * largest * rng.standard_normal(time.size)
-        return Record(
-            time=time,
-            load=load,
-            sensors=(Sensor(0.0, "velocity", velocity),),
+        velocity, noise = self.drop.plate_velocity, 0.0 if seed is None else NOISE
+        return record_of(
+            STEP,
+            self.drop.load,
+            velocity,
+            quantity="velocity",
+            noise=noise * float(np.abs(velocity).max()),
+            load_noise=noise * float(self.drop.load.max()),
+            seed=seed or 0,
+            before=BEFORE,
             instrument=Instrument(PLATE.radius, PLATE.mass),
-            poisson_ratio=POISSON_RATIO,
             bedrock_depth=bedrock_depth,
             modulus_error=CALIBRATED_ERROR,
         )
@@ -93,11 +84,6 @@ def bench(drop: SimulatedDrop, library: SurrogateLibrary) -> Bench:
 @cache
 def inverted(bench: Bench, seed: int | None, bedrock_depth: float | None) -> InversionResult:
     return bench.invert(bench.record(seed, bedrock_depth=bedrock_depth))
-
-
-def deviation(result: InversionResult) -> float:
-    assert result.modulus_sd_pa is not None
-    return result.modulus_sd_pa
 
 
 # --- what is found -------------------------------------------------------------------------------
@@ -128,12 +114,10 @@ def test_truth_is_in_the_interval(seed: int, bedrock_depth: float | None, bench:
     low, high = result.modulus_interval_pa
     assert low < MODULUS < high
     assert (high - low) / MODULUS < 0.07
-    assert deviation(result) < 0.02 * MODULUS
+    assert result.modulus_sd_pa < 0.02 * MODULUS
     if bedrock_depth is None:
-        assert result.bedrock_depth_interval_m is not None
         assert result.bedrock_depth_interval_m[0] < DEPTH < result.bedrock_depth_interval_m[1]
-        assert result.modulus_depth_correlation is not None
-        assert -1 <= result.modulus_depth_correlation <= 1
+        assert -1 <= known(result.modulus_depth_correlation) <= 1
     else:
         assert result.bedrock_depth_interval_m is None
         assert result.modulus_depth_correlation is None
@@ -229,12 +213,9 @@ def test_histories(bench: Bench) -> None:
 # --- methods -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("bedrock_depth", [DEPTH, None])
-def test_genetic_search_agrees_with_least_squares(
-    bedrock_depth: float | None, bench: Bench
-) -> None:
-    squares = inverted(bench, 1, bedrock_depth)
-    genetic = bench.invert(bench.record(1, bedrock_depth=bedrock_depth), GENETIC)
+def test_genetic_search_agrees_with_least_squares(bench: Bench) -> None:
+    squares = inverted(bench, 1, None)
+    genetic = bench.invert(bench.record(1, bedrock_depth=None), GENETIC)
     assert (squares.method, genetic.method) == ("posterior", "mpga")
     assert replace(LEAST_SQUARES, method="least-squares") == LEAST_SQUARES
     assert genetic.modulus_pa == pytest.approx(squares.modulus_pa, rel=1e-3)
@@ -260,7 +241,6 @@ def test_the_published_method_has_the_budget_of_the_paper(bench: Bench) -> None:
     assert 8000 <= result.forward_solves <= 8001
     # No refinement, a half-sine for the load: near, not true.
     assert result.modulus_pa == pytest.approx(MODULUS, rel=0.2)
-    assert bench.invert(bench.record(1), settings).layers == result.layers
 
 
 # --- several drops -------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -18,32 +17,25 @@ from inversion import (
     SurrogateLibrary,
     invert,
 )
-from inversion.diagnosis.findings import FittedState
-from inversion.forward.layered import LayeredGround, Medium
 from inversion.forward.layered.statics import effective_depth, effective_modulus
 from inversion.inference import base as module
 from inversion.measured.record import CALIBRATED_ERROR
-from pfwd.analysis.analyse import record_of
-from pfwd.files.traces import read_traces
 from tests.inversion.layered_drops import (
     ALONE,
     DEPTH,
+    EXTERNAL,
     POISSON_RATIO,
     RADIUS,
     TWO,
-    changed,
+    external,
+    ground_of,
     recorded,
 )
 from tests.records import known
 
 TWO_LAYERS = Settings(method="posterior", layers=2)
 AUTO = replace(TWO_LAYERS, layers="auto")
-TRUTH = LayeredGround(
-    tuple(
-        Medium(m.modulus, m.viscosity, m.density, m.poisson_ratio, m.thickness) for m in TWO.layers
-    ),
-    rock=True,
-)
+TRUTH = ground_of(TWO)
 
 
 def calibrated_drop() -> Record:
@@ -56,7 +48,6 @@ def computed(library: SurrogateLibrary) -> InversionResult:
 
 
 def holds(interval: tuple[float, float] | None, value: float) -> bool:
-    assert interval is not None
     return interval[0] < value < interval[1]
 
 
@@ -117,10 +108,8 @@ def test_unknown_rock_is_recovered_with_its_interval(library: SurrogateLibrary) 
     assert result.bedrock_depth_m == pytest.approx(DEPTH, rel=0.01)
     assert holds(result.bedrock_depth_interval_m, DEPTH)
     assert result.model == "layer"
-    assert result.modulus_depth_correlation is not None
-    assert -1.0 <= result.modulus_depth_correlation <= 1.0
+    assert -1.0 <= known(result.modulus_depth_correlation) <= 1.0
     upper, lower = result.layers
-    assert lower.thickness_interval_m is not None
     assert result.bedrock_depth_interval_m == pytest.approx(
         [upper.thickness_m + end for end in lower.thickness_interval_m]
     )
@@ -162,29 +151,24 @@ def test_genetic_search_and_starts_agree(library: SurrogateLibrary) -> None:
 
 def test_only_the_centre_sensor_is_used_on_request(library: SurrogateLibrary) -> None:
     settings = replace(TWO_LAYERS, all_sensors=False)
-    first, variant = (
-        invert(record, settings, library) for record in (recorded(), changed(recorded(), 3, 2.0))
-    )
+    drop = recorded()
+    outer = replace(drop.sensors[3], values=2.0 * drop.sensors[3].values)
+    other = replace(drop, sensors=(*drop.sensors[:3], outer))
+    first, variant = (invert(record, settings, library) for record in (drop, other))
     assert first.layers == variant.layers
     assert first.history.predicted.shape[0] == 1
-    assert "layers-from-one-sensor" in [notice.code for notice in first.warnings]
-    # The intervals hold what the values are only one choice of.
-    for layer, truth in zip(first.layers, TWO.layers, strict=True):
-        assert holds(layer.modulus_interval_pa, truth.modulus)
 
 
 # --- how many ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", [pytest.param(None, marks=pytest.mark.slow), 3])
-def test_the_number_of_media_is_recovered(seed: int | None, library: SurrogateLibrary) -> None:
-    noise = {"noise": 0.0 if seed is None else 0.001, "seed": seed or 0}
-    two = invert(recorded(TWO, **noise), AUTO, library)  # type: ignore[arg-type]
+def test_the_number_of_media_is_recovered(library: SurrogateLibrary) -> None:
+    two = invert(recorded(TWO, noise=0.001, seed=3), AUTO, library)
     assert len(two.layers) == 2
     assert two.layers[1].modulus_pa == pytest.approx(5e7, rel=0.02)
-    (said,) = [notice for notice in two.warnings if notice.code == "layers-chosen"]
-    assert said.values == {"media": 2, "most_media": 3}
-    alone = invert(recorded(ALONE, **noise), AUTO, library)  # type: ignore[arg-type]
+    (chosen,) = [notice for notice in two.warnings if notice.code == "layers-chosen"]
+    assert chosen.values == {"media": 2, "most_media": 3}
+    alone = invert(recorded(ALONE, noise=0.001, seed=3), AUTO, library)
     assert len(alone.layers) == 1
     assert holds(alone.modulus_interval_pa, 6e7)
     assert alone.effective_modulus_pa == pytest.approx(alone.modulus_pa, rel=1e-6)
@@ -202,31 +186,12 @@ def test_a_single_sensor_shows_layers_with_a_remark(library: SurrogateLibrary) -
     assert len(alone.layers) == 1
     assert "layers-need-sensors" in [notice.code for notice in alone.warnings]
     assert holds(alone.modulus_interval_pa, 6e7)
-    assert len(invert(recorded(sensors=2), AUTO, library).layers) == 2
 
 
 # --- what is not known ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("factor", "is_determined"), [(9.9, True), (10.1, False)])
-def test_an_interval_wider_than_a_factor_of_ten_is_no_value(
-    factor: float, is_determined: bool, library: SurrogateLibrary, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    fitted = module.fitted_state
-
-    def state(*arguments: Any) -> FittedState:
-        computed = replace(fitted(*arguments), modulus_interval_pa=(2e7, 2e7 * factor))
-        return replace(computed, modulus_pa=computed.modulus_pa if is_determined else None)
-
-    monkeypatch.setattr(module, "fitted_state", state)
-    result = invert(recorded(), TWO_LAYERS, library)
-    assert (result.modulus_pa is not None) == is_determined
-    assert result.layers[-1].modulus_known == is_determined
-    codes = [notice.code for notice in result.warnings]
-    assert ("subgrade-modulus-unknown" in codes) != is_determined
-
-
-def test_an_unknown_layer_is_named(
+def test_unknown_moduli_are_named(
     library: SurrogateLibrary, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "wider", lambda *_: (1e7, 1.01e8))
@@ -234,6 +199,12 @@ def test_an_unknown_layer_is_named(
     assert result.modulus_pa is not None
     (notice,) = result.warnings
     assert (notice.code, notice.values["layer"]) == ("layer-modulus-unknown", 1)
+    fitted = module.fitted_state
+    unknown = {"modulus_pa": None, "modulus_interval_pa": (2e7, 2.02e8)}
+    monkeypatch.setattr(module, "fitted_state", lambda *given: replace(fitted(*given), **unknown))
+    result = invert(recorded(), TWO_LAYERS, library)
+    assert (result.modulus_pa, result.layers[-1].modulus_known) == (None, False)
+    assert "subgrade-modulus-unknown" in [notice.code for notice in result.warnings]
 
 
 # --- what is refused -----------------------------------------------------------------------------
@@ -243,7 +214,6 @@ def test_an_unknown_layer_is_named(
     ("settings", "message"),
     [
         ({"layers": 0}, "layers: expected 1 to 4 or auto, got 0"),
-        ({"layers": 5}, "layers: expected 1 to 4 or auto, got 5"),
         ({"layers": "many"}, "layers: expected 1 to 4 or auto, got many"),
         ({"layers": 2, "method": "published"}, "layers: the published method has one layer, got 2"),
         (
@@ -252,9 +222,7 @@ def test_an_unknown_layer_is_named(
         ),
         ({"layers": 2, "thickness": (0.1, 0.2)}, "each layer but the lowest, got 2 for layers 2"),
         ({"layers": "auto", "thickness": (0.1,)}, "but the lowest, got 1 for layers auto"),
-        ({"layers": 1, "thickness": (0.1,)}, "but the lowest, got 1 for layers 1"),
         ({"layers": 2, "thickness": (0.0,)}, "thickness: expected values > 0 m"),
-        ({"layers": 2, "thickness": (math.nan,)}, "thickness: expected values > 0 m"),
         ({"layers": 2, "thickness": (math.inf,)}, "thickness: expected values > 0 m"),
     ],
 )
@@ -264,20 +232,18 @@ def test_settings_that_cannot_be_are_refused(settings: dict[str, Any], message: 
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("layers", [1, 2, "auto"])
 @pytest.mark.parametrize(
     ("declared", "message"),
     [
         ({"bedrock_depth": 0.0}, "bedrock depth: expected a value > 0 m or inf, got 0"),
-        ({"bedrock_depth": -1.0}, "bedrock depth: expected a value > 0 m or inf, got -1"),
         ({"poisson_ratio": 0.5}, "Poisson's ratio: expected 0 <= value.* < 0.5.*, got 0.5"),
     ],
 )
 def test_invalid_declarations_are_refused_in_a_line(
-    layers: Any, declared: dict[str, Any], message: str, library: SurrogateLibrary
+    declared: dict[str, Any], message: str, library: SurrogateLibrary
 ) -> None:
     with pytest.raises(ModelError, match=message) as caught:
-        invert(replace(recorded(), **declared), replace(TWO_LAYERS, layers=layers), library)
+        invert(replace(recorded(), **declared), TWO_LAYERS, library)
     assert "\n" not in str(caught.value)
 
 
@@ -289,41 +255,30 @@ def test_layers_that_end_below_the_rock_are_refused(library: SurrogateLibrary) -
 
 # --- finite elements of another program ----------------------------------------------------------
 
-NAMES = [f"layers{number:02}" for number in range(1, 7)]
-
-
-def of_folder(folder: Path, name: str) -> tuple[Record, dict[str, Any]]:
-    point = read_traces(folder / f"{name}.csv")
-    truth = json.loads((folder / "truth.json").read_text())[name]
-    return record_of(point.drops[0], point.setup), truth
-
-
-EVERYDAY = ("layers05", "layers06")
+EVERYDAY = ("layers05",)
 
 
 @pytest.mark.parametrize(
-    "name", [n if n in EVERYDAY else pytest.param(n, marks=pytest.mark.slow) for n in NAMES]
+    "name", [n if n in EVERYDAY else pytest.param(n, marks=pytest.mark.slow) for n in EXTERNAL]
 )
 def test_drops_of_another_program(name: str, shared: Path, library: SurrogateLibrary) -> None:
     """Every modulus and thickness in its interval, as many media as there are."""
-    record, truth = of_folder(shared / "layered", name)
-    media = truth["layers"]
-    result = invert(record, Settings(layers=len(media)), library)
-    for layer, expected in zip(result.layers, media, strict=True):
-        assert holds(layer.modulus_interval_pa, 1e6 * expected["modulus_MPa"])
-    for layer, thickness in zip(result.layers, truth["thickness_m"], strict=False):
-        assert holds(layer.thickness_interval_m, thickness)
+    record, ground, _ = external(shared, name)
+    result = invert(record, Settings(layers=len(ground.media)), library)
+    for layer, medium in zip(result.layers, ground.media, strict=True):
+        assert holds(layer.modulus_interval_pa, medium.modulus)
+    for layer, medium in zip(result.layers[:-1], ground.media, strict=False):
+        assert holds(layer.thickness_interval_m, medium.thickness)
     assert result.explained
     if name in ("layers05", "layers06"):
-        expected = 1e6 * media[-1]["modulus_MPa"]
-        assert result.modulus_pa == pytest.approx(expected, rel=0.02)
+        assert result.modulus_pa == pytest.approx(ground.media[-1].modulus, rel=0.02)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "media"), list(zip(NAMES, (2, 2, 2, 2, 3, 3), strict=True)))
+@pytest.mark.parametrize(("name", "media"), [*zip(EXTERNAL, (2, 2, 2, 2, 3, 3), strict=True)])
 def test_the_number_of_media_of_another_program(
     name: str, media: int, shared: Path, library: SurrogateLibrary
 ) -> None:
     """Two sensors tell two media of the three of layers04."""
-    record, _ = of_folder(shared / "layered", name)
+    record, *_ = external(shared, name)
     assert len(invert(record, Settings(layers="auto"), library).layers) == media

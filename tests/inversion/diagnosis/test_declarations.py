@@ -45,6 +45,12 @@ def exchanged(record: Record) -> Record:
     return replace(record, sensors=sensors)
 
 
+def turned_of_two(record: Record) -> Record:
+    """The same without the sensor between, which is diagnosed faster."""
+    centre, _, outer = turned(record).sensors
+    return replace(record, sensors=(centre, outer))
+
+
 def too_shallow(record: Record) -> Record:
     return replace(record, bedrock_depth=0.9)
 
@@ -57,7 +63,7 @@ def too_shallow_at_centre(record: Record) -> Record:
 @pytest.mark.parametrize(
     ("change", "code"),
     [
-        (turned, "sensor-upside-down"),
+        (turned_of_two, "sensor-upside-down"),
         pytest.param(exchanged, "sensors-exchanged", marks=pytest.mark.slow),
         (too_shallow_at_centre, "bedrock-elsewhere"),
     ],
@@ -142,7 +148,6 @@ def test_a_contradiction_halves_the_residual_or_is_much_likelier() -> None:
     suspect = SuspectDeclaration("bedrock-contradicted", {"declared_m": 1.0}, records, depth=1.0)
     assert contradiction(suspect, diagnosis(0.02), diagnosis(0.0101)) is None
     notice = contradiction(suspect, diagnosis(0.02), diagnosis(0.0099))
-    assert notice is not None
     assert (notice.code, dict(notice.values)) == (
         "bedrock-elsewhere",
         {
@@ -174,5 +179,4 @@ def test_a_contradiction_halves_the_residual_or_is_much_likelier() -> None:
     assert contradiction(suspect, diagnosis(0.02), diagnosis(0.001, rock=0.94)) is not None
     polarity = SuspectDeclaration("sensor-upside-down", {"offset_m": 0.3}, records)
     turned = contradiction(polarity, diagnosis(0.02), diagnosis(0.001))
-    assert turned is not None
     assert turned.code == "sensor-upside-down"

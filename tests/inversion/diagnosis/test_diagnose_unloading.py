@@ -20,17 +20,15 @@ def test_ground_that_yields_in_tension_is_hysteretic_unloading(
     cases = make_campaign(
         tmp_path,
         seed=3,
-        per_case=2,
+        per_case=1,
         cache=tmp_path,
         only=("hysteretic_unloading",),
         levels=(0,),
         noise=1e-3,
     )
-    assert [case.sensors for case in cases] == [1, 2]
     truth = {case.file: case.modulus_pa for case in cases}
     files = [str(tmp_path / "traces" / name) for name in truth]
     for result in diagnose_files(files):
-        assert result.result is not None
         point = result.result.to_json()
         (effect,) = point["effects"]
         assert (point["verdict"], effect["name"]) == ("explained", "hysteretic_unloading")

@@ -14,14 +14,10 @@ from inversion.diagnosis.model import (
     PointRecords,
 )
 from inversion.diagnosis.problem import Point, response_of
-from inversion.effects import BY_NAME, Ground
+from inversion.effects import BY_NAME
 from inversion.effects.base import forced_motion
 from inversion.forward.contact import PlateProblem
-from tests.inversion.synthetic import POISSON_RATIO, TRUTH, Scene, record
-
-GROUND = Ground(
-    TRUTH["modulus"], TRUTH["viscosity"], TRUTH["density"], 1 / TRUTH["bedrock_depth"], 10.0
-)
+from tests.inversion.synthetic import GROUND, POISSON_RATIO, Scene, record
 
 
 def made(library: SurrogateLibrary, scene: Scene, largest: float = 8000.0) -> DropModel:

@@ -49,7 +49,7 @@ def test_drops_of_equal_noise_share_a_noise_model() -> None:
 def test_how_slow_noise_is_comes_out_closer_by_more_drops() -> None:
     def errors(count: int) -> float:
         result = []
-        for group in range(60):
+        for group in range(40):
             records = [drop(1000 * count + 10 * group + k, 1e-3) for k in range(count)]
             model = noisy(records)[0]
             result.append(model.autocovariance[1] / model.autocovariance[0] - 0.8)

@@ -10,11 +10,12 @@ import pytest
 from inversion import SurrogateLibrary
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point
-from inversion.effects import CATALOGUE, DropContext, Effect, Ground
+from inversion.effects import CATALOGUE, DropContext, Effect
 from pfwd_plugins.quantities import MotionName
-from tests.inversion.synthetic import TRUTH, Array, Scene, record
+from tests.inversion import synthetic
+from tests.inversion.synthetic import Array, Scene, record
 
-GROUND = Ground(TRUTH["modulus"], TRUTH["viscosity"], TRUTH["density"], 0.0, 10.0)
+GROUND = replace(synthetic.GROUND, inverse_depth=0.0)
 # Standard deviation over the peak.
 LITTLE = 1e-3
 # Effects whose bounds end where they still change something: the deepest rock that the tables
@@ -33,18 +34,8 @@ ABSENT = [
 ]
 
 
-CASES = [
-    pytest.param(
-        effect,
-        quantity,
-        id=f"{effect.name}-{quantity}",
-    )
-    for effect in ABSENT
-    for quantity in ("displacement", "velocity")
-]
-
-
-@pytest.mark.parametrize(("effect", "quantity"), CASES)
+@pytest.mark.parametrize("effect", ABSENT, ids=lambda effect: effect.name)
+@pytest.mark.parametrize("quantity", ["displacement", "velocity"])
 def test_absent_is_without_it_and_a_start_shows(
     effect: Effect, quantity: MotionName, library: SurrogateLibrary
 ) -> None:

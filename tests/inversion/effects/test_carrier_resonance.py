@@ -29,13 +29,3 @@ def test_a_step_of_the_plate_lets_the_carrier_swing_in_closed_form() -> None:
         np.cos(damped * TIME) - ratio * np.sin(damped * TIME)
     )
     assert swing[0, 10:] == pytest.approx(VALUES["strength"] * expected[10:], abs=1e-4)
-
-
-def test_coordinates_and_values_belong_together() -> None:
-    effect = CarrierResonance()
-    starts = {c.name: c.start(0) for c in effect.coordinates(DROP)}
-    values = effect.values_at(starts)
-    assert values["frequency"] == pytest.approx(45.0)
-    assert values["damping"] == pytest.approx(0.05)
-    for coordinate in effect.coordinates(DROP):
-        assert coordinate.lower < coordinate.start(0) < coordinate.upper

@@ -83,7 +83,6 @@ def test_a_landing_gives_the_momentum_back() -> None:
     flown = Rebound().motion(ground, values, drop, lambda: np.full((1, TIME.size), step))[0]
     (moment,) = lift_off_times(drop, np.array([1e-3]))
     speed = Rebound().take_off_speed(ground, values, drop)
-    assert speed is not None
     assert 0.03 < speed < 0.1
     # In flight the ground lacks the weight of the plate, twice its momentum; at the landing it is
     # given that momentum once: what it had given to the plate is missing.

@@ -153,10 +153,8 @@ def test_sensors_on_the_plate(plate: PlateModel) -> None:
     ("plate", "poisson_ratio", "offsets", "message"),
     [
         ("rigid-rough", 0.5, (0.0,), "Poisson's ratio: expected 0 <= value < 0.5 .*got 0.5"),
-        ("rigid-rough", -0.1, (0.0,), "Poisson's ratio: .*got -0.1"),
         ("rigid-rough", math.nan, (0.0,), "Poisson's ratio: .*got nan"),
         ("rigid-rough", 0.35, (0.0, -0.3), r"sensor offsets: expected values >= 0, got .*-0\.3"),
-        ("rigid-rough", 0.35, (), r"sensor offsets: expected values >= 0, got \(\)"),
         ("rigid", 0.35, (0.0,), "plate model: expected one of rigid-rough, .*got 'rigid'"),
     ],
 )

@@ -90,7 +90,6 @@ def worst_difference(points: list[Point]) -> float:
     for point in points:
         right, result = exact(point), computed(point)
         for value, true in zip((result.ww, result.wu, result.uu), right, strict=True):
-            assert value is not None
             # wu passes through zero at some wavenumbers: measure it against ww there.
             size = max(abs(true), 1e-3 * abs(right[0]))
             worst = max(worst, abs(complex(value[0, 0]) - true) / size)
@@ -110,8 +109,6 @@ XI = np.geomspace(1e-2, 1e2, 41)
 @pytest.mark.parametrize("poisson_ratio", [0.0, 0.2, 0.35, 0.49])
 def test_half_space_at_rest_is_boussinesq_and_cerruti(poisson_ratio: float) -> None:
     result = half_space_compliance(XI, np.zeros(1, dtype=complex), poisson_ratio)
-    assert result.wu is not None
-    assert result.uu is not None
     assert result.ww[0] == pytest.approx((1 - poisson_ratio) / XI, rel=1e-13)
     assert result.wu[0] == pytest.approx(-(1 - 2 * poisson_ratio) / (2 * XI), rel=1e-12)
     assert result.uu[0] == pytest.approx((1 - poisson_ratio) / XI, rel=1e-13)
@@ -154,14 +151,4 @@ def test_compliances_are_finite(
     xi = np.geomspace(1e-3, 1e5, 60)
     z = np.array([size * np.exp(1j * np.pi * angle)])
     for values in layer_compliance(xi, z, poisson_ratio, depth):
-        assert values is not None
         assert np.all(np.isfinite(values))
-
-
-def test_without_shear_the_pressure_part_is_the_same() -> None:
-    z, depth = np.array([0.5 + 0.2j, -1 + 0.6j]), 3.0
-    smooth = layer_compliance(XI, z, 0.35, depth, shear=False)
-    assert smooth.wu is None
-    assert smooth.uu is None
-    assert np.array_equal(smooth.ww, layer_compliance(XI, z, 0.35, depth).ww)
-    assert half_space_compliance(XI, z, 0.35, shear=False).uu is None

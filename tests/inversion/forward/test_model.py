@@ -12,7 +12,7 @@ from scipy import signal
 
 from inversion.errors import ModelError
 from inversion.forward.contact import PlateProblem
-from inversion.forward.model import ForwardModel, Grounds, Instrument, transfer_function
+from inversion.forward.model import ForwardModel, Grounds, Instrument
 from inversion.forward.surrogate import Surrogate
 from inversion.forward.surrogate_building import build_surrogate
 
@@ -107,21 +107,6 @@ def test_plate_mass_adds_to_the_ground_s(plate_mass: float, oscillator: Surrogat
     assert result[1] == pytest.approx(SHARE * result[0], rel=1e-9, abs=1e-12)
 
 
-def test_the_echo_of_the_base_scales_with_its_depth(oscillator: Surrogate) -> None:
-    # Phi = Phi_halfspace(p) + a/h0 echo(p h0/a).
-    s = np.array([80.0 + 500j])
-    shear = 40e6 / (2 * (1 + POISSON_RATIO))
-    p = s * RADIUS * math.sqrt(2000.0 / shear)
-    y, pole = p * 0.9 / RADIUS, -0.8 + 2j
-    echo = ECHO * abs(pole) ** 2 / (y**2 - 2 * pole.real * y + abs(pole) ** 2)
-    half_space, layer = (
-        transfer_function(oscillator, Instrument(RADIUS), s, grounds((40e6, 0, 2000.0, depth)))
-        for depth in (math.inf, 0.9)
-    )
-    right = RADIUS / 0.9 * echo / (shear * RADIUS)
-    assert (layer - half_space)[0, 0] == pytest.approx(right, rel=1e-6)
-
-
 # --- instrument ----------------------------------------------------------------------------------
 
 
@@ -175,19 +160,6 @@ def test_declared_values_out_of_range_are_named() -> None:
 
 
 # --- batches -------------------------------------------------------------------------------------
-
-
-def test_a_batch_equals_its_grounds(oscillator: Surrogate) -> None:
-    together = displacement(oscillator, SEVERAL, plate_mass=10.0)
-    for row in range(3):
-        alone = Grounds(
-            SEVERAL.modulus[[row]],
-            SEVERAL.viscosity[[row]],
-            SEVERAL.density[[row]],
-            SEVERAL.inverse_depth[[row]],
-        )
-        right = displacement(oscillator, alone, plate_mass=10.0)[0]
-        assert np.max(np.abs(together[row] - right)) < 1e-9 * np.max(right)
 
 
 def test_single_precision_is_enough_for_a_search(oscillator: Surrogate) -> None:

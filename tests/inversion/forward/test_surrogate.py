@@ -16,10 +16,14 @@ from inversion.errors import ModelError
 from inversion.forward.contact import PlateModel, PlateProblem
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.model import Grounds, Instrument, transfer_function, transfer_slopes
-from inversion.forward.rational import basis, evaluate, evaluate_with_slope, numerators
+from inversion.forward.rational import numerators
 from inversion.forward.surrogate import MIN_DEPTH_RADII, Surrogate
 from inversion.forward.surrogate_building import build_surrogate
-from tests.inversion.forward.converged import converged_compliance, half_sine_transform
+from tests.inversion.forward.converged import (
+    converged_compliance,
+    half_sine_transform,
+    motion_before_load,
+)
 
 Array = NDArray[Any]
 
@@ -107,7 +111,7 @@ def test_every_depth_of_damped_ground(every_depth: Surrogate) -> None:
 
 
 def test_every_depth_of_undamped_ground(every_depth: Surrogate) -> None:
-    errors = [error_of(every_depth, case)[0] for case in draw_cases(20, (0.0, 0.0), seed=2)]
+    errors = [error_of(every_depth, case)[0] for case in draw_cases(10, (0.0, 0.0), seed=2)]
     assert max(errors) < 1e-3
 
 
@@ -188,13 +192,9 @@ def test_every_pole_is_in_the_left_half_plane(
 def test_motion_begins_with_the_load(
     viscosity: float, depth: float, every_depth: Surrogate
 ) -> None:
-    start = 0.03
     shear, p = shear_and_p(Case(40e6, viscosity, 2000.0, depth, 0.0133), 0.35)
     phi = every_depth.compliance(p[None], np.array([1 / depth]))[0]
-    moved = ((phi * half_sine_transform(TRANSFORM.s, 0.0133, start) / shear) @ SYNTHESIS).real[0]
-    # A band of 1600 Hz blurs the start itself over about a millisecond.
-    before = np.abs(moved[start - 1.5e-3 > TIME])
-    assert np.max(before) < 1e-4 * np.max(moved)
+    assert motion_before_load(phi[0] / shear, TRANSFORM, TIME, 0.03) < 1e-4
 
 
 # --- depths --------------------------------------------------------------------------------------
@@ -229,65 +229,6 @@ def test_depths_outside_the_tables_are_refused(
         every_depth.compliance(p, np.array([1 / 1.5]))
     with pytest.raises(ModelError, match=r"built for 5 plate radii alone, got 5\.1"):
         fixed_depth.compliance(p, np.array([1 / 5.1]))
-
-
-# --- sums of resonances --------------------------------------------------------------------------
-
-
-def resonances(y: complex, poles: Array, coefficients: Array) -> complex:
-    """The sum, term by term: first the a, then the b of each pole."""
-    a, b = np.split(coefficients, 2)
-    return sum(
-        abs(q) ** 2 * (coefficients_a + scaled * y / abs(q)) / ((y - q) * (y - q.conjugate()))
-        for q, coefficients_a, scaled in zip(poles, a, b, strict=True)
-    )
-
-
-def test_sums_of_resonances() -> None:
-    rng = np.random.default_rng(1)
-    poles = -rng.random(7) + 1j * rng.random(7) * 9
-    y = rng.random((5, 11)) + 1j * rng.random((5, 11)) * 9
-    shared, coefficients_a = rng.standard_normal((3, 14)), rng.standard_normal((5, 3, 14))
-    for coefficients in (shared, coefficients_a):
-        result = evaluate(y, poles, numerators(poles, coefficients))
-        rough = evaluate(y, poles, numerators(poles, coefficients), single=True)
-        assert np.max(np.abs(rough - result)) < 1e-4 * np.max(np.abs(result))
-        for row in range(5):
-            for channel in range(3):
-                values = (
-                    coefficients[channel]
-                    if coefficients is shared
-                    else coefficients_a[row, channel]
-                )
-                right = [resonances(complex(place), poles, values) for place in y[row]]
-                assert result[row, channel] == pytest.approx(right, rel=1e-10)
-                assert basis(y[row], poles) @ values == pytest.approx(right, rel=1e-10)
-
-
-def test_slopes_of_sums() -> None:
-    """The derivative of each term by the quotient rule, written out."""
-    rng = np.random.default_rng(2)
-    poles = -rng.random(5) + 1j * rng.random(5) * 9
-    y = rng.random((4, 6)) + 1j * rng.random((4, 6)) * 9
-    for shape in ((3, 10), (4, 3, 10)):
-        coefficients_a, scaled = rng.standard_normal((2, *shape))
-        values, slopes, values_b = evaluate_with_slope(
-            y, poles, numerators(poles, coefficients_a), numerators(poles, scaled)
-        )
-        assert values == pytest.approx(
-            evaluate(y, poles, numerators(poles, coefficients_a)), rel=1e-12
-        )
-        assert values_b == pytest.approx(evaluate(y, poles, numerators(poles, scaled)), rel=1e-12)
-        for row, channel in np.ndindex(4, 3):
-            a, b = np.split(
-                coefficients_a[row, channel] if len(shape) == 3 else coefficients_a[channel], 2
-            )
-            for place, result in zip(y[row], slopes[row, channel], strict=True):
-                top, below = a + b * place / abs(poles), (place - poles) * (place - poles.conj())
-                change = b / abs(poles) * below - top * (2 * place - 2 * poles.real)
-                assert result == pytest.approx(
-                    np.sum(abs(poles) ** 2 * change / below**2), rel=1e-9
-                )
 
 
 FIELDS = ("modulus", "viscosity", "density", "inverse_depth")

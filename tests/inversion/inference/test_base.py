@@ -15,9 +15,10 @@ from inversion.diagnosis.problem import Point
 from inversion.forward.model import Instrument
 from inversion.inference.base import BaseFit, fit_base
 from inversion.inference.diagnose import diagnose_point
-from inversion.measured.record import Sensor, prepare
+from inversion.measured.record import prepare
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Plate, SoilProfile
+from tests.inversion.simulated_drops import record_of
 from tests.inversion.synthetic import MODULUS, TRUTH, Scene, record
 
 MODULUS_PA = 30e6
@@ -33,19 +34,17 @@ def without_rock() -> Record:
     weight = 300e3 * math.pi * radius**2 * pulse / (math.pi * 3.0)
     hammer = Hammer(weight, weight * (math.pi / pulse) ** 2, 3.0)
     ground = SoilProfile.uniform(MODULUS_PA, 40e3, 1850.0, 0.35, math.inf)
-    drop = simulate_drop(ground, Plate(radius, mass), hammer, (0.0,), 0.036, 1e-4)
-    rest = 200
-    rng = np.random.default_rng(5)
-
-    def recorded(values: np.ndarray) -> np.ndarray:
-        noise = 0.002 * float(np.max(np.abs(values)))
-        complete = np.concatenate([np.zeros(rest), values])
-        return complete + noise * rng.standard_normal(complete.size)
-
-    load, speed = recorded(drop.load), recorded(drop.ground_velocity[0])
-    time = 1e-4 * np.arange(-rest, drop.load.size)
-    sensor = Sensor(0.0, "velocity", speed)
-    return Record(time, load, (sensor,), Instrument(radius, mass), 0.35)
+    drop = simulate_drop(ground, Plate(radius, mass), hammer, (), 0.036, 1e-4)
+    return record_of(
+        1e-4,
+        drop.load,
+        drop.plate_velocity,
+        quantity="velocity",
+        noise=0.002 * float(np.abs(drop.plate_velocity).max()),
+        load_noise=0.002 * float(drop.load.max()),
+        seed=5,
+        instrument=Instrument(radius, mass),
+    )
 
 
 def base_of(library: SurrogateLibrary, *records: Record) -> BaseFit:
@@ -111,7 +110,6 @@ def test_probabilities_of_structures_add_up_and_priors_narrow_the_interval(
     """A drop on a half-space whose contact alone leaves rock open; by finite elements."""
     result = invert(without_rock, Settings(method="posterior"), library)
     structures = result.structures
-    assert structures is not None
     assert sum(s.probability for s in structures) == pytest.approx(1.0)
     assert [s.probability for s in structures] == sorted(
         (s.probability for s in structures), reverse=True

@@ -82,11 +82,13 @@ def test_effects_are_added_as_long_as_they_pay_for_their_odds() -> None:
 
 
 @pytest.mark.parametrize(("change", "stays"), [(0.0031, True), (0.0029, False)])
+@pytest.mark.parametrize("starting", [(), (frozenset({"bedrock", "sensor_lag"}),)])
 def test_an_effect_that_changes_less_than_the_model_errs_is_refused(
-    change: float, stays: bool
+    change: float, stays: bool, starting: tuple[Structure, ...]
 ) -> None:
+    knowledge = InstrumentKnowledge(starting_structures=starting)
     gains = {"bedrock": 50.0, "sensor_lag": 20.0}
-    toy = searched(by_gains(gains), changes={"sensor_lag": change})
+    toy = searched(by_gains(gains), knowledge, changes={"sensor_lag": change})
     assert toy.best == ({"bedrock", "sensor_lag"} if stays else {"bedrock"})
 
 

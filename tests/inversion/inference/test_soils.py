@@ -8,30 +8,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from inversion import Record, Sensor, SurrogateLibrary
+from inversion import SurrogateLibrary
 from inversion.diagnosis.findings import PointDiagnosis
-from inversion.diagnosis.problem import Point
 from inversion.forward.model import Instrument
 from inversion.inference.diagnose import diagnose_point
-from inversion.inference.structures import candidate_structures
 from simulators.drop import Hammer, PrescribedLoad, simulate_drop
 from simulators.finite_elements import effective_modulus
 from simulators.mesh import ConstantQ, Growth, Plate, SoilProfile
 from tests.inversion.simulated_drops import (
-    BEFORE,
     NOISE,
+    OFFSETS,
     POISSON_RATIO,
     RADIUS,
     STEP,
     point_of,
+    record_of,
     recorded,
     simulated,
     uniform_ground,
-    with_rest,
 )
 from tests.records import known
 
-OFFSETS = (0.3, 0.6)
 GIBSON = replace(uniform_ground(25e6, viscosity=25e3), growth=Growth(0.4, 1.0, 5.0))
 
 
@@ -76,15 +73,13 @@ def test_growth_under_a_plate_with_undeclared_mass_is_no_rock(library: Surrogate
     )
     hammer = Hammer(mass=10.0, stiffness=8e5, velocity=3.0)
     drop = simulate_drop(ground, Plate(radius, declared + undeclared), hammer, (), 0.1, STEP)
-    velocity = with_rest(np.gradient(drop.plate_displacement, STEP))
-    noise = np.random.default_rng(1).standard_normal(velocity.size)
-    velocity += 2.0 * NOISE * np.abs(velocity).max() * noise
-    record = Record(
-        STEP * np.arange(-BEFORE, drop.time.size),
-        with_rest(drop.load),
-        (Sensor(0.0, "velocity", velocity),),
-        Instrument(plate_radius=radius, plate_mass=declared),
-        poisson_ratio=POISSON_RATIO,
+    record = record_of(
+        STEP,
+        drop.load,
+        drop.plate_velocity,
+        quantity="velocity",
+        noise=2.0 * NOISE * float(np.abs(drop.plate_velocity).max()),
+        instrument=Instrument(plate_radius=radius, plate_mass=declared),
     )
     diagnosis = diagnose_point(point_of(record), library)
     assert names_of(diagnosis) == {"plate_inertia", "modulus_gradient"}
@@ -109,7 +104,7 @@ def test_growth_under_three_sensors_is_detected(library: SurrogateLibrary) -> No
         (0.6, ()),
         pytest.param(0.9, (), marks=pytest.mark.slow),
         pytest.param(1.4, (), marks=pytest.mark.slow),
-        (2.0, ()),
+        pytest.param(2.0, (), marks=pytest.mark.slow),
         pytest.param(0.6, OFFSETS, marks=pytest.mark.slow),
         pytest.param(2.0, OFFSETS, marks=pytest.mark.slow),
     ],
@@ -140,7 +135,6 @@ def test_constant_q_is_detected(quality: float, depth: float, library: Surrogate
     rocks = {"bedrock"} if math.isfinite(depth) else set()
     assert names_of(result) == {"damping_law"} | rocks
     law = ground.damping_law
-    assert law is not None
     expected = 50e6 * law.stiffening(math.pi / pulse)
     assert result.after.modulus_pa == pytest.approx(expected, rel=0.01)
     exponent = value_of(result, "damping_law", "loss_exponent")
@@ -149,20 +143,3 @@ def test_constant_q_is_detected(quality: float, depth: float, library: Surrogate
 
 def test_uniform_ground_with_a_dashpot_is_neither(library: SurrogateLibrary) -> None:
     assert diagnosed(library, uniform_ground()).verdict == "clean"
-
-
-def test_exponents_of_growth_are_compared_with_several_sensors(
-    library: SurrogateLibrary,
-) -> None:
-    for offsets, growths in (
-        ((), {"modulus_gradient_root"}),
-        (OFFSETS, {"modulus_gradient_root", "modulus_gradient"}),
-    ):
-        records = point_of(recorded(uniform_ground(depth=0.6), offsets))
-        contexts = [model.context for model in Point(records, library).drops]
-        candidates = candidate_structures(contexts)
-        names = frozenset[str]().union(*candidates)
-        assert names & {"modulus_gradient_root", "modulus_gradient"} == growths
-        # What excludes each other is in no structure together.
-        for pair in ({"bedrock", "modulus_gradient_root"}, {"layer", "damping_law"}):
-            assert not any(structure >= pair for structure in candidates)

@@ -159,9 +159,7 @@ def test_wrong_shape_of_the_objective_raises() -> None:
     [
         ([0.0, 1.0], [1.0, 1.0], "lower < upper"),
         ([0.0, np.nan], [1.0, 1.0], "finite"),
-        ([-1e308], [1e308], "finite"),
         ([0.0], [1.0, 1.0], r"one shape \(d,\)"),
-        ([], [], r"one shape \(d,\)"),
     ],
 )
 def test_bounds_that_do_not_fit_raise(lower: list[float], upper: list[float], message: str) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +11,33 @@ import numpy as np
 import pytest
 
 from inversion import Instrument
-from inversion.forward.layered import LayeredGround, LayeredGrounds, Medium
+from inversion.arrays import FloatArray
+from inversion.forward.layered import (
+    LayeredGround,
+    LayeredGrounds,
+    LayeredPlateModel,
+    PlateSetup,
+    layered_transfer,
+)
 from inversion.forward.model import Synthesis
-from pfwd.analysis.analyse import record_of
-from pfwd.files.traces import read_traces
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Plate, SoilLayer, SoilProfile
-from tests.inversion.forward.layered.histories import layered_displacement
+from tests.inversion.layered_drops import EXTERNAL, OFFSETS, external, ground_of
 
 RADIUS = 0.15
-OFFSETS = (0.0, 0.3, 0.6, 0.9)
+
+
+def displacement(
+    synthesis: Synthesis,
+    instrument: Instrument,
+    ground: LayeredGround,
+    offsets: Sequence[float],
+    plate: LayeredPlateModel = "rigid-rough",
+) -> FloatArray:
+    """Displacement of the drop of a synthesis, (n_sensors, n_times), m."""
+    setup, grounds = PlateSetup(plate, RADIUS, tuple(offsets)), LayeredGrounds.of([ground])
+    transfer = layered_transfer(setup, instrument.plate_mass, synthesis.s, grounds)
+    return synthesis.histories(transfer)[0]
 
 
 @pytest.mark.slow
@@ -44,49 +61,25 @@ def test_finite_elements_of_the_simulators(layers: Any, base: Any, contact: Any)
     )
     instrument = Instrument(RADIUS, 12.0)
     synthesis = Synthesis(instrument, drop.time, drop.load, drop.time[1:], 1600.0)
-    media = tuple(
-        Medium(m.modulus, m.viscosity, m.density, m.poisson_ratio, m.thickness) for m in layers
-    )
-    grounds = LayeredGrounds.of([LayeredGround(media, base == "rigid")])
-    result = layered_displacement(f"rigid-{contact}", instrument, OFFSETS, synthesis, grounds)[0]
+    ground = ground_of(SoilProfile(layers, base))
+    result = displacement(synthesis, instrument, ground, OFFSETS, f"rigid-{contact}")
     expected = drop.ground_displacement[:, 1:]
     error = np.max(np.abs(result - expected), axis=1) / np.max(np.abs(expected), axis=1)
     assert error[0] < 1e-3
     assert np.all(error < 2e-3)
 
 
-NAMES = [f"layers{number:02}" for number in range(1, 7)]
-
-
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EXTERNAL)
 def test_finite_elements_of_another_program(name: str, shared: Path) -> None:
     """Bonded plate, noise of 0.05 to 0.4 % of the peak, about 0.3 % too stiff themselves."""
-    folder = shared / "layered"
-    truth = json.loads((folder / "truth.json").read_text())[name]
-    point = read_traces(folder / f"{name}.csv")
-    record = record_of(point.drops[0], point.setup)
-    rock = truth["rock_depth_m"]
-    above = truth["thickness_m"]
-    media = tuple(
-        Medium(
-            1e6 * layer["modulus_MPa"],
-            1e3 * layer["viscosity_kPa_s"],
-            layer["density"],
-            record.poisson_ratio,
-            h,
-        )
-        for layer, h in zip(
-            truth["layers"], [*above, math.inf if rock is None else rock - sum(above)], strict=True
-        )
-    )
+    record, ground, noise = external(shared, name)
     time = record.time - record.time[0]
     synthesis = Synthesis(record.instrument, time, record.load, time[1:], 1600.0)
-    grounds = LayeredGrounds.of([LayeredGround(media, rock is not None)])
     offsets = [sensor.offset for sensor in record.sensors]
-    (moved,) = layered_displacement("rigid-rough", record.instrument, offsets, synthesis, grounds)
+    moved = displacement(synthesis, record.instrument, ground, offsets)
     for sensor, result in zip(record.sensors, moved, strict=True):
         assert sensor.quantity == "velocity"
         residual = np.gradient(result, time[1]) - sensor.values[1:]
         rms = np.sqrt(np.mean(residual**2)) / np.max(np.abs(sensor.values))
         # Noise and what their mesh leaves.
-        assert rms < math.hypot(1.1 * truth["noise"], 4.5e-3)
+        assert rms < math.hypot(1.1 * noise, 4.5e-3)

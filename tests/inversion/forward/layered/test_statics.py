@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from inversion.forward.layered import (
-    FAST,
     LayeredGround,
     LayeredGrounds,
     LayeredPlateModel,
@@ -19,7 +18,6 @@ from inversion.forward.layered import (
     layered_transfer,
     layered_transfer_slopes,
 )
-from inversion.forward.layered import model as module
 from inversion.forward.layered.statics import (
     effective_depth,
     effective_modulus,
@@ -162,11 +160,7 @@ def mixed() -> LayeredGrounds:
 
 @pytest.mark.parametrize("mass", [0.0, 12.0])
 def test_grouped_grounds_have_their_separate_responses(mass: float) -> None:
-    """In their order.
-
-    A ground alone in its group is solved exactly as it is by itself; one that shares the
-    wavenumbers of a more demanding one is within what the fast rule is good to.
-    """
+    """In their order, within the error of the fast rule: they may share wavenumbers."""
     of = mixed()
     parameters = [
         MediumParameter("modulus", 0),
@@ -175,21 +169,13 @@ def test_grouped_grounds_have_their_separate_responses(mass: float) -> None:
     ]
     together = layered_transfer(SETUP, mass, S, of)
     result, slopes = layered_transfer_slopes(SETUP, mass, S, of, parameters)
-    shape = (len(of), 3, 3, S.size)
-    assert slopes.shape == shape
-    setup = SETUP if mass == 0.0 else module._with_centre(SETUP)
-    groups = module._groups_of_similar_cost(setup, of, S, FAST)
-    alone_in_it = {int(g[0]) for g in groups if g.size == 1}
+    assert slopes.shape == (len(of), 3, 3, S.size)
     for place in range(len(of)):
         single = layered_transfer(SETUP, mass, S, of.take([place]))[0]
         value, slope = layered_transfer_slopes(SETUP, mass, S, of.take([place]), parameters)
-        exact: dict[str, Any] = {"rel": 1e-12} if place in alone_in_it else {"rel": 2e-3}
-        assert close(together[place], single, **exact)
-        assert close(result[place], value[0], **exact)
-        assert close(slopes[place], slope[0], rel=10 * exact["rel"])
-    # All in one group, exactly what the group is by itself.
-    for group in groups:
-        assert close(together[group], layered_transfer(SETUP, mass, S, of.take(group)), rel=1e-12)
+        assert close(together[place], single, rel=2e-3)
+        assert close(result[place], value[0], rel=2e-3)
+        assert close(slopes[place], slope[0], rel=0.02)
 
 
 def close(result: Any, expected: Any, rel: float) -> bool:
