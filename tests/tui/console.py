@@ -3,17 +3,18 @@
 import json
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 TOP = Path(__file__).resolve().parents[2]
 PFWD = [sys.executable, "-c", "from tui.cli import main; raise SystemExit(main())"]
-PATIENCE = 90.0  # s; far more than anything here takes
+PATIENCE = 90.0  # s; much more than a command takes
 RATE = 20.0
-# Without a shunt: while it is on nothing is measured, and at twenty times real time a computer that
-# is busy for a moment would have it on for seconds.
+# Without a shunt: it stops the measurement, and at twenty times real time a computer that is busy
+# for a moment would have it on for seconds.
 CHANNELS = [
     {"name": "load", "role": "load", "sensitivity": 4.0e-4, "noise": 4.0},
     {
@@ -28,6 +29,26 @@ CHANNELS = [
 PLAIN: Mapping[str, Any] = {"base": "default", "device": {"channels": CHANNELS}}
 WITH_SHUNT = 5.0
 """Times real time for the scenarios that have one."""
+
+
+@dataclass(frozen=True)
+class Printed:
+    """Status and output of a command."""
+
+    status: int
+    out: str
+    err: str
+
+    @property
+    def refusal(self) -> str:
+        """The only line of a command that refuses its work."""
+        (line,) = self.err.splitlines()
+        assert self.out == ""
+        assert self.status in (1, 2, 3)
+        return line
+
+
+Command = Callable[..., Printed]
 
 
 def pfwd(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -60,10 +81,17 @@ def records(text: str) -> list[dict[str, Any]]:
 
 
 def checked(survey: Path) -> dict[str, Any]:
-    done = pfwd("check", survey, "--json")
-    (record,) = records(done.stdout)
-    assert done.returncode == (0 if record["ok"] else 1)
+    completed = pfwd("check", survey, "--json")
+    (record,) = records(completed.stdout)
+    assert completed.returncode == (0 if record["ok"] else 1)
     return record
+
+
+def logged(instrument: Any, survey: Path, *options: object) -> list[dict[str, Any]]:
+    """Log with an instrument and return the lines of ``--json``."""
+    completed = pfwd("log", instrument.url, "-o", survey, "--json", *options)
+    assert completed.returncode == 0, completed.stderr
+    return records(completed.stdout)
 
 
 def numbers(lines: list[dict[str, Any]]) -> list[tuple[str, int]]:

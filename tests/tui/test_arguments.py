@@ -23,7 +23,7 @@ from tui import arguments as values
         (values.plot_file, "drop.svg", "drop.svg"),
     ],
 )
-def test_values(read: Callable[[str], Any], text: str, value: object) -> None:
+def test_a_valid_value_is_accepted(read: Callable[[str], Any], text: str, value: object) -> None:
     assert read(text) == value
 
 
@@ -31,23 +31,18 @@ def test_values(read: Callable[[str], Any], text: str, value: object) -> None:
     ("read", "text", "expected"),
     [
         (values.integer, "1.5", "a whole number"),
-        (values.count, "many", "a whole number"),
         (values.count, "0", "a whole number from 1"),
         (values.number, "1,5", "a number"),
         (values.not_negative, "-0.1", "a number >= 0"),
         (values.not_negative, "inf", "a number >= 0"),
         (values.not_negative, "nan", "a number >= 0"),
-        (
-            values.report_file,
-            "report.doc",
-            "a name ending in .html or .pdf, or in .xlsx with --template",
-        ),
+        (values.report_file, "report.doc", "a name ending in .html or .pdf"),
         (values.plot_file, "plot", "a name ending in .pdf, .png, .svg"),
     ],
 )
-def test_what_is_refused(read: Callable[[str], Any], text: str, expected: str) -> None:
-    message = re.escape(f"expected {expected}, got {text}")
-    with pytest.raises(argparse.ArgumentTypeError, match=f"^{message}$"):
+def test_an_invalid_value_is_refused(read: Callable[[str], Any], text: str, expected: str) -> None:
+    message = rf"^expected {re.escape(expected)}.*, got {re.escape(text)}$"
+    with pytest.raises(argparse.ArgumentTypeError, match=message):
         read(text)
 
 

@@ -22,7 +22,7 @@ import pytest
 from inversion.notices import text_notice
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult, FileOutcome
-from tests.tui.console import TOP
+from tests.tui.console import TOP, Command, records
 from tui.arguments import analysis_options
 from tui.cli import main
 from tui.commands import bench, completion
@@ -99,13 +99,10 @@ def test_the_help_of_a_command_imports_nothing_heavy() -> None:
         ["invert", "a.csv", "--publ"],
     ],
 )
-def test_wrong_usage_is_status_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as exit_status:
-        main(arguments)
-    assert exit_status.value.code == 2
-    output = capsys.readouterr()
-    assert output.out == ""
-    assert "error:" in output.err
+def test_wrong_usage_is_status_2(arguments: list[str], command: Command) -> None:
+    printed = command(*arguments)
+    assert (printed.status, printed.out) == (2, "")
+    assert "error:" in printed.err
 
 
 @pytest.mark.parametrize(
@@ -118,13 +115,11 @@ def test_wrong_usage_is_status_2(arguments: list[str], capsys: pytest.CaptureFix
     ],
 )
 def test_contradictions_and_ranges_are_status_2_in_one_line(
-    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], message: str, command: Command
 ) -> None:
-    assert main(["invert", "a.csv", *arguments]) == 2
-    output = capsys.readouterr()
-    assert output.out == ""
-    assert output.err.count("\n") == 1
-    assert message in output.err
+    printed = command("invert", "a.csv", *arguments)
+    assert printed.status == 2
+    assert message in printed.refusal
 
 
 def test_every_option_reaches_the_analysis(tmp_path: Path) -> None:
@@ -158,36 +153,28 @@ def test_every_option_reaches_the_analysis(tmp_path: Path) -> None:
 
 
 def test_json_is_one_object_a_line_and_a_table_otherwise(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
-    fake = analysis(
-        monkeypatch,
-        FileOutcome("a.csv", None, [replace(RESULT, modulus_sd_pa=float("nan")), REJECTED]),
-    )
-    assert main(["invert", "a.csv", "--json", "--jobs", "2"]) == 0
-    output = capsys.readouterr()
-    assert [json.loads(line) for line in output.out.splitlines()] == [
-        RESULT.to_json(),
-        REJECTED.to_json(),
-    ]
-    assert output.err == ""
+    results = [replace(RESULT, modulus_sd_pa=float("nan")), REJECTED]
+    fake = analysis(monkeypatch, FileOutcome("a.csv", None, results))
+    printed = command("invert", "a.csv", "--json", "--jobs", 2)
+    assert records(printed.out) == [RESULT.to_json(), REJECTED.to_json()]
+    assert (printed.status, printed.err) == (0, "")
     assert fake.request == (["a.csv"], AnalysisOptions(), 2)
-    assert main(["invert", "a.csv"]) == 0
-    table = capsys.readouterr().out
+    table = command("invert", "a.csv").out
     for part in ("E MPa", "40.0", "rejected, drop 2: no pulse"):
         assert part in table
 
 
 def test_a_refused_file_is_status_1_and_the_next_file_is_inverted(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
     refused = FileOutcome("b.csv", "b.csv, line 3: expected \x1b[31m, got\nothing")
     analysis(monkeypatch, refused, FileOutcome("a.csv", None, [RESULT]))
-    assert main(["invert", "b.csv", "a.csv", "--json"]) == 1
-    output = capsys.readouterr()
-    assert len(output.out.splitlines()) == 1
+    printed = command("invert", "b.csv", "a.csv", "--json")
+    assert (printed.status, len(records(printed.out))) == (1, 1)
     mark = "_" if os.name == "nt" else "\ufffd"  # a pipe of Windows gets ASCII
-    assert output.err == f"pfwd: b.csv, line 3: expected {mark}[31m, got{mark}othing\n"
+    assert printed.err == f"pfwd: b.csv, line 3: expected {mark}[31m, got{mark}othing\n"
 
 
 def test_a_plot_is_drawn_of_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -213,27 +200,25 @@ def test_a_plot_is_drawn_of_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path:
     ],
 )
 def test_an_impossible_output_is_refused_before_the_work(
-    arguments: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arguments: tuple[str, ...], tmp_path: Path, command: Command
 ) -> None:
     # The input files are missing too: they would be refused with 1.
-    assert main([part.format(tmp_path) for part in arguments]) == 2
-    error = capsys.readouterr().err
-    assert "expected the folder" in error
-    assert len(error.splitlines()) == 1
+    printed = command(*(part.format(tmp_path) for part in arguments))
+    assert printed.status == 2
+    assert "expected the folder" in printed.refusal
 
 
 def test_an_unforeseen_error_is_one_line_after_the_end_of_the_analysis(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
     for error, message in (
         (ZeroDivisionError("division\nby zero"), "an unexpected error, please report it: Zero"),
         (OSError(28, "No space left on device", "out.png"), "out.png: No space left on device"),
     ):
         analysis(monkeypatch, error)
-        assert main(["invert", "a.csv"]) == 1
-        err = capsys.readouterr().err
-        assert message in err
-        assert err.count("\n") == 1
+        printed = command("invert", "a.csv")
+        assert printed.status == 1
+        assert message in printed.refusal
     fake = analysis(monkeypatch, FileOutcome("a.csv", None, [{"unprintable": object()}]))
     closed: list[bool] = []
     with monkeypatch.context() as patch:
@@ -427,28 +412,21 @@ def test_every_module_of_commands_has_a_command_with_a_description() -> None:
         assert "expert options" not in titles[:-1], "they are the last group"
 
 
-def test_help_shows_twelve_commands_in_four_groups(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["help"]) == 0
-    text = capsys.readouterr().out
+def test_help_lists_twelve_commands_in_four_groups(command: Command) -> None:
+    text = command("help").out
     assert re.findall(r"^(\w+):$", text, re.M) == ["measure", "look", "export", "repair"]
     names = re.findall(r"^  (\w+)  ", text, re.M)
     assert len(names) <= 12
-    assert main(["help", "--all"]) == 0
-    everything = re.findall(r"^  (\w+)  ", capsys.readouterr().out, re.M)
+    everything = re.findall(r"^  (\w+)  ", command("help", "--all").out, re.M)
     assert everything == list(build_parser().commands)
     assert f"help --all        {len(everything) - len(names)} more" in text
-    with pytest.raises(SystemExit):
-        main(["--help"])
-    assert capsys.readouterr().out == text
+    assert command("--help").out == text
 
 
 @pytest.mark.posix
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
-def test_bash_completes_commands_options_and_files(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["completion", "bash"]) == 0
-    (tmp_path / "script").write_text(capsys.readouterr().out)
+def test_bash_completes_commands_options_and_files(tmp_path: Path, command: Command) -> None:
+    (tmp_path / "script").write_text(command("completion", "bash").out)
     (tmp_path / "Ring road").mkdir()
     expected = {
         "pfwd inv": "invert",
@@ -469,18 +447,13 @@ def test_bash_completes_commands_options_and_files(
     assert completed.stdout.splitlines() == list(expected.values())
 
 
-def test_every_shell_has_a_completion_script(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_shell_has_a_completion_script(command: Command) -> None:
     for shell in completion.SHELLS:
-        assert main(["completion", shell]) == 0
-        assert "posterior" in capsys.readouterr().out
+        assert "posterior" in command("completion", shell).out
 
 
-def test_help_of_a_command_ends_with_the_expert_options(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    with pytest.raises(SystemExit):
-        main(["help", "invert"])
-    text = capsys.readouterr().out
+def test_help_of_a_command_ends_with_the_expert_options(command: Command) -> None:
+    text = command("help", "invert").out
     assert text.startswith("usage: pfwd invert FILE [FILE ...] [OPTIONS]\n")
     everyday, expert = text.split("\nexpert options:\n")
     assert "--bedrock-depth" in everyday

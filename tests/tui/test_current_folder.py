@@ -1,4 +1,4 @@
-"""No command runs code that lies in the current folder, nor is disturbed by it.
+"""No command runs code of the current folder, nor is disturbed by it.
 
 A survey may come from a stranger, and commands are given in its folder. Every module of Python's
 own library, and those of this project and what it rests on, lie in it here under their names.
@@ -18,7 +18,7 @@ from simulators.instrument import serve
 from tests.tui.console import PATIENCE, PLAIN, RATE, TOP
 
 OURS = ("pfwd_device", "pfwd", "inversion", "simulators", "tui", "benchmarks")
-OTHERS = (
+DEPENDENCIES = (
     "numpy",
     "scipy",
     "h5py",
@@ -44,13 +44,13 @@ no.such.setting: 1
 """
 
 
-@pytest.fixture(scope="session")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture(scope="module")
+def received(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder that is a survey, with two trace files in it."""
     folder = tmp_path_factory.mktemp("received") / "survey"
     made = demo_drops(2, 0, tmp_path_factory.mktemp("made"))
-    done = pfwd(folder.parent, "import", made, "-o", folder)
-    assert done.returncode == 0, done.stderr
+    completed = run(folder.parent, COMMAND, "import", made, "-o", folder)
+    assert completed.returncode == 0, completed.stderr
     text = made.read_text(encoding="utf-8")
     (folder / "traces").mkdir()
     for number in (1, 2):
@@ -60,14 +60,13 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def planted(whole: Path, tmp_path: Path) -> Path:
-    """A copy of it with modules that leave a mark when they are run."""
-    folder = tmp_path / "survey"
-    shutil.copytree(whole, folder)
+def planted(received: Path, tmp_path: Path) -> Path:
+    """The survey with modules that leave a mark when they are run."""
+    folder = shutil.copytree(received, tmp_path / "survey")
     marks = tmp_path / "marks"
     marks.mkdir()
     library = [name for name in sys.stdlib_module_names if not name.startswith("_")]
-    for name in (*library, *OURS, *OTHERS, *STARTED_BY_PYTHON):
+    for name in (*library, *OURS, *DEPENDENCIES, *STARTED_BY_PYTHON):
         text = f"import os\nopen(os.path.join({str(marks)!r}, {name!r}), 'w').close()\n"
         (folder / f"{name}.py").write_text(text, encoding="utf-8")
     (folder / "matplotlibrc").write_text(SETTINGS, encoding="utf-8")
@@ -76,15 +75,13 @@ def planted(whole: Path, tmp_path: Path) -> Path:
     return folder
 
 
-def pfwd(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
-    """Run it in a folder as the installed command is run: by a script that lies elsewhere."""
-    script = folder.parent / "pfwd-script.py"
-    script.write_text(
-        "import sys\nfrom tui.cli import main\nif __name__ == '__main__':\n    sys.exit(main())\n"
-    )
+def run(folder: Path, script: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run a script outside of the folder in the folder, as the installed command is run."""
+    file = folder.parent / "pfwd-script.py"
+    file.write_text(script)
     unsafe = {key: value for key, value in os.environ.items() if key != "PYTHONSAFEPATH"}
     return subprocess.run(
-        [sys.executable, script, *map(str, arguments)],
+        [sys.executable, file, *map(str, arguments)],
         cwd=folder,
         env={**unsafe, "PYTHONPATH": str(TOP)},
         capture_output=True,
@@ -94,82 +91,67 @@ def pfwd(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
     )
 
 
-def run_clean(planted: Path, *arguments: object) -> str:
-    """What is printed; nothing of the folder was run, and nothing was said of it."""
-    done = pfwd(planted, *arguments)
+COMMAND = "import sys\nfrom tui.cli import main\nif __name__ == '__main__':\n    sys.exit(main())\n"
+
+
+def run_clean(planted: Path, *arguments: object, script: str = COMMAND) -> str:
+    """Return the output of a command that ran no module of the folder and reported none."""
+    completed = run(planted, script, *arguments)
     marks = sorted(path.name for path in (planted.parent / "marks").iterdir())
-    assert marks == [], done.stderr
-    assert done.returncode == 0, done.stderr
+    assert marks == [], completed.stderr
+    assert completed.returncode == 0, completed.stderr
     for word in ("matplotlibrc", "no.such.setting", "not published", "Traceback"):
-        assert word not in done.stderr
-    return done.stdout
+        assert word not in completed.stderr
+    return completed.stdout
 
 
 QUICK = ("--method", "posterior", "--sensors", "centre", "--bedrock-depth", "1.2")
+DEMO = ("demo", "--drops", "1", "--rate", "5", "--json")
 
 
 @pytest.mark.parametrize(
-    "arguments",
+    "commands",
     [
-        ("check", "."),
-        ("import", "traces/p1.csv", "-o", "."),
-        ("replay", ".", "-o", "../again", "--no-invert"),
-        ("replay", "."),
-        ("invert", "traces/p1.csv", "traces/p2.csv", "--jobs", "2", *QUICK),
-        ("invert", "traces", "--archive", "../out", "--jobs", "2", *QUICK),
-        ("invert", "traces/p1.csv", "--plot", "../plot.png", *QUICK),
-        ("invert", "traces/p1.csv", "--plot", "../plot.pdf", *QUICK),
-        ("report", ".", "-o", "../report.html"),
-        ("report", ".", "-o", "../report.pdf"),
-        ("export", ".", "--format", "parquet", "-o", "../out.parquet"),
-        ("export", ".", "--format", "h5", "-o", "../out.h5"),
-        ("export", ".", "--format", "csv", "-o", "../out"),
-        ("edit", ".", "--note", "seen"),
-        ("procedures",),
-        ("ports", "--no-probe"),
-        (
-            "demo",
-            "--drops",
-            "1",
-            "--rate",
-            "5",
-            "--json",
-            "-o",
-            "../demo",
-            "--plot",
-            "../plot.png",
+        [
+            ("check", "."),
+            ("edit", ".", "--note", "seen"),
+            ("procedures",),
+            ("ports", "--no-probe"),
+            ("simulate", "--help"),
+            ("bench", "--help"),
+        ],
+        [("import", "traces/p1.csv", "-o", "."), ("replay", ".", "-o", "../again", "--no-invert")],
+        [("invert", "traces/p1.csv", "traces/p2.csv", "--jobs", "2", *QUICK)],
+        [("invert", "traces", "--archive", "../out", "--jobs", "2", *QUICK)],
+        [("invert", "traces/p1.csv", "--plot", "../plot.png", *QUICK)],
+        [("report", ".", "-o", "../report.pdf"), ("report", ".", "-o", "../report.html")],
+        [
+            ("export", ".", "--format", "parquet", "-o", "../out.parquet"),
+            ("export", ".", "--format", "h5", "-o", "../out.h5"),
+            ("export", ".", "--format", "csv", "-o", "../out"),
+        ],
+        [(*DEMO, "-o", "../demo", "--plot", "../plot.png")],
+        pytest.param(
+            [("diagnose", "traces/p1.csv", "traces/p2.csv", "--jobs", "2", "--plot", "../p.png")],
+            marks=pytest.mark.slow,
         ),
-        ("simulate", "--drops", "1", "--rate", "0", "--listen", "tcp://127.0.0.1:0", "--help"),
     ],
-    ids=lambda arguments: " ".join(arguments[:5]),
+    ids=lambda commands: commands[0][0],
 )
-def test_nothing_of_the_current_folder_is_run(arguments: tuple[str, ...], planted: Path) -> None:
-    run_clean(planted, *arguments)
+def test_no_module_of_the_current_folder_is_run(
+    commands: list[tuple[str, ...]], planted: Path
+) -> None:
+    for arguments in commands:
+        run_clean(planted, *arguments)
 
 
-def test_recovery_publishes_and_runs_nothing_of_the_folder(planted: Path) -> None:
+def test_drops_are_published_and_no_module_of_the_folder_is_run(planted: Path) -> None:
     (planted / "drops" / "drop-000001.h5").unlink()
     run_clean(planted, "recover", ".")
     assert (planted / "drops" / "drop-000001.h5").is_file()
-
-
-def test_logging_publishes_and_runs_nothing_of_the_folder(planted: Path) -> None:
     with serve(PLAIN, drops=1, rate=RATE) as instrument:
         run_clean(planted, "log", instrument.url, "-o", "../new", "--drops", 1)
     assert (planted.parent / "new" / "drops" / "drop-000001.h5").is_file()
-
-
-@pytest.mark.slow
-def test_a_diagnosis_by_processes_runs_nothing_of_the_folder(planted: Path) -> None:
-    run_clean(
-        planted, "diagnose", "traces/p1.csv", "traces/p2.csv", "--jobs", 2, "--plot", "../p.png"
-    )
-
-
-def test_the_benchmarks_run_nothing_of_the_folder(planted: Path) -> None:
-    done = pfwd(planted, "bench", "--help")
-    assert list((planted.parent / "marks").iterdir()) == []
-    assert "pfwd bench" in done.stdout + done.stderr
 
 
 SCRIPT = """
@@ -183,20 +165,9 @@ for outcome in analyse_files(sys.argv[1:], options, jobs=2):
 """
 
 
-def test_a_script_that_inverts_by_processes_runs_nothing_of_the_folder(planted: Path) -> None:
-    script = planted.parent / "script.py"
-    script.write_text(SCRIPT)
-    unsafe = {key: value for key, value in os.environ.items() if key != "PYTHONSAFEPATH"}
-    done = subprocess.run(
-        [sys.executable, script, "traces/p1.csv", "traces/p2.csv"],
-        cwd=planted,
-        env={**unsafe, "PYTHONPATH": str(TOP)},
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-    )
-    assert list((planted.parent / "marks").iterdir()) == []
-    assert len(done.stdout.splitlines()) == 2, done.stderr
+def test_a_script_that_inverts_by_processes_runs_no_module_of_the_folder(planted: Path) -> None:
+    output = run_clean(planted, "traces/p1.csv", "traces/p2.csv", script=SCRIPT)
+    assert len(output.splitlines()) == 2
 
 
 def test_one_module_starts_python_processes() -> None:

@@ -8,11 +8,11 @@ import pytest
 from tests.hostile_files import ATTACKS, Attack
 from tests.measured_run import measured_run
 
-MOST_MEMORY = 500_000_000
-"""Bytes of the whole program; with numpy and HDF5 it has 80 MB before it reads anything."""
+MAX_MEMORY_BYTES = 500_000_000
+"""Memory of the program; with numpy and HDF5 it takes 80 MB before it reads a file."""
 
-MOST_TIME = 60.0
-"""s; the aim is 10 s on a machine that has nothing else to do, so a slow one may take six times."""
+MAX_TIME_S = 60.0
+"""Six times the 10 s that an idle computer may take."""
 
 PROGRAM = "import sys; from tui.cli import main; sys.exit(main())"
 
@@ -26,15 +26,17 @@ CASES = [
 
 @pytest.mark.posix
 @pytest.mark.parametrize(("attack", "command"), CASES)
-def test_it_is_refused_before_it_takes_anything(
+def test_a_hostile_file_is_refused_before_it_takes_memory_and_time(
     attack: Attack, command: str, tmp_path: Path
 ) -> None:
     path = attack.make(tmp_path)
     more = [text.format(folder=tmp_path) for text in attack.arguments]
     into = ["-o", str(tmp_path / "into")] if command == "import" else []
-    run = measured_run([sys.executable, "-c", PROGRAM, command, str(path), *more, *into], MOST_TIME)
+    run = measured_run(
+        [sys.executable, "-c", PROGRAM, command, str(path), *more, *into], MAX_TIME_S
+    )
     assert run.code == 1, run.said
-    assert run.memory < MOST_MEMORY
+    assert run.memory < MAX_MEMORY_BYTES
     assert "Traceback" not in run.said
     lines = run.said.splitlines()
     assert lines
@@ -46,7 +48,7 @@ def test_it_is_refused_before_it_takes_anything(
 
 
 @pytest.mark.posix
-def test_the_measurement_sees_memory_time_and_the_end() -> None:
+def test_memory_time_and_end_of_a_program_are_measured() -> None:
     run = measured_run([sys.executable, "-c", "x = b'1' * 300_000_000; raise SystemExit(3)"], 60.0)
     assert run.code == 3
     assert run.memory > 300_000_000

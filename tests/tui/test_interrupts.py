@@ -1,10 +1,11 @@
-"""Signals that come at bad moments: during an import, and where Python calls back by itself."""
+"""Signals at bad moments: during an import, in a callback of Python, and with worker processes."""
 
 import os
 import signal
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 from pathlib import Path
 
@@ -14,12 +15,11 @@ import pytest
 from pfwd.files.importing import import_files
 from pfwd.files.traces import TracePoint, write_traces
 from tests.pfwd.report.surveys import SETUP, half_sine_drop
-from tests.tui.console import PFWD
-from tui.interrupts import CTRL_C, on_console_event
+from tests.tui.console import PFWD, TOP
+from tui.interrupts import CTRL_C, on_console_event, stopped_by_signals
 
-TOP = Path(__file__).resolve().parents[2]
 PATIENCE = 30.0
-"""s; far less than the program would sleep, since what is interrupted does not go on sleeping."""
+"""s; much less than the program would sleep without the interrupt."""
 
 
 def run(code: str, folder: Path) -> "subprocess.CompletedProcess[str]":
@@ -49,7 +49,7 @@ MODULE = """
 import os, signal, time
 os.kill(os.getpid(), signal.{name})
 time.sleep({length})
-whole = True
+is_complete = True
 """
 
 
@@ -57,28 +57,27 @@ whole = True
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 def test_a_module_is_loaded_to_its_end_first(name: str, tmp_path: Path) -> None:
     (tmp_path / "loaded.py").write_text(MODULE.format(name=name, length=0.4))
-    # Told after the interrupt, which may come at any moment once the module is whole.
     code = """
         try:
             import loaded
             time.sleep(100)
         finally:
-            print(sys.modules["loaded"].whole)
+            print(sys.modules["loaded"].is_complete)
     """
-    done = run(code, tmp_path)
-    assert (done.stdout, done.stderr) == ("True\ninterrupted\n", "")
+    completed = run(code, tmp_path)
+    assert (completed.stdout, completed.stderr) == ("True\ninterrupted\n", "")
 
 
 @pytest.mark.posix
 def test_a_program_that_an_import_runs_can_be_interrupted(tmp_path: Path) -> None:
     (tmp_path / "program.py").write_text(MODULE.format(name="SIGINT", length=100))
     code = "import tui.interrupts\ntui.interrupts.MAX_DELAY_S = 0.3\nimport program\n"
-    done = run(code, tmp_path)
-    assert (done.stdout, done.stderr) == ("interrupted\n", "")
+    completed = run(code, tmp_path)
+    assert (completed.stdout, completed.stderr) == ("interrupted\n", "")
 
 
 @pytest.mark.posix
-def test_an_interrupt_where_python_calls_back_is_not_lost(tmp_path: Path) -> None:
+def test_an_interrupt_in_a_callback_of_python_is_not_lost(tmp_path: Path) -> None:
     code = """
         class Ends:
             def __del__(self):
@@ -86,22 +85,22 @@ def test_an_interrupt_where_python_calls_back_is_not_lost(tmp_path: Path) -> Non
                 time.sleep(0.1)
         Ends()
     """
-    done = run(code, tmp_path)
-    assert (done.stdout, done.stderr) == ("interrupted\n", "")
+    completed = run(code, tmp_path)
+    assert (completed.stdout, completed.stderr) == ("interrupted\n", "")
 
 
 @pytest.mark.posix
-def test_another_error_where_python_calls_back_is_still_told(tmp_path: Path) -> None:
+def test_an_error_in_a_callback_of_python_is_still_printed(tmp_path: Path) -> None:
     code = """
         class Ends:
             def __del__(self):
-                raise ValueError("told")
+                raise ValueError("planted")
         Ends()
         os.kill(os.getpid(), signal.SIGINT)
     """
-    done = run(code, tmp_path)
-    assert done.stdout == "interrupted\n"
-    assert "ValueError: told" in done.stderr
+    completed = run(code, tmp_path)
+    assert completed.stdout == "interrupted\n"
+    assert "ValueError: planted" in completed.stderr
 
 
 CONSOLE = """
@@ -116,35 +115,34 @@ CONSOLE = """
 @pytest.mark.parametrize("event", [2, 5, 6], ids=["window", "log-off", "shutdown"])
 def test_a_closed_console_waits_for_the_end_of_the_command(event: int, tmp_path: Path) -> None:
     """Windows ends the process when the function returns: the command must have ended before."""
-    done = run(CONSOLE.format(event=event), tmp_path)
-    assert (done.stdout, done.stderr) == ("interrupted\n", "")
+    completed = run(CONSOLE.format(event=event), tmp_path)
+    assert (completed.stdout, completed.stderr) == ("interrupted\n", "")
 
 
 def test_a_key_of_the_console_interrupts_once(tmp_path: Path) -> None:
     """Ctrl+Break as Ctrl+C does, which Python handles by itself."""
-    done = run(CONSOLE.format(event=1), tmp_path)
+    completed = run(CONSOLE.format(event=1), tmp_path)
     # Two threads print, and their lines may mix.
-    assert done.stdout.replace("True", "").strip() == "interrupted"
-    assert done.stdout.count("True") == 1
+    assert completed.stdout.replace("True", "").strip() == "interrupted"
+    assert completed.stdout.count("True") == 1
     assert on_console_event(CTRL_C) is False
 
 
-def test_in_another_thread_nothing_is_changed() -> None:
-    import threading
+def test_the_handlers_do_not_change_in_a_second_thread() -> None:
+    def handlers() -> tuple[object, object]:
+        return signal.getsignal(signal.SIGINT), sys.unraisablehook
 
-    from tui.interrupts import stopped_by_signals
-
-    before = signal.getsignal(signal.SIGINT), sys.unraisablehook
+    before = handlers()
+    during: list[object] = []
 
     def work() -> None:
         with stopped_by_signals():
-            seen.append((signal.getsignal(signal.SIGINT), sys.unraisablehook))
+            during.append(handlers())
 
-    seen: list[object] = []
     thread = threading.Thread(target=work)
     thread.start()
     thread.join()
-    assert seen == [before]
+    assert during == [before]
 
 
 END_S = 10.0
@@ -175,13 +173,16 @@ def workers_of(command: subprocess.Popen[str]) -> list[psutil.Process]:
 @pytest.mark.parametrize(
     ("words", "to_group"),
     [
-        (("diagnose", "{}/one", "{}/two", "--jobs", "2", "--refit"), True),
         (("diagnose", "{}/one", "{}/two", "--jobs", "2", "--refit"), False),
         (("invert", "{}/one", "{}/two", "--jobs", "2", "--refit"), True),
         (("invert", "{}", "--archive", "{}/../archive", "--jobs", "2"), True),
-        (("report", "{}/one", "-o", "{}/../report.html", "--jobs", "2", "--refit"), True),
+        pytest.param(
+            ("report", "{}/one", "-o", "{}/../report.html", "--jobs", "2", "--refit"),
+            True,
+            marks=pytest.mark.slow,
+        ),
     ],
-    ids=["diagnose", "diagnose, the command alone", "invert", "invert --archive", "report"],
+    ids=["diagnose, the command only", "invert", "invert --archive", "report"],
 )
 def test_a_command_with_workers_ends_soon(
     words: tuple[str, ...], to_group: bool, surveys: Path

@@ -1,12 +1,13 @@
-"""``pfwd invert`` over folders, as a user meets it."""
+"""``pfwd invert`` over folders."""
 
-import json
+import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from simulators.demo import demo_drops
-from tui.cli import main
+from tests.tui.console import Command, records
 
 QUICK = ("--method", "posterior", "--sensors", "centre", "--bedrock-depth", "1.2")
 
@@ -20,78 +21,59 @@ def drops(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_folder_stands_for_what_is_below_it(
-    drops: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["invert", str(drops), *QUICK, "--json"]) == 0
-    found = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    files = sorted(str(path) for path in drops.rglob("*.csv"))
-    assert main(["invert", *files, *QUICK, "--json"]) == 0
-    plain = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert len(found) == 4
-    # What is declared of the point comes on top of the keys of plain inverting.
-    for one, other in zip(found, plain, strict=True):
-        assert set(other) <= set(one)
-        assert {k: v for k, v in one.items() if k in other and k != "elapsed_s"} == {
-            k: v for k, v in other.items() if k != "elapsed_s"
-        }
+def test_a_folder_stands_for_its_files(drops: Path, command: Command) -> None:
+    def inverted(*paths: Path) -> list[dict[str, Any]]:
+        lines = records(command("invert", *paths, *QUICK, "--json").out)
+        return [{key: line[key] for key in line if key != "elapsed_s"} for line in lines]
+
+    of_folder = inverted(drops)
+    assert len(of_folder) == 4
+    for line, plain in zip(of_folder, inverted(*sorted(drops.rglob("*.csv"))), strict=True):
+        # The declarations of the point come on top of the keys of plain inverting.
+        assert all(line[key] == plain[key] for key in plain)
 
 
-def test_a_damaged_file_is_said_and_the_others_are_kept(
-    drops: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_a_damaged_file_is_reported_and_the_archive_written(
+    drops: Path, tmp_path: Path, command: Command
 ) -> None:
     pytest.importorskip("pyarrow")
     damaged = tmp_path / "damaged.csv"
     damaged.write_text("# pfwd-traces = 1\n# plate_radius_m = 0.15\n")
-    files = [str(drops), str(damaged)]
-    assert main(["invert", *files, *QUICK, "--archive", str(tmp_path / "out")]) == 1
-    told = capsys.readouterr()
-    assert "3 sources, 0 done before, 0 copies, 4 drops inverted" in told.out
-    assert told.err.splitlines()[0].startswith(f"pfwd: {damaged}: expected a row of column names")
-    assert main(["invert", *files, *QUICK]) == 1
+    printed = command("invert", drops, damaged, *QUICK, "--archive", tmp_path / "out")
+    assert printed.status == 1
+    assert "3 sources, 0 done before, 0 copies, 4 drops inverted" in printed.out
+    assert printed.err.startswith(f"pfwd: {damaged}: expected a row of column names")
 
 
 @pytest.mark.parametrize(
-    ("options", "status", "message"),
+    ("options", "message"),
     [
-        (["--archive", "{drops}"], 2, "--archive {drops}: expected a folder that is new"),
-        (["--archive", "{out}", "--plot", "x.png"], 2, "--plot with a folder"),
-        (["--scheduler", "tcp://x:1", "--jobs", "2"], 2, "--scheduler and --jobs: expected one"),
-        (["{none}", "--archive", "{out}"], 2, "expected a file or folder, got nothing of that"),
+        (["--archive", "{drops}"], "--archive {drops}: expected a folder that is new"),
+        (["--archive", "{out}", "--plot", "x.png"], "--plot with a folder"),
+        (["--scheduler", "tcp://x:1", "--jobs", "2"], "--scheduler and --jobs: expected one"),
+        (["{none}", "--archive", "{out}"], "expected a file or folder, got nothing of that"),
     ],
 )
-def test_wrong_usage_is_one_line_and_nothing_is_made(
-    options: list[str],
-    status: int,
-    message: str,
-    drops: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+def test_wrong_usage_is_reported_in_one_line_before_any_file_is_written(
+    options: list[str], message: str, drops: Path, tmp_path: Path, command: Command
 ) -> None:
     pytest.importorskip("pyarrow")
     names = {"drops": drops, "out": tmp_path / "out", "none": tmp_path / "none"}
-    said = [option.format(**names) for option in options]
-    assert main(["invert", str(drops), *said]) == status
-    told = capsys.readouterr().err
-    assert len(told.splitlines()) == 1
-    assert message.format(**names) in told
+    printed = command("invert", drops, *(option.format(**names) for option in options))
+    assert printed.status == 2
+    assert message.format(**names) in printed.refusal
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_without_drops_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["invert", str(tmp_path)]) == 1
-    assert "expected a survey, or files with drops in the folder" in capsys.readouterr().err
+def test_a_folder_without_drops_is_refused(tmp_path: Path, command: Command) -> None:
+    line = command("invert", tmp_path).refusal
+    assert "expected a survey, or files with drops in the folder" in line
 
 
 def test_without_pyarrow_the_extra_is_named(
-    drops: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    drops: Path, tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
-    assert main(["invert", str(drops), "--archive", str(tmp_path / "out")]) == 2
-    assert 'pip install "pfwd[parquet]"' in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    printed = command("invert", drops, "--archive", tmp_path / "out")
+    assert 'pip install "pfwd[parquet]"' in printed.refusal
+    assert list(tmp_path.iterdir()) == []

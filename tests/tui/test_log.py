@@ -1,6 +1,5 @@
-"""``pfwd log`` with a simulated instrument: signals, losses, setups, refusals, what is loaded."""
+"""``pfwd log`` with a simulated instrument: signals, losses, setups, refusals, imported modules."""
 
-import logging as logging_of_python
 import signal
 import socket
 import subprocess
@@ -10,11 +9,8 @@ import time
 import unicodedata
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from pfwd_device import Drop
-from pfwd_device.recording import DropRecord, SurveyWriter
 from simulators.instrument import serve
 from tests.tui.console import (
     CHANNELS,
@@ -23,48 +19,43 @@ from tests.tui.console import (
     RATE,
     TOP,
     WITH_SHUNT,
+    Command,
     checked,
+    logged,
     numbers,
     pfwd,
     records,
     running,
     wait_for_line,
 )
-from tui.log_file import survey_log
+from tests.tui.surveys import write_small_survey
+
+# A pseudo-terminal that is closed may have its name given to that of another test, whose
+# instrument a program that reconnects would take.
+TCP = "tcp://127.0.0.1:0"
 
 
-def test_a_survey_and_a_point_are_continued(tmp_path: Path) -> None:
-    survey = tmp_path / "survey"
-    seen = []
-    for seed, options in ((1, ("--point", "A")), (2, ()), (3, ("--point", "B"))):
-        with serve(PLAIN, drops=1, rate=RATE, seed=seed) as instrument:
-            done = pfwd("log", instrument.url, "-o", survey, "--json", "--no-invert", *options)
-        assert done.returncode == 0, done.stderr
-        seen += numbers(records(done.stdout))
-    assert seen == [("A", 1), ("A", 2), ("B", 1)]
-    assert checked(survey)["drops_acknowledged"] == 3
-
-
-def test_another_calibration_is_wrong_usage_until_it_is_accepted(tmp_path: Path) -> None:
+def test_a_survey_is_continued_unless_the_calibration_changed(tmp_path: Path) -> None:
     survey, setup = tmp_path / "survey", tmp_path / "setup.toml"
     setup.write_text('[[channels]]\nname = "centre"\nsensitivity = -57.6\n', "utf-8")
-    statuses = []
-    for options in ((), ("--setup", setup), ("--setup", setup, "--accept-calibration")):
-        # Not on a pseudo-terminal, see below.
-        listen = "tcp://127.0.0.1:0"
-        with serve(PLAIN, drops=1, listen=listen, rate=RATE, seed=len(options)) as instrument:
-            done = pfwd("log", instrument.url, "-o", survey, "--json", "--no-invert", *options)
-        statuses.append((done.returncode, len(records(done.stdout))))
-        if options:
-            assert "sensitivity of centre is -57.6 V per m/s, was " in done.stderr
-    assert statuses == [(0, 1), (2, 0), (0, 1)], done.stderr
+    drops = []
+    for seed, options in ((1, ("--point", "A")), (2, ()), (3, ("--point", "B"))):
+        with serve(PLAIN, drops=1, rate=RATE, seed=seed) as instrument:
+            drops += numbers(logged(instrument, survey, "--no-invert", *options))
+    assert drops == [("A", 1), ("A", 2), ("B", 1)]
+    command = ("-o", survey, "--json", "--no-invert", "--setup", setup)
+    for seed, options, status in ((4, (), 2), (5, ("--accept-calibration",), 0)):
+        with serve(PLAIN, drops=1, listen=TCP, rate=RATE, seed=seed) as instrument:
+            completed = pfwd("log", instrument.url, *command, *options)
+        assert completed.returncode == status, completed.stderr
+        assert len(records(completed.stdout)) == (1 if status == 0 else 0)
+        assert "sensitivity of centre is -57.6 V per m/s, was " in completed.stderr
+    assert checked(survey)["drops_acknowledged"] == 4
 
 
 @pytest.mark.posix
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_a_signal_ends_it_cleanly(
-    name: str, tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
+def test_a_signal_ends_logging(name: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     # A process inherits that a signal is ignored, as by nohup.
     before = signal.signal(signal.Signals[name], signal.default_int_handler)
     request.addfinalizer(lambda: signal.signal(signal.Signals[name], before))
@@ -74,12 +65,11 @@ def test_a_signal_ends_it_cleanly(
         running("log", instrument.url, "-o", survey, "--json", "--no-invert") as process,
     ):
         lines = [wait_for_line(process), wait_for_line(process)]
-        # Somebody else is refused meanwhile, in one line that names the first.
-        second = pfwd("log", instrument.url, "-o", survey, "--json", "--no-invert")
-        assert second.returncode == 1
-        assert second.stdout == ""
-        assert f"pid {process.pid}" in second.stderr
-        assert second.stderr.count("\n") == 1
+        if name == "SIGINT":  # a second program is refused in one line that names the first
+            second = pfwd("log", instrument.url, "-o", survey, "--json", "--no-invert")
+            assert (second.returncode, second.stdout) == (1, "")
+            assert f"pid {process.pid}" in second.stderr
+            assert second.stderr.count("\n") == 1
         process.send_signal(signal.Signals[name])
         out, err = process.communicate(timeout=PATIENCE)
         lines += records(out)
@@ -90,11 +80,26 @@ def test_a_signal_ends_it_cleanly(
     assert record["drops_acknowledged"] == record["drops_published"] == len(lines)
 
 
+@pytest.mark.posix
+def test_a_service_that_inverts_is_stopped_within_its_time(tmp_path: Path) -> None:
+    """The last analyses are awaited, and every acknowledged drop has its line."""
+    with (
+        serve(PLAIN, rate=RATE, seed=9) as instrument,
+        running("log", instrument.url, "-o", tmp_path / "s", "--json") as process,
+    ):
+        wait_for_line(process)
+        begin = time.monotonic()
+        process.send_signal(signal.SIGTERM)
+        out, err = process.communicate(timeout=PATIENCE)
+        assert process.returncode == 0, err
+        assert time.monotonic() - begin < 30
+    acknowledged = checked(tmp_path / "s")["drops_acknowledged"]
+    assert {line["drop"] for line in records(out)} | {1} == set(range(1, acknowledged + 1))
+
+
 def test_a_lost_instrument_is_status_3(tmp_path: Path) -> None:
     survey = tmp_path / "survey"
-    # Not on a pseudo-terminal: its name may be another test's as soon as it is closed, and the
-    # program that looks for its instrument there would take that one.
-    instrument = serve(PLAIN, listen="tcp://127.0.0.1:0", rate=RATE, seed=5)
+    instrument = serve(PLAIN, listen=TCP, rate=RATE, seed=5)
     options = ("--json", "--no-invert", "--give-up", "0.5")
     with instrument, running("log", instrument.url, "-o", survey, *options) as process:
         wait_for_line(process)
@@ -130,33 +135,37 @@ damping = 0.6
 
 
 def test_an_instrument_that_only_prints_lines(tmp_path: Path) -> None:
-    setup = tmp_path / "setup.toml"
+    setup, survey = tmp_path / "setup.toml", tmp_path / "survey"
     setup.write_text(LINES)
-    options = ("-o", tmp_path / "survey", "--json", "--setup", setup, "--drops", 1, "--capture")
     with serve("ascii", rate=2.0, seed=6) as instrument:
-        done = pfwd("log", instrument.url, *options)
-    assert done.returncode == 0, done.stderr
-    lines = records(done.stdout)
+        lines = logged(instrument, survey, "--setup", setup, "--drops", 1, "--capture")
     assert [line["method"] for line in lines] == ["posterior", "mpga"]
     assert 2e7 < lines[0]["modulus_pa"] < 9e7
-    (capture,) = (tmp_path / "survey" / "captures").glob("*.pfwdc")
-    again = pfwd("replay", capture, "--json", "--no-invert", "-o", tmp_path / "survey")
-    assert "not recorded twice" in again.stderr
+    (capture,) = (survey / "captures").glob("*.pfwdc")
+    replay = pfwd("replay", capture, "--json", "--no-invert", "-o", survey)
+    assert "not recorded twice" in replay.stderr
 
 
-def test_without_a_plate_radius_nothing_is_armed(tmp_path: Path) -> None:
+def test_recording_requires_a_plate_radius_and_sensible_sensitivities(tmp_path: Path) -> None:
     bare = {"base": "default", "device": {"channels": CHANNELS, "plate_declared": False}}
+    setup = tmp_path / "setup.toml"
     with serve(bare, drops=1, rate=RATE) as instrument:
-        done = pfwd("log", instrument.url, "-o", tmp_path / "s", "--json")
-        assert (done.returncode, done.stdout) == (1, "")
-        assert done.stderr.count("\n") == 1
-        assert "Recording does not start: write plate_radius_m" in done.stderr
-        setup = tmp_path / "setup.toml"
+        command = ("log", instrument.url, "-o", tmp_path / "s", "--no-invert", "--drops", 1)
+        for text, message in (
+            ("", "write plate_radius_m"),
+            (
+                'plate_radius_m = 0.15\n[[channels]]\nname = "centre"\nsensitivity = 1e300',
+                "sensitivity: expected one with a full scale from",
+            ),
+        ):
+            setup.write_text(text)
+            completed = pfwd(*command, "--setup", setup)
+            assert (completed.returncode, completed.stdout) == (1, "")
+            (line,) = completed.stderr.splitlines()
+            assert "Recording does not start" in line
+            assert message in line
         setup.write_text("plate_radius_m = 0.15")
-        options = ("--json", "--setup", setup, "--no-invert", "--drops", 1)
-        again = pfwd("log", instrument.url, "-o", tmp_path / "s", *options)
-        assert again.returncode == 0, again.stderr
-        assert len(records(again.stdout)) == 1
+        assert len(logged(instrument, *command[3:], "--setup", setup)) == 1
 
 
 @pytest.mark.parametrize(
@@ -165,12 +174,14 @@ def test_without_a_plate_radius_nothing_is_armed(tmp_path: Path) -> None:
         (("log", "nowhere", "-o", "{}/s"), 3, "nowhere"),
         (("live", "nowhere", "-o", "{}/s", "--json"), 3, "nowhere"),
         (("log", "nowhere", "-o", "{}/s", "--setup", "{}/none.toml"), 1, "none.toml"),
-        (("log", "nowhere", "-o", "{}/file"), 1, "file"),
         (("log", "nowhere", "-o", "{}/s", "--point", " "), 2, "--point"),
         (("log", "nowhere"), 2, "-o/--output"),
         (("log", "nowhere", "-o", "{}/s", "--drops", "0"), 2, "--drops"),
         (("log", "nowhere", "-o", "{}/s", "--give-up", "nan"), 2, "--give-up"),
         (("log", "nowhere", "-o", "{}/s", "--seed", "-1"), 2, "--seed"),
+        (("log", "/dev/none", "-o", "{}/s", "--gps", "/dev/no-receiver"), 3, "/dev/no-receiver"),
+        (("log", "nowhere", "-o", "{}/file"), 1, "expected a folder that can be written"),
+        (("live", "nowhere", "-o", "{}/file/s"), 1, "expected a folder that can be written"),
         (("replay", "{}/none"), 1, "expected a survey or a capture"),
         (("replay", "{}/file"), 1, "capture"),
         (("replay", "{}/s", "--speed", "-1"), 2, "--speed"),
@@ -182,146 +193,78 @@ def test_without_a_plate_radius_nothing_is_armed(tmp_path: Path) -> None:
         (("export", "{}", "--format", "csv", "-o", "{}/out"), 1, "expected a survey"),
         (("report", "{}", "-o", "{}/r.pdf"), 1, "the folder of a survey"),
         (("report", "{}", "-o", "{}/r.pdf", "--language", "fr"), 2, "expected one of de, en, zh"),
-        (("log", "/dev/none", "-o", "{}/s", "--gps", "/dev/no-receiver"), 3, "/dev/no-receiver"),
         (("demo", "--scenario", "unheard-of"), 2, "unheard-of"),
     ],
 )
-def test_what_cannot_be_done_is_said_in_one_line(
-    arguments: tuple[str, ...],
-    status: int,
-    message: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+def test_a_refused_command_has_an_error_in_one_line(
+    arguments: tuple[str, ...], status: int, message: str, tmp_path: Path, command: Command
 ) -> None:
-    from tui.cli import main
-
     (tmp_path / "file").write_text("text")
-    given = [part.replace("{}", str(tmp_path)) for part in arguments]
-    try:
-        found = main(given)
-    except SystemExit as err:
-        found = int(str(err.code))
-    output = capsys.readouterr()
-    assert found == status, output.err
-    assert output.out == ""
-    assert message in output.err.splitlines()[-1]
-    assert "Traceback" not in output.err
-    assert "unexpected error" not in output.err
+    printed = command(*(part.replace("{}", str(tmp_path)) for part in arguments))
+    assert (printed.status, printed.out) == (status, ""), printed.err
+    assert message in printed.err.splitlines()[-1]
+    assert "Traceback" not in printed.err
+    assert "unexpected error" not in printed.err
 
 
-@pytest.mark.parametrize("more", [(), ("--capture",), ("--no-invert",)])
-@pytest.mark.parametrize("command", ["log", "live"])
-def test_a_port_that_is_not_there_leaves_nothing_behind(
-    command: str, more: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("name", "option"), [("log", "--capture"), ("log", "--no-invert"), ("live", "--json")]
+)
+def test_a_missing_port_creates_no_file(
+    name: str, option: str, tmp_path: Path, command: Command
 ) -> None:
-    from tui.cli import main
-
-    port = str(tmp_path / "ttyUSB9")
-    options = ("--json",) if command == "live" else more
-    assert main([command, port, "-o", str(tmp_path / "s"), *options]) == 3
-    (line,) = capsys.readouterr().err.splitlines()
+    port = tmp_path / "ttyUSB9"
+    line = command(name, port, "-o", tmp_path / "s", option).refusal
     assert f"{port}: not found." in line
     assert line.endswith("Check the cable or choose another port")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_port_that_another_program_uses_is_said_and_leaves_nothing_behind(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_port_in_use_is_reported_and_creates_no_file(tmp_path: Path, command: Command) -> None:
     """The server accepts no second host, as of an instrument that another program reads."""
-    from tui.cli import main
-
     with socket.create_server(("127.0.0.1", 0)) as server:
         url = f"socket://127.0.0.1:{server.getsockname()[1]}"
-        assert main(["log", url, "-o", str(tmp_path / "s"), "--give-up", "0.3"]) == 3
-    (line,) = capsys.readouterr().err.splitlines()
-    assert f"{url}: no instrument for 0.3 s (--give-up)" in line
-    assert "End other programs that use the port" in line
+        printed = command("log", url, "-o", tmp_path / "s", "--give-up", "0.3")
+    assert printed.status == 3
+    assert f"{url}: no instrument for 0.3 s (--give-up)" in printed.refusal
+    assert "End other programs that use the port" in printed.refusal
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("sensitivity", [1e300, -1e300, 1e-300])
-def test_a_sensitivity_that_measures_nothing_is_refused(sensitivity: float, tmp_path: Path) -> None:
-    channels = [CHANNELS[0], {**CHANNELS[1], "sensitivity": sensitivity}]
-    with serve({"base": "default", "device": {"channels": channels}}, drops=1) as instrument:
-        done = pfwd("log", instrument.url, "-o", tmp_path / "s", "--drops", 1)
-    assert (done.returncode, done.stdout) == (1, "")
-    (line,) = done.stderr.splitlines()
-    assert "channel 'centre': sensitivity: expected one with a full scale from" in line
-    assert f"got {sensitivity:g} V per m/s" in line
-    assert "Recording does not start" in line
-
-
-def test_the_log_waits_for_the_folder_of_the_survey(tmp_path: Path) -> None:
-    survey = tmp_path / "survey"
-    with survey_log(survey):
-        logging_of_python.getLogger("pfwd").warning("before")
-        assert not survey.exists()
-        survey.mkdir()
-        logging_of_python.getLogger("pfwd").warning("after")
-    lines = (survey / "log" / "pfwd.log").read_text(encoding="utf-8").splitlines()
-    assert [line.rpartition(": ")[2] for line in lines] == ["before", "after"]
-
-
-def test_the_log_file_is_bounded_and_harmless(tmp_path: Path) -> None:
+def test_the_log_file_of_a_hostile_instrument_is_harmless(tmp_path: Path) -> None:
     with serve("hostile", drops=1, rate=WITH_SHUNT) as instrument:
-        done = pfwd("log", instrument.url, "-o", tmp_path / "s", "--no-invert")
-    assert done.returncode == 0, done.stderr
+        completed = pfwd("log", instrument.url, "-o", tmp_path / "s", "--no-invert")
+    assert completed.returncode == 0, completed.stderr
     text = (tmp_path / "s" / "log" / "pfwd.log").read_text(encoding="utf-8")
     assert "saved as 1" in text
-    for shown in (text, done.stdout, done.stderr):
-        bad = [letter for letter in shown if unicodedata.category(letter)[0] == "C"]
+    for output in (text, completed.stdout, completed.stderr):
+        bad = [letter for letter in output if unicodedata.category(letter)[0] == "C"]
         assert set(bad) <= {"\n"}
 
 
-def modules_after(code: str) -> set[str]:
-    script = f"import sys\n{textwrap.dedent(code)}\nprint(*sys.modules, sep='\\n', file=sys.stderr)"
-    done = subprocess.run(
-        [sys.executable, "-c", script], cwd=TOP, capture_output=True, text=True, timeout=PATIENCE
-    )
-    return {name.split(".")[0] for name in done.stderr.splitlines()}
-
-
-RECORDS_OF_RESULTS = {"inversion.errors", "inversion.records", "inversion.result"}
-
-
-def test_logging_alone_loads_neither_solvers_nor_hdf5(tmp_path: Path) -> None:
-    with serve(PLAIN, drops=1, rate=RATE, seed=8) as instrument:
-        code = f"""
-            from tui.cli import main
-            main(["log", {instrument.url!r}, "-o", {str(tmp_path / "s")!r}, "--no-invert"])
-        """
-        loaded = modules_after(code)
-    assert "numpy" in loaded
-    assert not loaded & {"scipy", "h5py", "textual", "matplotlib", "rich"}
-    # Records of results, which are shown without what computes them.
-    assert {name for name in loaded if name.startswith("inversion.")} <= RECORDS_OF_RESULTS
-
-
-def test_a_list_of_points_loads_nothing_that_only_others_need(tmp_path: Path) -> None:
-    with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
-        writer.save_drop(DropRecord("P", Drop(1, np.arange(4.0), np.zeros(4), ())))
-    code = f"""
+def modules_after(command: list[str]) -> set[str]:
+    """Return the modules that a command imports."""
+    script = f"""
+        import sys
         from tui.cli import main
-        main(["edit", {str(tmp_path / "s")!r}])
+        main({command!r})
+        print(*sys.modules, sep="\\n", file=sys.stderr)
     """
-    loaded = modules_after(code)
-    assert "numpy" in loaded
-    assert not loaded & {"h5py", "csv", "multiprocessing", "concurrent"}
+    completed = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(script)],
+        cwd=TOP,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+    )
+    return set(completed.stderr.splitlines())
 
 
-@pytest.mark.posix
-def test_a_service_is_stopped_within_its_time(tmp_path: Path) -> None:
-    """With inversion: the last analyses are waited for, and nothing is left behind."""
-    with (
-        serve(PLAIN, rate=RATE, seed=9) as instrument,
-        running("log", instrument.url, "-o", tmp_path / "s", "--json") as process,
-    ):
-        wait_for_line(process)
-        begin = time.monotonic()
-        process.send_signal(signal.SIGTERM)
-        out, err = process.communicate(timeout=PATIENCE)
-        assert process.returncode == 0, err
-        assert time.monotonic() - begin < 30
-    acknowledged = checked(tmp_path / "s")["drops_acknowledged"]
-    assert {line["drop"] for line in records(out)} | {1} == set(range(1, acknowledged + 1))
+def test_commands_import_only_the_modules_they_need(tmp_path: Path) -> None:
+    with serve(PLAIN, drops=1, rate=RATE, seed=8) as instrument:
+        modules = modules_after(["log", instrument.url, "-o", str(tmp_path / "s"), "--no-invert"])
+    assert "numpy" in modules
+    assert not modules & {"scipy", "h5py", "textual", "matplotlib", "rich"}
+    modules = modules_after(["edit", str(write_small_survey(tmp_path / "points", "P"))])
+    assert "numpy" in modules
+    assert not modules & {"h5py", "csv", "multiprocessing", "concurrent"}

@@ -17,10 +17,12 @@ from tui.cli import main
 
 @pytest.mark.parametrize("logger", ["dataq", "labjack"])
 def test_a_logger_measures_the_modulus_of_the_ground(logger: str, tmp_path: Path) -> None:
-    done = pfwd("demo", "--logger", logger, "--drops", "1", "--json", "-o", tmp_path / "survey")
-    assert done.returncode == 0, done.stderr
-    drop = [each for each in records(done.stdout) if each.get("modulus_pa")][-1]
-    truth = next(line for line in done.stderr.splitlines() if line.startswith("  drop 1: E "))
+    completed = pfwd(
+        "demo", "--logger", logger, "--drops", "1", "--json", "-o", tmp_path / "survey"
+    )
+    assert completed.returncode == 0, completed.stderr
+    drop = [line for line in records(completed.stdout) if line.get("modulus_pa")][-1]
+    truth = next(text for text in completed.stderr.splitlines() if text.startswith("  drop 1: E "))
     assert drop["modulus_pa"] / 1e6 == pytest.approx(float(truth.split()[3]), rel=0.01)
 
 
@@ -29,8 +31,8 @@ def test_a_trial_of_a_logger_is_written(tmp_path: Path) -> None:
     setup.write_text(logger_setup(load_scenario("default"), "dataq-ethernet"), encoding="utf-8")
     with serve("default", logger="dataq-ethernet") as logger:
         arguments = ("--logger", setup, "--wait", "5", "-o", tmp_path / "trial.json")
-        done = pfwd("conform", logger.url, *arguments)
-    assert done.returncode == 0, done.stderr
+        completed = pfwd("conform", logger.url, *arguments)
+    assert completed.returncode == 0, completed.stderr
     trial = json.loads((tmp_path / "trial.json").read_text(encoding="utf-8"))
     assert trial["rate_by_this_computer_hz"] == pytest.approx(1e4, rel=0.1)
     assert [channel["name"] for channel in trial["channels"]] == ["load", "centre"]
@@ -86,7 +88,7 @@ def test_the_gain_of_a_load_cell_is_printed(
     assert "expected at least two drops with a second contact, got 1" in capsys.readouterr().err
 
 
-def test_the_gain_is_found_from_the_rebounds_of_a_survey(
+def test_the_gain_is_estimated_from_the_rebounds_of_a_survey(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scenario = tmp_path / "gain.toml"
@@ -96,8 +98,8 @@ def test_the_gain_is_found_from_the_rebounds_of_a_survey(
         encoding="utf-8",
     )
     survey = tmp_path / "survey"
-    done = pfwd("demo", "--scenario", scenario, "--drops", "3", "--rate", "5", "-o", survey)
-    assert done.returncode == 0, done.stderr
+    completed = pfwd("demo", "--scenario", scenario, "--drops", "3", "--rate", "5", "-o", survey)
+    assert completed.returncode == 0, completed.stderr
     command = ["calibrate", str(survey), "--momentum", "--mass", "10", "--height", "0.7"]
     assert main([*command, "--json"]) == 0
     captured = capsys.readouterr()

@@ -1,9 +1,11 @@
-"""``pfwd map``: a draft from what a text looks like, and the text read by it."""
+"""``pfwd map``: a draft from the form of a text, and the text read by it."""
 
 import math
 import os
 import shlex
+import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -12,7 +14,7 @@ from pfwd.errors import TraceError
 from pfwd.files.foreign.column_map import read_map
 from pfwd.files.foreign.map_draft import draft_map, map_text
 from pfwd.files.reading import read_points
-from tests.tui.console import pfwd
+from tests.tui.console import PFWD, TOP, pfwd
 from tui.cli import main
 
 
@@ -36,66 +38,66 @@ def text_file(
 
 def test_a_german_spreadsheet_is_recognised_and_read(tmp_path: Path) -> None:
     file = text_file(tmp_path / "excel.csv", "Zeit [ms];Kraft [kN];Setzung [mm]", encoding="cp1252")
-    made = tmp_path / "excel.map.toml"
-    done = pfwd("map", file, "-o", made)
-    assert done.returncode == 0, done.stderr
-    assert "plate radius" in done.stderr
-    made.write_text("plate_radius_m = 0.15\n" + made.read_text(encoding="utf-8"), encoding="utf-8")
-    (point,) = read_points(file, column_map=made)
+    column_map = tmp_path / "excel.map.toml"
+    completed = pfwd("map", file, "-o", column_map)
+    assert completed.returncode == 0, completed.stderr
+    assert "plate radius" in completed.stderr
+    column_map.write_text(
+        "plate_radius_m = 0.15\n" + column_map.read_text(encoding="utf-8"), encoding="utf-8"
+    )
+    (point,) = read_points(file, column_map=column_map)
     (drop,) = point.drops
     assert drop.load.max() == pytest.approx(7000.0, rel=1e-3)
     assert drop.channels[0].values.max() == pytest.approx(0.5e-3, rel=1e-3)
     assert drop.channels[0].quantity == "displacement"
-    again = pfwd("map", file, "-o", made)
-    assert again.returncode == 2
-    assert "--force" in again.stderr
+    second = pfwd("map", file, "-o", column_map)
+    assert second.returncode == 2
+    assert "--force" in second.stderr
 
 
 @pytest.mark.parametrize(
-    ("head", "delimiter", "decimal", "expected"),
+    ("head", "delimiter", "decimal"),
     [
-        ("time (s),force (N),v0 (mm/s)", ",", ".", ("time", "load", "sensor")),
-        ("t [ms]\tF [kN]\ts0 [µm]", "\t", ",", ("time", "load", "sensor")),
-        ("site km 12\nt/ms;load/lbf;geophone/in/s", ";", ".", ("time", "load", "sensor")),
-        ("A;B;C\n[ms];[kN];[mm]", ";", ",", ("time", "load", "sensor")),
+        ("time (s),force (N),v0 (mm/s)", ",", "."),
+        ("t [ms]\tF [kN]\ts0 [µm]", "\t", ","),
+        ("site km 12\nt/ms;load/lbf;geophone/in/s", ";", "."),
+        ("A;B;C\n[ms];[kN];[mm]", ";", ","),
     ],
 )
-def test_separators_and_roles(
-    head: str, delimiter: str, decimal: str, expected: tuple[str, ...], tmp_path: Path
-) -> None:
+def test_separators_and_roles(head: str, delimiter: str, decimal: str, tmp_path: Path) -> None:
     draft = draft_map(text_file(tmp_path / "a.txt", head, delimiter, decimal))
     assert (draft.delimiter, draft.decimal) == (delimiter, decimal)
-    assert tuple(column.role for column in draft.columns) == expected
+    assert [column.role for column in draft.columns] == ["time", "load", "sensor"]
     assert all(column.unit is not None for column in draft.columns)
     assert draft.missing == []
     (tmp_path / "m.toml").write_text(map_text(draft), encoding="utf-8")
     assert read_map(tmp_path / "m.toml").decimal == decimal
 
 
-def test_the_distance_of_a_sensor_is_taken_from_its_name_or_asked_for(tmp_path: Path) -> None:
-    head = "time [s];load [kN];center [mm];defl 300 mm [mm];defl B [mm]"
-    draft = draft_map(text_file(tmp_path / "a.csv", head, columns=5))
-    assert [column.offset for column in draft.columns[2:]] == [0.0, 0.3, None]
-    assert draft.missing == ["the distance of defl B [mm] from the centre"]
-    done = pfwd("map", tmp_path / "a.csv", "-o", tmp_path / "m.toml")
-    assert done.returncode == 1
-    assert "# offset_m = ?" in (tmp_path / "m.toml").read_text(encoding="utf-8")
-
-
-def test_numbers_without_names(tmp_path: Path) -> None:
+def test_columns_without_names_have_no_roles(tmp_path: Path) -> None:
     draft = draft_map(text_file(tmp_path / "a.txt", "", "   ", "."))
     assert (draft.delimiter, draft.names, len(draft.columns)) == (None, False, 3)
     assert "which column is the time" in draft.missing
 
 
+def test_the_distance_of_a_sensor_is_that_of_its_name_or_missing(tmp_path: Path) -> None:
+    head = "time [s];load [kN];center [mm];defl 300 mm [mm];defl B [mm]"
+    draft = draft_map(text_file(tmp_path / "a.csv", head, columns=5))
+    assert [column.offset for column in draft.columns[2:]] == [0.0, 0.3, None]
+    assert draft.missing == ["the distance of defl B [mm] from the centre"]
+    completed = pfwd("map", tmp_path / "a.csv", "-o", tmp_path / "m.toml")
+    assert completed.returncode == 1
+    assert "# offset_m = ?" in (tmp_path / "m.toml").read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize("content", [b"", b"hello\nworld\n", b"PK\x03\x04\x00\x00", b"\x00\x01"])
-def test_what_holds_no_numbers_is_refused(content: bytes, tmp_path: Path) -> None:
+def test_a_text_without_numbers_is_refused(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "x").write_bytes(content)
     with pytest.raises(TraceError, match="expected"):
         draft_map(tmp_path / "x")
 
 
-def test_the_map_is_written_here_and_the_next_command_can_be_pasted(
+def test_the_map_is_written_to_the_current_folder_and_the_next_command_can_be_pasted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "here").mkdir()
@@ -109,28 +111,17 @@ def test_the_map_is_written_here_and_the_next_command_can_be_pasted(
     ]
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no named pipes in folders")
-def test_a_pipe_is_refused(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(TraceError, match=r"pipe: expected a file, got a pipe.*save the text"):
-        draft_map(tmp_path / "pipe")
-
-
-def test_a_text_that_no_reader_knows_names_both_commands(tmp_path: Path) -> None:
+def test_the_error_of_an_unknown_text_names_both_commands(tmp_path: Path) -> None:
     file = text_file(tmp_path / "excel.csv", "Zeit [ms];Kraft [kN];Setzung [mm]")
-    done = pfwd("import", file, "-o", tmp_path / "s")
-    assert done.returncode == 1
-    assert "pfwd import --map" in done.stderr
-    assert "pfwd map" in done.stderr
+    completed = pfwd("import", file, "-o", tmp_path / "s")
+    assert completed.returncode == 1
+    assert "pfwd import --map" in completed.stderr
+    assert "pfwd map" in completed.stderr
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
-def test_it_asks_on_a_terminal(tmp_path: Path) -> None:
+def test_questions_are_asked_on_a_terminal(tmp_path: Path) -> None:
     import pty
-    import subprocess
-    import threading
-
-    from tests.tui.console import PFWD, TOP
 
     file = text_file(tmp_path / "a.csv", "A;B;C")
     keeper, terminal = pty.openpty()
@@ -144,22 +135,22 @@ def test_it_asks_on_a_terminal(tmp_path: Path) -> None:
         os.close(terminal)
         answers = ["0.15", "time", "ms", "load", "kN", "wrong", "sensor", "velocity", "0", "mm/s"]
         os.write(keeper, ("\n".join(answers) + "\n").encode())
-        shown = b""
+        output = b""
 
         def read() -> None:
-            nonlocal shown
+            nonlocal output
             try:
                 while part := os.read(keeper, 4096):
-                    shown += part
+                    output += part
             except OSError:
                 return
 
         reader = threading.Thread(target=read)
         reader.start()
-        assert asking.wait(60) == 0, shown.decode()
+        assert asking.wait(60) == 0, output.decode()
         reader.join(10)
     os.close(keeper)
-    assert b"expected one of time, load" in shown
-    made = read_map(tmp_path / "a.map.toml")
-    assert made.sensors[0].quantity == "velocity"
-    assert made.declarations["plate_radius_m"].value == 0.15
+    assert b"expected one of time, load" in output
+    column_map = read_map(tmp_path / "a.map.toml")
+    assert column_map.sensors[0].quantity == "velocity"
+    assert column_map.declarations["plate_radius_m"].value == 0.15

@@ -1,6 +1,5 @@
-"""No command writes a file into a survey, or in place of what is no file."""
+"""No command writes a file into a survey, or in the place of a pipe or a device."""
 
-import itertools
 import os
 import stat
 from collections.abc import Callable
@@ -49,24 +48,24 @@ COMMANDS = {
 """Commands that write one file, of any name."""
 
 
+def fill(command: tuple[str, ...], survey: Path, output: Path) -> list[str]:
+    """Return the words of a command with a survey, a trace file and its output."""
+    trace = write_trace(survey.with_name("trace.csv"))
+    places = {"{s}": str(survey), "{t}": str(trace), "{}": str(output)}
+    words = list(command)
+    for gap, text in places.items():
+        words = [word.replace(gap, text) for word in words]
+    return words
+
+
 def assert_refused(
-    command: tuple[str, ...],
-    target: Path,
-    survey: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    command: tuple[str, ...], output: Path, survey: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    trace = write_trace(tmp_path / "trace.csv")
     before = content(survey)
-    given = [
-        part.replace("{s}", str(survey)).replace("{t}", str(trace)).replace("{}", str(target))
-        for part in command
-    ]
-    assert main(given) == 2
-    output = capsys.readouterr()
-    assert f"inside the survey {survey.resolve()}" in output.err
-    assert "Name a place outside of it" in output.err
-    assert len(output.err.splitlines()) == 1
+    assert main(fill(command, survey, output)) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"inside the survey {survey.resolve()}" in line
+    assert "Name a place outside of it" in line
     assert content(survey) == before
 
 
@@ -83,21 +82,13 @@ FOLDER_COMMANDS = (
 """Commands that write a folder."""
 
 
-@pytest.mark.parametrize(
-    ("command", "name"),
-    [
-        *itertools.product(COMMANDS.values(), (JOURNAL, LEDGER, DROP, "new")),
-        *itertools.product(FOLDER_COMMANDS, ("captures", "new")),
-    ],
-)
-def test_no_place_in_a_survey_is_one_for_an_output(
-    command: tuple[str, ...],
-    name: str,
-    survey: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+@pytest.mark.parametrize("command", [*COMMANDS.values(), *FOLDER_COMMANDS])
+def test_no_output_goes_into_a_survey(
+    command: tuple[str, ...], survey: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert_refused(command, survey / name, survey, tmp_path, capsys)
+    files = ("captures", "new") if command in FOLDER_COMMANDS else (JOURNAL, LEDGER, DROP, "new")
+    for name in files:
+        assert_refused(command, survey / name, survey, capsys)
 
 
 @pytest.mark.parametrize(
@@ -114,32 +105,27 @@ def test_no_place_in_a_survey_is_one_for_an_output(
 def test_no_picture_or_report_goes_into_a_survey_though_a_link_leads_there(
     command: tuple[str, ...], survey: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert_refused(command, survey / "new", survey, tmp_path, capsys)
+    assert_refused(command, survey / "new", survey, capsys)
     link = tmp_path / f"link{command[-1].removeprefix('{}')}"
     link.symlink_to(survey / JOURNAL)
-    assert_refused((*command[:-1], str(link)), link, survey, tmp_path, capsys)
+    assert_refused((*command[:-1], str(link)), link, survey, capsys)
     assert link.is_symlink()
 
 
 @pytest.mark.posix
 @pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
-def test_a_named_pipe_is_not_replaced_and_not_waited_for(
+def test_a_named_pipe_is_not_replaced_and_not_awaited(
     command: tuple[str, ...], survey: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    trace = write_trace(tmp_path / "trace.csv")
-    given = [
-        part.replace("{s}", str(survey)).replace("{t}", str(trace)).replace("{}", str(pipe))
-        for part in command
-    ]
-    assert main(given) == 2
+    assert main(fill(command, survey, pipe)) == 2
     assert f"{pipe}: this is a named pipe and no file. Name another file" in capsys.readouterr().err
     assert stat.S_ISFIFO(pipe.stat().st_mode)
 
 
 @pytest.mark.posix
-def test_a_device_is_no_place_for_an_output(
+def test_a_device_is_refused_as_an_output(
     survey: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     link = tmp_path / "report.html"
@@ -152,8 +138,8 @@ def test_a_device_is_no_place_for_an_output(
 @pytest.mark.posix
 def test_a_map_still_goes_to_standard_output(tmp_path: Path) -> None:
     trace = write_trace(tmp_path / "trace.csv")
-    done = pfwd("map", trace, "--no-questions", "--force", "-o", "/dev/stdout")
-    assert "delimiter" in done.stdout, done.stderr
+    completed = pfwd("map", trace, "--no-questions", "--force", "-o", "/dev/stdout")
+    assert "delimiter" in completed.stdout, completed.stderr
 
 
 def test_a_survey_inside_another_is_still_continued(

@@ -2,7 +2,9 @@
 
 import argparse
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -32,11 +34,12 @@ PROBES = {
 
 
 @pytest.fixture(autouse=True)
-def _world(monkeypatch: pytest.MonkeyPatch) -> None:
+def _ports(monkeypatch: pytest.MonkeyPatch) -> None:
     def probes(urls: list[str], timeout: float | None = 0.0) -> list[Probe]:
-        silent = "silent" if timeout is not None else "not tested"
-        known = {} if timeout is None else PROBES
-        return [known.get(url, Probe(url, None, None, silent)) for url in urls]
+        is_tested = timeout is not None
+        reason = "silent" if is_tested else "not tested"
+        probes = PROBES if is_tested else {}
+        return [probes.get(url, Probe(url, None, None, reason)) for url in urls]
 
     monkeypatch.setattr("pfwd.ports.list_ports", lambda: PORTS)
     monkeypatch.setattr("pfwd.ports.port_advice", lambda _: [])
@@ -47,58 +50,55 @@ def run(*urls: str, json: bool = False, no_probe: bool = False) -> int:
     return ports.run(argparse.Namespace(urls=list(urls), json=json, no_probe=no_probe))
 
 
-def test_table(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_table_has_a_row_for_each_port(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run() == 0
     out = capsys.readouterr().out
     assert "\x1b" not in out
     first, second, third = out.splitlines()
     assert first.startswith("/dev/ttyUSB0  USB serial")
-    assert "[0403:6001 A5]" in first
-    assert "SN-7, firmware 1.2, 2 channels, plate radius 150 mm" in first
+    for part in ("[0403:6001 A5]", "SN-7, firmware 1.2, 2 channels, plate radius 150 mm"):
+        assert part in first
     assert "[1a86:7523]" in second
     assert second.endswith("sends lines")
     assert "ttyS0: in use" not in third
     assert first.index("PFWD") == second.index("sends") == third.index("in use")
+    monkeypatch.setattr("pfwd.ports.list_ports", list)
+    assert run() == 0
+    output = capsys.readouterr()
+    assert (output.out, "no serial ports" in output.err) == ("", True)
 
 
-def test_json(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(json=True) == 0
-    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+@pytest.fixture
+def records(capsys: pytest.CaptureFixture[str]) -> Callable[..., list[dict[str, Any]]]:
+    """Return the records of ``pfwd ports --json``."""
+
+    def run_json(*urls: str, no_probe: bool = False) -> list[dict[str, Any]]:
+        assert run(*urls, json=True, no_probe=no_probe) == 0
+        output = capsys.readouterr()
+        assert (output.err == "") == no_probe
+        return [json.loads(line) for line in output.out.splitlines()]
+
+    return run_json
+
+
+def test_json_has_a_record_for_each_port(records: Callable[..., list[dict[str, Any]]]) -> None:
+    lines = records()
     assert [line["url"] for line in lines] == [port.url for port in PORTS]
     assert [line["answers"] for line in lines] == ["pfwd", "ascii", None]
-    assert (lines[0]["vid"], lines[0]["pid"], lines[0]["port_serial_number"]) == (
-        0x0403, 0x6001, "A5",
-    )  # fmt: skip
+    usb = (lines[0]["vid"], lines[0]["pid"], lines[0]["port_serial_number"])
+    assert usb == (0x0403, 0x6001, "A5")
     assert lines[2]["vid"] is None
     identity = lines[0]["identity"]
     assert (identity["serial_number"], identity["plate_radius_m"]) == ("SN-7", 0.15)
     assert identity["channels"][1] == {"name": "g0", "role": "geophone", "offset_m": 0.3}
     assert "\x1b" not in identity["model"]
-    assert lines[1]["identity"] is None
-    assert lines[1]["reason"] == "sends lines"
-
-
-def test_without_asking(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(json=True, no_probe=True) == 0
-    captured = capsys.readouterr()
-    lines = [json.loads(line) for line in captured.out.splitlines()]
-    assert {line["reason"] for line in lines} == {"not tested"}
-    assert captured.err == ""
-
-
-def test_named_ports(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("tcp://host:1", "/dev/serial/by-id/x", json=True) == 0
-    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert (lines[1]["identity"], lines[1]["reason"]) == (None, "sends lines")
+    assert {line["reason"] for line in records(no_probe=True)} == {"not tested"}
+    lines = records("tcp://host:1", "/dev/serial/by-id/x")
     assert [line["url"] for line in lines] == ["tcp://host:1", "/dev/ttyUSB0"]
     assert [line["reason"] for line in lines] == ["silent", "answers as Model SN-7"]
-
-
-def test_no_ports(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr("pfwd.ports.list_ports", list)
-    assert run() == 0
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert "no serial ports" in captured.err
 
 
 @pytest.mark.posix

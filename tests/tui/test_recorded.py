@@ -1,6 +1,7 @@
-"""What ``pfwd log`` prints and keeps, replayed, inverted, edited, imported, checked; the demo."""
+"""Output and survey of ``pfwd log``, replayed, inverted, edited, imported, checked; the demo."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from tests.tui.console import (
     RATE,
     WITH_SHUNT,
     checked,
+    logged,
     numbers,
     pfwd,
     records,
@@ -29,120 +31,77 @@ INVERT_KEYS = {
 
 
 @pytest.fixture(scope="module")
-def captured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
-    """A survey of two drops with its capture, and what ``pfwd log`` printed."""
+def captured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[dict[str, Any]]]:
+    """A survey of two drops with its capture, and the lines of ``pfwd log``."""
     survey = tmp_path_factory.mktemp("captured") / "survey"
     with serve(PLAIN, drops=2, rate=RATE, seed=1) as instrument:
-        done = pfwd("log", instrument.url, "-o", survey, "--json", "--capture", "--point", "P 1")
-    assert done.returncode == 0, done.stderr
-    return survey, done
+        lines = logged(instrument, survey, "--capture", "--point", "P 1")
+    return survey, lines
 
 
-def test_json_lines_are_those_of_the_contract(captured: tuple[Path, Any]) -> None:
-    survey, done = captured
-    lines = records(done.stdout)
-    assert (
-        numbers(sorted(lines, key=lambda line: line["drop"])) == [("P 1", 1)] * 2 + [("P 1", 2)] * 2
-    )
+def test_json_lines_are_those_of_the_contract(captured: tuple[Path, list[dict[str, Any]]]) -> None:
+    survey, lines = captured
+    assert sorted(numbers(lines)) == [("P 1", 1)] * 2 + [("P 1", 2)] * 2
     for number in (1, 2):
         quick, full = [line for line in lines if line["drop"] == number]
         assert (quick["method"], full["method"]) == ("posterior", "mpga")
         for line in (quick, full):
             assert list(line)[:3] == ["point", "drop", "saved"]
-            assert line["saved"] is True
-            assert line["record"] == number
+            assert (line["saved"], line["record"], line["status"]) == (True, number, "measured")
             assert set(line) >= INVERT_KEYS
-            assert line["status"] == "measured"
             assert line["half_sine"].keys() == {"peak_pressure_pa", "duration_s", "rms_over_peak"}
             assert 2e7 < line["modulus_pa"] < 9e7
             assert line["file"].endswith(f"drop-{number:06d}.h5")
             assert Path(line["file"]).is_file()
-    assert "plate radius 0.15 m" in done.stderr
-    assert done.stderr.index("plate radius") < done.stderr.index("ready")
     assert pfwd("check", survey).stdout.endswith("complete\n")
 
 
-def test_a_replay_says_that_the_traces_are_the_same(captured: tuple[Path, Any]) -> None:
-    survey, done = captured
-    again = pfwd("replay", survey, "--json", "--no-invert")
-    lines = records(again.stdout)
-    assert numbers(lines) == [("P 1", 1), ("P 1", 2)]
-    assert all(line["identical"] is True and line["saved"] is True for line in lines)
-    assert again.returncode == 0
-    del done
-
-
-def test_a_capture_gives_the_same_drops_and_results(
-    captured: tuple[Path, Any], tmp_path: Path
+def test_a_survey_and_its_capture_are_replayed_and_inverted(
+    captured: tuple[Path, list[dict[str, Any]]], tmp_path: Path
 ) -> None:
-    from pfwd_device.recording import read_survey
-
-    survey, done = captured
+    survey, lines = captured
+    quick = {line["drop"]: line for line in lines if line["method"] == "posterior"}
+    replayed = records(pfwd("replay", survey, "--json", "--no-invert").stdout)
+    assert numbers(replayed) == [("P 1", 1), ("P 1", 2)]
+    assert all(line["identical"] is True and line["saved"] is True for line in replayed)
     (capture,) = (survey / "captures").glob("*.pfwdc")
-    again = pfwd("replay", capture, "--json", "-o", tmp_path / "copy")
-    assert again.returncode == 0, again.stderr
-    first = {(line["drop"], line["method"]): line for line in records(done.stdout)}
-    lines = records(again.stdout)
-    assert len(lines) == 4
-    for line in lines:
-        before = first[line["drop"], line["method"]]
-        assert line["modulus_pa"] == before["modulus_pa"]
-        assert line["bedrock_depth_m"] == before["bedrock_depth_m"]
-    kept = [drop.read() for drop in read_survey(survey).drops]
-    copied = [drop.read() for drop in read_survey(tmp_path / "copy").drops]
-    for one, other in zip(kept, copied, strict=True):
-        assert one.counts is not None
-        assert other.counts is not None
-        assert one.counts.tobytes() == other.counts.tobytes()
-        assert one.drop.load.tobytes() == other.drop.load.tobytes()
-        assert one.metadata["key"] == other.metadata["key"]
-    # Into the survey that it is from: nothing is recorded twice.
+    copy = pfwd("replay", capture, "--json", "--no-invert", "-o", tmp_path / "copy")
+    assert numbers(records(copy.stdout)) == [("1", 1), ("1", 2)], "a capture has no names"
     same = pfwd("replay", capture, "--json", "--no-invert", "-o", survey)
-    assert (same.returncode, same.stdout) == (0, "")
+    assert (same.returncode, same.stdout) == (0, ""), "no drop is recorded twice"
     assert same.stderr.count("not recorded twice") == 2
+    for source in (survey, survey / "drops" / "drop-000002.h5"):
+        for line in records(pfwd("invert", source, "--method", "posterior", "--json").stdout):
+            modulus = quick[line["drop"]]["modulus_pa"]
+            assert line["modulus_pa"] == pytest.approx(modulus, rel=1e-6)
 
 
-def test_invert_of_a_survey_and_of_its_file(captured: tuple[Path, Any]) -> None:
-    survey, done = captured
-    quick = {line["drop"]: line for line in records(done.stdout) if line["method"] == "posterior"}
-    found = pfwd("invert", survey, "--method", "posterior", "--json")
-    for line in records(found.stdout):
-        assert line["modulus_pa"] == pytest.approx(quick[line["drop"]]["modulus_pa"], rel=1e-6)
-    one = pfwd("invert", survey / "drops" / "drop-000002.h5", "--method", "posterior", "--json")
-    (line,) = records(one.stdout)
-    assert line["drop"] == 2
-    assert line["modulus_pa"] == pytest.approx(quick[2]["modulus_pa"], rel=1e-6)
-
-
-def test_edit_and_import(captured: tuple[Path, Any], tmp_path: Path) -> None:
-    survey, _ = captured
-    import shutil
-
-    copy = tmp_path / "copy"
-    shutil.copytree(survey, copy)
-    done = pfwd("edit", copy, "--drop", 2, "--discard", "wet", "--note", "a\x1b[2Jb")
-    assert done.returncode == 0, done.stderr
-    assert "drop 2: DISCARDED" in done.stdout
-    assert "\x1b" not in done.stdout
+def test_a_survey_is_edited_and_imported(
+    captured: tuple[Path, list[dict[str, Any]]], tmp_path: Path
+) -> None:
+    copy = shutil.copytree(captured[0], tmp_path / "copy")
+    edited = pfwd("edit", copy, "--drop", 2, "--discard", "wet", "--note", "a\x1b[2Jb")
+    assert edited.returncode == 0, edited.stderr
+    assert "drop 2: DISCARDED" in edited.stdout
+    assert "\x1b" not in edited.stdout
     options = ("--set", "bedrock_depth_m=inf", "--position", "48,11", "--target", 45, "--json")
     (point,) = records(pfwd("edit", copy, *options).stdout)
     assert (point["target_pa"], point["position"]) == (45e6, {"latitude": 48.0, "longitude": 11.0})
     assert point["declared"]["bedrock_depth_m"] is None  # infinite
     assert [drop["discarded"] for drop in point["drops"]] == [False, True]
-    moved = pfwd("import", copy, "-o", tmp_path / "other", "--json")
-    (line,) = records(moved.stdout)
+    (line,) = records(pfwd("import", copy, "-o", tmp_path / "merged", "--json").stdout)
     assert (line["point"], line["drop"], line["saved"], line["before"]) == ("P 1", 1, True, False)
 
 
-def test_the_demo_is_a_point_that_passes_and_names_what_comes_next(tmp_path: Path) -> None:
+def test_the_demo_is_a_point_that_passes_and_names_the_next_commands(tmp_path: Path) -> None:
     survey = tmp_path / "first survey"
-    done = pfwd("demo", "--rate", WITH_SHUNT, "-o", survey)
-    assert done.returncode == 0, done.stderr
+    demo = pfwd("demo", "--rate", WITH_SHUNT, "-o", survey)
+    assert demo.returncode == 0, demo.stderr
     # The fit of the last drop may end after the verdict, which does not need it.
-    (last,) = (line for line in done.stdout.splitlines() if line.startswith("point 1: E_vd "))
+    (last,) = (line for line in demo.stdout.splitlines() if line.startswith("point 1: E_vd "))
     assert "target 45 MPa  PASS: the whole 95 % interval reaches the target" in last
-    assert f"next: {next_commands(survey)[0]}" in done.stderr
-    assert f"next: {next_commands(survey)[1]}" in done.stderr
+    assert f"next: {next_commands(survey)[0]}" in demo.stderr
+    assert f"next: {next_commands(survey)[1]}" in demo.stderr
     job = json.loads(pfwd("job", survey, "--json").stdout)
     assert (job["procedure"], job["target"]) == ("tp-bf-stb-b8.3", 45e6)
     point = records(pfwd("replay", survey, "--json", "--no-invert").stdout)[-1]
@@ -150,7 +109,7 @@ def test_the_demo_is_a_point_that_passes_and_names_what_comes_next(tmp_path: Pat
     assert 55e6 < point["value"]["value"] < 65e6, "within what the method measures"
     assert point["value"]["interval"][0] > 45e6
     truth = (
-        done.stderr.split("simulated moduli, which the measurement did not use:")[1]
+        demo.stderr.split("simulated moduli, which the measurement did not use:")[1]
         .strip()
         .splitlines()
     )
@@ -160,15 +119,10 @@ def test_the_demo_is_a_point_that_passes_and_names_what_comes_next(tmp_path: Pat
     assert checked(survey)["ok"]
 
 
-def test_a_demo_of_another_scenario_or_of_few_drops_decides_nothing(tmp_path: Path) -> None:
-    options = ("--rate", WITH_SHUNT, "-o")
-    soft = pfwd("demo", "--scenario", "default", "--drops", 1, *options, tmp_path / "soft")
-    assert soft.returncode == 0, soft.stderr
-    job = json.loads(pfwd("job", tmp_path / "soft", "--json").stdout)
-    assert (job["procedure"], job["target"]) == (None, None)
-    few = pfwd("demo", "--drops", 2, *options, tmp_path / "few")
-    assert few.returncode == 0, few.stderr
-    assert "PASS" not in few.stdout
-    done = pfwd("report", tmp_path / "few", "-o", tmp_path / "r.html", "--json")
-    (point,) = records(done.stdout)
+def test_a_demo_of_too_few_drops_has_no_verdict(tmp_path: Path) -> None:
+    demo = pfwd("demo", "--drops", 2, "--rate", WITH_SHUNT, "-o", tmp_path / "s")
+    assert demo.returncode == 0, demo.stderr
+    assert "PASS" not in demo.stdout
+    report = pfwd("report", tmp_path / "s", "-o", tmp_path / "r.html", "--json")
+    (point,) = records(report.stdout)
     assert (point["verdict"], point["complete"], point["target"]) == ("undecided", False, 45e6)

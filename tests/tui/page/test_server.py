@@ -1,18 +1,12 @@
-"""The page for a browser against those that are not its reader."""
+"""The page for a browser against hostile clients."""
 
-import http.client
 import socket
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from pfwd.errors import SurveyError
-from pfwd_device import Drop
-from pfwd_device.recording import DropRecord, SurveyWriter
+from tests.tui.page.conftest import Browser, serving
 from tui.page.server import MAX_WRONG_CODES, MAX_WRONG_PER_CLIENT, SurveyServer
 from tui.screen.opened.rows import OpenedSurvey
 
@@ -20,55 +14,10 @@ CODE = "12345678"
 
 
 @pytest.fixture
-def survey(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("PFWD_CACHE", str(tmp_path / "cache"))
-    with SurveyWriter.open(tmp_path / "road", publish=False) as writer:
-        writer.save_drop(DropRecord("P", Drop(1, np.arange(4.0), np.zeros(4), ())))
-    return tmp_path / "road"
-
-
-@contextmanager
-def serving(survey: Path, host: str, lines: list[str]) -> Iterator[SurveyServer]:
-    with SurveyServer(OpenedSurvey(survey), host, 0, lines.append) as server:
-        thread = threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True)
-        thread.start()
-        yield server
-        server.shutdown()
-        thread.join()
-
-
-@pytest.fixture
-def lines() -> list[str]:
-    """What the owner is shown."""
-    return []
-
-
-@pytest.fixture
-def server(survey: Path, lines: list[str]) -> Iterator[SurveyServer]:
-    with serving(survey, "127.0.0.1", lines) as found:
-        yield found
-
-
-def sent(server: SurveyServer, request: bytes) -> bytes:
-    """The answer to bytes, whole."""
-    host, port = server.server_address[:2]
-    with socket.create_connection((str(host), port), timeout=20) as connection:
-        connection.sendall(request)
-        connection.shutdown(socket.SHUT_WR)
-        answer = b""
-        while part := connection.recv(65536):
-            answer += part
-    return answer
-
-
-def status_of(server: SurveyServer, path: str = "/", **headers: str) -> int:
-    host, port = server.server_address[:2]
-    connection = http.client.HTTPConnection(str(host), port, timeout=20)
-    try:
-        connection.request("GET", path, headers=headers)
-        return connection.getresponse().status
-    finally:
-        connection.close()
+def coded_server(browser: Browser) -> SurveyServer:
+    """A server that needs a code."""
+    browser.server.code, browser.server.needs_code = CODE, True
+    return browser.server
 
 
 @pytest.mark.parametrize(
@@ -87,126 +36,110 @@ def status_of(server: SurveyServer, path: str = "/", **headers: str) -> int:
         b"",
     ],
 )
-def test_a_malformed_request_prints_nothing(
-    request_line: bytes, server: SurveyServer, lines: list[str], capfd: pytest.CaptureFixture[str]
+def test_a_malformed_request_prints_no_line(
+    request_line: bytes, browser: Browser, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    answer = sent(server, request_line + b"\r\nHost: localhost\r\n\r\n")
-    # 404: Python shortens "//" at the begin of a path.
+    response = browser.send(request_line + b"\r\nHost: localhost\r\n\r\n")
+    # 404: Python shortens "//" at the beginning of a path.
     expected = b"HTTP/1.0 404 " if b"//[" in request_line[:7] else b"HTTP/1.0 400 "
-    assert answer.startswith(expected) if request_line else answer == b""
-    assert status_of(server) == 200, "it goes on"
+    assert response.startswith(expected) if request_line else response == b""
+    assert browser.status() == 200, "the server goes on"
     assert capfd.readouterr() == ("", "")
-    assert lines == []
+    assert browser.lines == []
 
 
 def test_an_error_in_a_request_is_one_line_for_the_owner(
-    server: SurveyServer,
-    lines: list[str],
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
+    browser: Browser, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     def fail() -> None:
         raise RuntimeError("a bug")
 
-    monkeypatch.setattr(server, "rows", fail)
-    assert sent(server, b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n") == b""
-    assert lines == ["request of 127.0.0.1: RuntimeError: a bug"]
+    monkeypatch.setattr(browser.server, "rows", fail)
+    assert browser.send(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n") == b""
+    assert browser.lines == ["request of 127.0.0.1: RuntimeError: a bug"]
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize(
-    ("host", "status"),
-    [
-        ("localhost", 200),
-        ("LOCALHOST:9000", 200),
-        ("127.0.0.1:8765", 200),
-        ("[::1]:8765", 200),
-        ("evil.example", 403),
-        ("evil.example:8765", 403),
-        ("127.0.0.1.evil.example", 403),
-        ("localhost@evil.example", 403),
-        ("192.168.1.7:8765", 403),
-        ("", 403),
-    ],
-)
-def test_on_this_computer_only_its_own_names_are_answered(
-    host: str, status: int, server: SurveyServer
-) -> None:
-    assert status_of(server, "/points.json", Host=host) == status
+def test_only_names_of_this_computer_are_accepted(browser: Browser) -> None:
+    for host in ("localhost", "LOCALHOST:9000", "127.0.0.1:8765", "[::1]:8765"):
+        assert browser.status("/points.json", Host=host) == 200, host
+    for host in (
+        "evil.example",
+        "evil.example:8765",
+        "127.0.0.1.evil.example",
+        "localhost@evil.example",
+        "192.168.1.7:8765",
+        "",
+    ):
+        assert browser.status("/points.json", Host=host) == 403, host
+    assert browser.send(b"GET /points.json HTTP/1.0\r\n\r\n").startswith(b"HTTP/1.0 403 ")
 
 
 @pytest.mark.parametrize("host", ["localhost:8765", "office:8765"])
-@pytest.mark.parametrize(
-    ("origin", "own"),
-    [("http://{}", True), ("http://evil.example", False), ("https://{}", False), ("null", False)],
-)
-def test_a_page_of_another_site_is_not_answered(
-    host: str, origin: str, own: bool, server: SurveyServer
+def test_a_page_of_another_site_is_refused(host: str, browser: Browser) -> None:
+    browser.server.only_this_computer = host.startswith("localhost")
+    for origin, status in (
+        (f"http://{host}", 200),
+        ("http://evil.example", 403),
+        (f"https://{host}", 403),
+        ("null", 403),
+    ):
+        assert browser.status("/points.json", Host=host, Origin=origin) == status, origin
+
+
+def test_a_client_that_guesses_is_locked_out_and_reported(
+    coded_server: SurveyServer, browser: Browser
 ) -> None:
-    server.only_this_computer = host.startswith("localhost")
-    sender = origin.replace("{}", host)
-    assert status_of(server, "/points.json", Host=host, Origin=sender) == (200 if own else 403)
-
-
-def test_without_a_host_nothing_is_shown(server: SurveyServer) -> None:
-    assert sent(server, b"GET /points.json HTTP/1.0\r\n\r\n").startswith(b"HTTP/1.0 403 ")
-
-
-def test_a_client_that_guesses_is_locked_out_alone_and_the_owner_is_told(
-    server: SurveyServer, lines: list[str]
-) -> None:
-    server.code, server.needs_code = CODE, True
     for _ in range(MAX_WRONG_PER_CLIENT - 1):
-        assert server.let_in("00000000", "10.0.0.5") is None
-    assert lines == []
+        assert coded_server.let_in("00000000", "10.0.0.5") is None
+    assert browser.lines == []
     for _ in range(3):
-        assert server.let_in("00000000", "10.0.0.5") is None
-    (line,) = lines
+        assert coded_server.let_in("00000000", "10.0.0.5") is None
+    (line,) = browser.lines
     assert "client 10.0.0.5: 10 wrong codes, it gets no more access" in line
-    assert "end with ctrl+c and start again" in line
-    assert server.let_in(CODE, "10.0.0.5") is None
-    assert server.let_in(CODE, "::ffff:10.0.0.5") is None, "the same client over IPv6"
-    assert server.let_in(CODE, "10.0.0.6") is not None
+    assert coded_server.let_in(CODE, "10.0.0.5") is None
+    assert coded_server.let_in(CODE, "::ffff:10.0.0.5") is None, "the same client over IPv6"
+    assert coded_server.let_in(CODE, "10.0.0.6") is not None
 
 
-def test_addresses_of_one_network_of_ipv6_are_one_client(server: SurveyServer) -> None:
-    server.code, server.needs_code = CODE, True
+def test_addresses_of_one_network_of_ipv6_are_one_client(coded_server: SurveyServer) -> None:
     for number in range(MAX_WRONG_PER_CLIENT):
-        assert server.let_in("00000000", f"2001:db8::{number}") is None
-    assert server.let_in(CODE, "2001:db8::ffff") is None
-    assert server.let_in(CODE, "2001:db8:0:1::1") is not None
+        assert coded_server.let_in("00000000", f"2001:db8::{number}") is None
+    assert coded_server.let_in(CODE, "2001:db8::ffff") is None
+    assert coded_server.let_in(CODE, "2001:db8:0:1::1") is not None
 
 
-def test_guesses_from_many_addresses_come_to_an_end(server: SurveyServer, lines: list[str]) -> None:
-    server.code, server.needs_code = CODE, True
+def test_guesses_from_many_addresses_are_limited(
+    coded_server: SurveyServer, browser: Browser
+) -> None:
     for number in range(MAX_WRONG_CODES):
-        assert server.let_in("00000000", f"10.0.{number % 250}.1") is None
-    assert server.let_in(CODE, "10.1.0.1") is None
-    assert "1000 wrong codes" in lines[-1]
-    assert "start again for a new code" in lines[-1]
+        assert coded_server.let_in("00000000", f"10.0.{number % 250}.1") is None
+    assert coded_server.let_in(CODE, "10.1.0.1") is None
+    assert "1000 wrong codes" in browser.lines[-1]
 
 
-def test_a_locked_browser_reads_why(server: SurveyServer) -> None:
-    server.code, server.needs_code = CODE, True
-    tries = [status_of(server, "/?code=00000000") for _ in range(MAX_WRONG_PER_CLIENT)]
+def test_a_locked_browser_has_a_separate_status(
+    coded_server: SurveyServer, browser: Browser
+) -> None:
+    assert coded_server.needs_code
+    tries = [browser.status("/?code=00000000") for _ in range(MAX_WRONG_PER_CLIENT)]
     assert tries == [403] * (MAX_WRONG_PER_CLIENT - 1) + [429]
-    assert status_of(server, f"/?code={CODE}") == 429
+    assert browser.status(f"/?code={CODE}") == 429
 
 
-def test_ipv6_of_this_computer_needs_no_code(survey: Path, lines: list[str]) -> None:
-    if not socket.has_ipv6:
-        pytest.skip("no IPv6 on this computer")
-    with serving(survey, "::1", lines) as server:
-        assert server.url.startswith("http://[::1]:")
-        assert not server.needs_code
-        assert status_of(server) == 200
+@pytest.mark.skipif(not socket.has_ipv6, reason="no IPv6 on this computer")
+def test_ipv6_of_this_computer_needs_no_code(survey: Path) -> None:
+    with serving(survey, "::1") as browser:
+        assert browser.server.url.startswith("http://[::1]:")
+        assert not browser.server.needs_code
+        assert browser.status() == 200
 
 
-def test_an_address_that_is_taken_is_one_line(survey: Path) -> None:
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        port = other.getsockname()[1]
+def test_an_address_in_use_is_one_line(survey: Path) -> None:
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        port = listener.getsockname()[1]
         with pytest.raises(SurveyError, match=rf"--serve 127\.0\.0\.1:{port}: .*Choose another"):
             SurveyServer(OpenedSurvey(survey), "127.0.0.1", port)
     with pytest.raises(SurveyError, match=r"--serve 203\.0\.113\.1:8765: .*an address of this"):

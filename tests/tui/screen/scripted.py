@@ -1,4 +1,4 @@
-"""Events with known contents, and sources that send none by themselves."""
+"""Events with stated contents, and sources without events."""
 
 import asyncio
 import dataclasses
@@ -31,9 +31,10 @@ from pfwd.session.live_view import apply_event
 from pfwd.session.plan import Ending, SessionPlan
 from pfwd_device.acquisition.items import Samples
 from pfwd_device.drop import Channel, Drop
-from pfwd_device.identity import ChannelIdentity, Identity
+from pfwd_device.identity import Identity
 from pfwd_device.wire.messages import Status
-from pfwd_plugins.quantities import Measurand
+from tests.pfwd import scripted_feed
+from tests.pfwd.scripted_feed import GEOPHONE, LOAD
 from tests.tui.results import result
 from tui.screen.app import PfwdApp
 from tui.screen.drawing.glyphs import BRAILLE, Glyphs
@@ -44,21 +45,13 @@ from tui.screen.settings import ScreenSettings
 
 NOON = datetime.datetime(2026, 5, 4, 12, 0, 7)
 SETUP = PointSetup(plate_radius=0.15, plate_mass=10.0, poisson_ratio=0.35, seating_drops=3)
-IDENTITY = Identity(
+IDENTITY = dataclasses.replace(
+    scripted_feed.IDENTITY,
     serial_number="T-1042",
-    model="Test",
-    firmware="1.0",
-    sampling_rate=10_000.0,
-    adc_bits=24,
-    adc_range=8.0,
     channels=(
-        ChannelIdentity(
-            "load", Measurand.LOAD, sensitivity=8.0 / 2**23, due=datetime.date(2027, 3, 2)
-        ),
-        ChannelIdentity("g0", Measurand.VELOCITY, natural_frequency=4.5, damping=0.6),
+        dataclasses.replace(LOAD, due=datetime.date(2027, 3, 2)),
+        dataclasses.replace(GEOPHONE, sensitivity=1.0),
     ),
-    plate_radius=0.15,
-    plate_mass=10.0,
 )
 
 
@@ -78,14 +71,11 @@ def status(lost: float = 0, battery: float | None = 7.4) -> InstrumentStatus:
     )
 
 
-def samples(
-    peak: float = 0.0, first: int = 0, *, shunt: bool = False, drop_load: float = 400.0
-) -> LiveSamples:
-    """0.1 s; the load of one sample in their middle has a peak of so many N."""
+def samples(first: int = 0, *, drop_load: float = 400.0) -> LiveSamples:
+    """Return samples of 0.1 s without load."""
     counts = np.zeros((1000, 2), np.int32)
-    counts[500, 0] = round(peak)  # a count is a newton
     utc = NOON.replace(tzinfo=datetime.UTC)
-    return LiveSamples(Samples(7, first, counts, shunt, 0.0, utc), IDENTITY, drop_load)
+    return LiveSamples(Samples(7, first, counts, False, 0.0, utc), IDENTITY, drop_load)
 
 
 def drop(number: int, peak: float = 9900.0) -> Drop:
@@ -171,7 +161,7 @@ def screen_drop(
 
 
 def report(state: SessionState, *events: Any) -> None:
-    """Have a state take events, each followed by the survey that a session would publish."""
+    """Apply events to a state, each followed by the survey that a session would publish."""
     for event in events:
         state.take(event)
         if (change := apply_event(state.view, event)) is not None:
@@ -179,7 +169,7 @@ def report(state: SessionState, *events: Any) -> None:
 
 
 class Session:
-    """Stands for a session: notes what it is asked."""
+    """Replaces a session and records the requests."""
 
     def __init__(self, point: str = "7") -> None:
         self.point = point
@@ -225,7 +215,7 @@ class Session:
 
 
 class QuietSource:
-    """A session that does nothing until it is stopped."""
+    """A session that sends no events until it is stopped."""
 
     pace = None
     writes = True
@@ -328,7 +318,7 @@ def play(app: Any, script: Script, size: tuple[int, int] = (120, 40)) -> Any:
 
 
 async def until(pilot: Any, holds: Callable[[], bool], seconds: float = 20.0) -> None:
-    """Wait for something; a test must say what it waits for."""
+    """Wait until a condition holds."""
     for _ in range(int(seconds / 0.01)):
         if holds():
             return
@@ -337,7 +327,7 @@ async def until(pilot: Any, holds: Callable[[], bool], seconds: float = 20.0) ->
 
 
 async def deliver(app: App, pilot: Any, *events: Any) -> None:
-    """Have events taken and drawn."""
+    """Apply events and draw the page."""
     for event in events:
         app.runner.report(event)
     app._tick()  # as its clock does, twelve times a second

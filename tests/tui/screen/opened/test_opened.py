@@ -422,9 +422,9 @@ def test_screen_and_diagnose_print_the_same_modulus_and_unexplained_part(
     assert modulus is not None
     fault = dataclasses.replace(modulus, not_supported=text_notice("the plate was lifted"))
     unsupported = dataclasses.replace(result, point_modulus=fault)
-    printed = point_cells("0+000", unsupported)
+    cells = point_cells("0+000", unsupported)
     page_row = result_row(unsupported, "0+000", SI, chosen=False).texts
-    assert (page_row[3], page_row[4]) == (printed.modulus, printed.use) == ("none", "do not use")
+    assert (page_row[3], page_row[4]) == (cells.modulus, cells.use) == ("none", "do not use")
     sentence = diagnosis_sentence(result, SI)
     assert "81 MPa (72 to 112), use with care; 1.4 % of the peak unexplained" in sentence
     assert "1.4 % of the peak unexplained" in diagnosis_sentence(result)
