@@ -1,4 +1,4 @@
-"""What several of the mirrored folders need."""
+"""Settings and fixtures of several folders of tests."""
 
 import os
 
@@ -20,15 +20,14 @@ from tests.drops import half_sine_drop
 
 TOP = Path(__file__).resolve().parents[1]
 
-# A change is judged by the same examples twice; new ones are looked for on purpose. How long one
-# example takes says how busy the computer is.
+# Everyday runs repeat the same examples. The duration of an example depends on other programs.
 settings.register_profile("everyday", derandomize=True, deadline=None)
 settings.register_profile("explore", derandomize=False, deadline=None, print_blob=True)
 settings.load_profile("everyday")
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _messages_have_no_text_of_their_own() -> Iterator[None]:
+def _messages_cannot_be_formatted_as_texts() -> Iterator[None]:
     """Only `text_of` makes sentences: a message that is formatted as a text is an error."""
 
     def refuse(message: Notice) -> str:
@@ -40,8 +39,8 @@ def _messages_have_no_text_of_their_own() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _own_spare_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """No test writes to the place where the drops of whoever runs it would go."""
+def _separate_spare_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Direct fallback records away from the data folder of the user."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PFWD_SPARE", str(tmp_path_factory.mktemp("spare")))
         yield
@@ -49,11 +48,10 @@ def _own_spare_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Tests marked `posix` rest on what Windows does not have.
+    """Skip tests marked `posix` on Windows.
 
-    What they are about is tested there by others of the same files: the driver and the probes over
-    TCP, errors of Windows' ports word for word, disks that are full or fail on a disk that is
-    played, ends of programs by killing them.
+    Other tests of the same files show the same there: driver and probes over TCP, the errors of
+    Windows' ports, full disks on a simulated disk, and killed programs.
     """
     if os.name == "nt" and item.get_closest_marker("posix") is not None:
         pytest.skip("Windows has no pseudo-terminals, limits of files or signals to a process")
@@ -70,5 +68,5 @@ def shared() -> Path:
 
 @pytest.fixture(scope="session")
 def make_drop() -> Callable[..., Drop]:
-    """Makes drops with a half-sine load and a displacement that follows it."""
+    """Function that makes drops with a half-sine load and a displacement in proportion."""
     return half_sine_drop

@@ -1,4 +1,4 @@
-"""Runs the Python examples of a page in an empty folder, and compares what they print with it."""
+"""Python examples of a page: their output in an empty folder, and comparison with the page."""
 
 import json
 import re
@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 TOLERANCE = 0.01
-"""Of a number on the page; other platforms give other last digits."""
+"""Relative tolerance of a number on the page; last digits depend on the platform."""
 
 _BLOCKS = re.compile(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", re.S)
 _NUMBER = re.compile(r"-?\d+\.?\d*(?:e[+-]?\d+)?")
@@ -28,21 +28,21 @@ print(json.dumps(printed))
 
 @dataclass(frozen=True)
 class Example:
-    """A block of Python, and the block of text after it."""
+    """Block of Python, and the block of text below it."""
 
     code: str
-    shown: str | None
+    expected: str | None
 
 
 def examples_of(page: Path) -> list[Example]:
-    """The examples of a page of Markdown, in their order."""
-    found = _BLOCKS.findall(page.read_text(encoding="utf-8"))
-    return [Example(code, shown or None) for code, shown in found]
+    """Return the examples of a page of Markdown, in order."""
+    blocks = _BLOCKS.findall(page.read_text(encoding="utf-8"))
+    return [Example(code, expected or None) for code, expected in blocks]
 
 
 def run_examples(examples: list[Example], folder: Path) -> list[str]:
-    """What each prints, run one after the other by a fresh Python in a folder."""
-    done = subprocess.run(
+    """Run examples in order with a new Python in a folder, and return their outputs."""
+    run = subprocess.run(
         [sys.executable, "-X", "utf8", "-c", _RUNNER],
         input=json.dumps([example.code for example in examples]),
         cwd=folder,
@@ -50,14 +50,14 @@ def run_examples(examples: list[Example], folder: Path) -> list[str]:
         encoding="utf-8",
         timeout=300,
     )
-    assert done.returncode == 0, done.stderr
-    printed: list[str] = json.loads(done.stdout)
+    assert run.returncode == 0, run.stderr
+    printed: list[str] = json.loads(run.stdout)
     return printed
 
 
-def check_text(printed: str, shown: str) -> None:
-    """The same words, and the same numbers up to their last digits."""
-    assert _NUMBER.sub("#", printed).split() == _NUMBER.sub("#", shown).split()
-    found = [float(text) for text in _NUMBER.findall(printed)]
-    expected = [float(text) for text in _NUMBER.findall(shown)]
-    assert found == pytest.approx(expected, rel=TOLERANCE)
+def check_text(printed: str, expected: str) -> None:
+    """Compare words exactly, and numbers up to their last digits."""
+    assert _NUMBER.sub("#", printed).split() == _NUMBER.sub("#", expected).split()
+    numbers = [float(text) for text in _NUMBER.findall(printed)]
+    expected_numbers = [float(text) for text in _NUMBER.findall(expected)]
+    assert numbers == pytest.approx(expected_numbers, rel=TOLERANCE)

@@ -1,4 +1,4 @@
-"""What h5py shows of a file, read independently of the project's own reader."""
+"""Content of an HDF5 file as h5py shows it, independent of the reader of the project."""
 
 import io
 from typing import Any
@@ -8,7 +8,7 @@ import numpy as np
 
 
 def visible(data: bytes) -> list[Any]:
-    """Links, types, shapes, values and attributes of every object, as plain values."""
+    """Return links, types, shapes, values and attributes of all objects as plain values."""
     with h5py.File(io.BytesIO(data), "r") as file:
         return list(_of_group("", file))
 

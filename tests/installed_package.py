@@ -1,4 +1,4 @@
-"""Writes a package into a folder as an installer does: its modules and its metadata."""
+"""Installation of a package into a folder: its modules and metadata."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +11,7 @@ def install(
     name: str = "toy",
     version: str = "0.1",
 ) -> None:
-    """Put modules (source by name of the file) and entry points (as in entry_points.txt) there."""
+    """Write modules (source by file name) and entry points (as in entry_points.txt)."""
     for file, source in modules.items():
         target = folder / file
         target.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Runs a command in a process of its own and says how long it took and how much memory."""
+"""Time and memory of a command in a separate process."""
 
 import json
 import subprocess
@@ -13,31 +13,31 @@ try:
         json.loads(sys.argv[1]), capture_output=True, text=True, timeout=float(sys.argv[2]),
         stdin=subprocess.DEVNULL,
     )
-    code, said = run.returncode, run.stdout + run.stderr
+    code, text = run.returncode, run.stdout + run.stderr
 except subprocess.TimeoutExpired:
-    code, said = None, "no end"
-if len(said) > 20000:
-    said = said[-20000:].partition("\\n")[2]  # whole lines
+    code, text = None, "no end"
+if len(text) > 20000:
+    text = text[-20000:].partition("\\n")[2]  # whole lines
 usage = resource.getrusage(resource.RUSAGE_CHILDREN)
 scale = 1 if sys.platform == "darwin" else 1024
-print(json.dumps([code, said, time.monotonic() - start, usage.ru_maxrss * scale,
+print(json.dumps([code, text, time.monotonic() - start, usage.ru_maxrss * scale,
                   usage.ru_utime + usage.ru_stime]))
 """
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What came of a command."""
+    """Result of a command."""
 
     code: int | None
-    """None: it was ended because it took too long."""
-    said: str
-    """On standard output and standard error."""
+    """Exit status; None: it was ended because it took too long."""
+    text: str
+    """Standard output and standard error."""
     seconds: float
     memory: int
-    """Bytes, the most at any time, of the largest process."""
+    """Peak memory of the largest process, bytes."""
     processor: float
-    """s, of all processes."""
+    """Processor time of all processes, s."""
 
 
 def measured_run(command: list[str], timeout: float) -> Measured:

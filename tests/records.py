@@ -1,4 +1,4 @@
-"""Values that a test expects to be there, and records of which it states some values."""
+"""Values that a test expects, and records of which it states some values."""
 
 import dataclasses
 import math

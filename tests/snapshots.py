@@ -1,4 +1,4 @@
-"""Texts that tests compare with files, which ``PFWD_NEW_SNAPSHOTS=1`` writes."""
+"""Comparison of texts with files, which ``PFWD_NEW_SNAPSHOTS=1`` writes."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The beginning of the one-folder program, without building it: `python3 dev.py app` does that."""
+"""Entry of the one-folder program, which `python3 dev.py app` builds."""
 
 import subprocess
 import sys
@@ -14,14 +14,14 @@ def entry(*arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_it_is_the_command() -> None:
-    done = entry("--version")
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("pfwd ")
+def test_the_entry_is_the_command() -> None:
+    run = entry("--version")
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.startswith("pfwd ")
     assert entry("no-such-command").returncode == 2
 
 
-def test_it_runs_a_module_as_python_does() -> None:
-    done = entry("-m", "json.tool", "--help")
-    assert done.returncode == 0, done.stderr
-    assert "json" in done.stdout
+def test_the_entry_runs_a_module() -> None:
+    run = entry("-m", "json.tool", "--help")
+    assert run.returncode == 0, run.stderr
+    assert "json" in run.stdout

@@ -74,7 +74,7 @@ def test_every_package_is_checked() -> None:
     assert set(tools["importlinter"]["root_packages"]) == set(PACKAGES)
 
 
-def test_only_this_distribution_has_packages_of_these_names() -> None:
+def test_package_names_belong_to_this_distribution() -> None:
     # Others could use names like tui or inversion, and the later installation would win.
     owners = packages_distributions()
     for package in PACKAGES:
@@ -147,7 +147,7 @@ _MUTABLE = {
 }
 
 
-def test_only_these_dataclasses_can_be_changed() -> None:
+def test_mutable_dataclasses_are_listed() -> None:
     assert {name for name in _dataclasses(frozen=False) if name[0] != "_"} == _MUTABLE
     assert len(set(_dataclasses(frozen=True))) > 100
 

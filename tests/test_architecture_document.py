@@ -13,7 +13,7 @@ PACKAGES = ("pfwd_plugins", "pfwd_device", "inversion", "pfwd", "tui", "simulato
 NAMES = sorted(set(re.findall(rf"`((?:{'|'.join(PACKAGES)})\.[\w.]+)`", TEXT)))
 
 
-def look_up(name: str) -> object:
+def resolve(name: str) -> object:
     """Return the module, or the object in it."""
     parts = name.split(".")
     for count in range(len(parts), 0, -1):
@@ -35,7 +35,7 @@ def test_the_document_names_functions() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_name_of_the_document_exists(name: str) -> None:
-    look_up(name)
+    resolve(name)
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ def test_a_name_of_the_document_exists(name: str) -> None:
 )
 def test_a_name_that_does_not_exist_is_noticed(name: str) -> None:
     with pytest.raises(AttributeError):
-        look_up(name)
+        resolve(name)
 
 
 def test_the_picture_has_names_of_the_document() -> None:

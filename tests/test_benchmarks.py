@@ -1,4 +1,4 @@
-"""The benchmarks run and report what they promise; their figures are in docs/validation.md."""
+"""Records of the benchmarks; their figures are in docs/validation.md."""
 
 import json
 import math
@@ -10,7 +10,7 @@ import pytest
 from benchmarks import coverage, layers, validation
 from benchmarks.__main__ import main
 
-# A surrogate is built where none is at hand, and every drop takes seconds.
+# A missing surrogate is built, and every drop takes seconds.
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 
@@ -21,7 +21,7 @@ def lines(capsys: pytest.CaptureFixture[str]) -> list[dict[str, object]]:
 def test_coverage_reports_groups_and_the_models_error(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # The drop with depth declared, of little cost; the status tells of the target, not of health.
+    # The status depends on the target, which a single drop cannot show.
     monkeypatch.setattr(coverage, "draw_case", lambda number, seed: CHEAP)
     assert coverage.run(["--cases", "1", "--jobs", "1", "--json"]) in (0, 1)
     records = lines(capsys)
@@ -48,7 +48,7 @@ CHEAP = coverage.CoverageCase(
 )
 
 
-def test_drawn_cases_stay_in_the_range_and_are_drawn_again() -> None:
+def test_drawn_cases_are_in_the_range_and_reproducible() -> None:
     cases = [coverage.draw_case(number) for number in range(300)]
     assert cases[7] == coverage.draw_case(7)
     for case in cases:
@@ -59,7 +59,7 @@ def test_drawn_cases_stay_in_the_range_and_are_drawn_again() -> None:
     assert 10 < sum(case.depth == math.inf for case in cases) < 60
 
 
-def test_a_trace_holds_what_is_declared_and_not_the_truth() -> None:
+def test_a_trace_has_declared_values_and_no_true_density() -> None:
     drop = coverage.simulate(CHEAP)
     record = coverage.recorded(CHEAP, drop)
     assert record.bedrock_depth == CHEAP.depth
@@ -76,19 +76,19 @@ def test_validation_reports_methods_and_rungs(capsys: pytest.CaptureFixture[str]
     assert [r["rung"] for r in records if "rung" in r] == list(validation.LADDER)
 
 
-def test_validation_goes_without_the_studys_tables(tmp_path: Path) -> None:
+def test_validation_runs_without_the_tables_of_the_study(tmp_path: Path) -> None:
     assert validation.printed_errors(tmp_path) == {}
 
 
 @pytest.mark.parametrize("part", ["coverage", "calibration", "validation", "layers"])
-def test_wrong_usage_is_status_2(part: str) -> None:
+def test_invalid_options_have_status_2(part: str) -> None:
     assert main([part, "--cases", "many"]) == 2
 
 
 def test_layers_are_inverted_from_finite_elements(capsys: pytest.CaptureFixture[str]) -> None:
     assert layers.run(["--cases", "2", "--json"]) == 0
     records = {str(r.get("what")): r for r in lines(capsys)}
-    for what in ("subgrade", "top"):
-        assert float(str(records[what]["worst"])) < 10.0
-        assert records[what]["interval_holds"] == 100.0
+    for quantity in ("subgrade", "top"):
+        assert float(str(records[quantity]["worst"])) < 10.0
+        assert records[quantity]["interval_holds"] == 100.0
     assert records["subgrade"]["cases"] == 2

@@ -1,4 +1,4 @@
-"""The scripts in the folder examples read what the program writes."""
+"""The scripts in the folder examples read files of the program."""
 
 import runpy
 import subprocess
@@ -34,7 +34,7 @@ def survey(tmp_path: Path, make_drop: Callable[..., Drop]) -> Path:
 
 def records_of(folder: Path, kind: int) -> list[tuple[dict[str, Any], dict[str, Any]]]:
     records = READER["read_records"](folder).values()
-    return [(data, arrays) for found, data, arrays in records if found == kind]
+    return [(data, arrays) for record_kind, data, arrays in records if record_kind == kind]
 
 
 def test_a_journal_is_read_without_the_program(survey: Path) -> None:
@@ -55,7 +55,7 @@ def test_a_journal_is_read_without_the_program(survey: Path) -> None:
     assert (edit["what"], edit["value"], edit["number"]) == ("discard", "wet", 3)
 
 
-def test_a_damaged_record_costs_only_itself(survey: Path) -> None:
+def test_a_damaged_record_does_not_affect_others(survey: Path) -> None:
     (segment,) = (survey / "journal").glob("*.pfwdj")
     content = bytearray(segment.read_bytes())
     begin = content.index(b'"drop":2')
@@ -64,13 +64,13 @@ def test_a_damaged_record_costs_only_itself(survey: Path) -> None:
     assert [data["drop"] for data, _ in records_of(survey, DROP)] == [1, 3]
 
 
-def test_the_script_prints_the_peaks_and_needs_numpy_alone(survey: Path) -> None:
+def test_the_script_prints_the_peaks_with_numpy_only(survey: Path) -> None:
     code = (
         "import runpy, sys; sys.argv = sys.argv[1:]; runpy.run_path(sys.argv[0], "
         "run_name='__main__'); assert not {'pfwd', 'pfwd_device', 'h5py'} & set(sys.modules)"
     )
     command = [sys.executable, "-c", code, str(SCRIPT), str(survey)]
-    done = subprocess.run(command, capture_output=True, encoding="utf-8", check=True)
-    lines = done.stdout.splitlines()
+    run = subprocess.run(command, capture_output=True, encoding="utf-8", check=True)
+    lines = run.stdout.splitlines()
     assert lines[0] == "point km 1, drop 1: peak load 7.10 kN"
     assert len(lines) == 3

@@ -157,7 +157,7 @@ def test_the_files_that_the_document_names_exist() -> None:
         assert (TOP / name).exists(), name
 
 
-def test_the_arguments_of_a_stage_are_those_of_the_table() -> None:
+def test_the_arguments_of_a_stage_agree_with_the_table() -> None:
     rows = dict(re.findall(r"^\| `(\w+)` \| `([\w, ]+)` \|", TEXT, re.M))
     stages = {"ground", "compliance", "nonlinear_stiffness", "motion", "record"}
     assert rows.keys() == stages
@@ -169,7 +169,7 @@ def test_the_arguments_of_a_stage_are_those_of_the_table() -> None:
     assert set(re.findall(r"`([a-z_]+)`", named)) - {"drop", "record"} <= fields
 
 
-def test_the_fields_of_a_block_are_those_of_the_table() -> None:
+def test_the_fields_of_a_block_agree_with_the_table() -> None:
     (row,) = re.findall(r"^\| `SampleBlock` \| (.*) \|$", TEXT, re.M)
     fields = [field.name for field in dataclasses.fields(SampleBlock)]
     assert re.findall(r"`(\w+)`", row) == fields[:4]
@@ -309,7 +309,7 @@ print(texts[0])
 """
 
 
-def test_a_page_is_shown_by_its_key(results: dict[str, list[Any]]) -> None:
+def test_a_key_opens_its_page(results: dict[str, list[Any]]) -> None:
     assert "Last messages" in output_of(results["page"])
 
 
@@ -318,7 +318,7 @@ def test_a_package_in_the_current_folder_is_not_loaded(folder: Path, tmp_path: P
     script = tmp_path / "script.py"
     script.write_text(COMMAND)
     for entry in ("", ".", str(tmp_path / "received")):
-        done = subprocess.run(
+        run = subprocess.run(
             [sys.executable, script, "export", "x", "--format", "peaks", "-o", "y"],
             cwd=tmp_path / "received",
             env=environment(TOP, entry),
@@ -326,8 +326,8 @@ def test_a_package_in_the_current_folder_is_not_loaded(folder: Path, tmp_path: P
             text=True,
             timeout=PATIENCE_S,
         )
-        assert done.returncode == 2
-        assert "gpx, pddx, got 'peaks'" in done.stderr
+        assert run.returncode == 2
+        assert "gpx, pddx, got 'peaks'" in run.stderr
 
 
 def test_a_package_that_cannot_be_loaded_is_reported_in_a_line(
@@ -336,7 +336,7 @@ def test_a_package_that_cannot_be_loaded_is_reported_in_a_line(
     broken = folder / "broken"
     points = "[pfwd.effects]\nno_such = no_such_module:X\n[pfwd.import_formats]\nbad = no_such:X\n"
     install(broken, {}, points, "broken-toy", "2.0")
-    done = subprocess.run(
+    run = subprocess.run(
         [sys.executable, "-P", "-c", COMMAND, "import", "point.toy", "-o", "site-8"],
         cwd=folder,
         env=environment(broken, folder / "site", TOP),
@@ -344,6 +344,6 @@ def test_a_package_that_cannot_be_loaded_is_reported_in_a_line(
         text=True,
         timeout=PATIENCE_S,
     )
-    assert done.returncode == 0
-    (line,) = done.stderr.splitlines()
+    assert run.returncode == 0
+    (line,) = run.stderr.splitlines()
     assert line.startswith("pfwd: plug-in bad of broken-toy 2.0 (pfwd.import_formats)")

@@ -1,4 +1,4 @@
-"""Container and installer name what the wheel and the program folder consist of."""
+"""Container and installer contain the wheel and the program folder."""
 
 import re
 import tomllib
@@ -9,7 +9,7 @@ INSTALLERS = TOP / "installers"
 PROJECT = tomllib.loads((TOP / "pyproject.toml").read_text(encoding="utf-8"))
 
 
-def test_the_container_is_built_from_everything_that_the_wheel_holds() -> None:
+def test_the_container_is_built_from_the_content_of_the_wheel() -> None:
     text = (INSTALLERS / "Dockerfile").read_text(encoding="utf-8")
     copied = {
         name for line in re.findall(r"^COPY (?!--)(.*)$", text, re.M) for name in line.split()[:-1]
@@ -21,7 +21,7 @@ def test_the_container_is_built_from_everything_that_the_wheel_holds() -> None:
     assert all((TOP / name).exists() for name in copied)
 
 
-def test_the_container_has_the_least_python_that_is_supported() -> None:
+def test_the_container_has_the_oldest_supported_python() -> None:
     text = (INSTALLERS / "Dockerfile").read_text(encoding="utf-8")
     versions = set(re.findall(r"^FROM python:([\d.]+)-slim", text, re.M))
     assert versions == {PROJECT["project"]["requires-python"].removeprefix(">=")}

@@ -74,7 +74,7 @@ def test_docstrings_begin_with_a_subject_or_a_verb(package: str) -> None:
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_a_constant_has_one_meaning_in_a_package(package: str) -> None:
+def test_a_constant_has_a_single_meaning_in_a_package(package: str) -> None:
     values: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
     for file, tree in parse_package(package).items():
         for node in tree.body:

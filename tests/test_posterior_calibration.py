@@ -51,7 +51,7 @@ def test_the_file_of_ranks_has_version_and_hash(
     assert {line["quantity"] for line in printed} >= {"log modulus", "equivalent modulus"}
 
 
-def test_the_published_ranks_are_those_of_the_table() -> None:
+def test_the_published_table_agrees_with_the_stored_ranks() -> None:
     docs = Path(__file__).parents[1] / "docs"
     stored = json.loads((docs / "validation" / "calibration.json").read_text(encoding="utf-8"))
     text = json.dumps(stored["ranks"], separators=(",", ":"))

@@ -19,7 +19,7 @@ SIMULATED_MPA = 80.0
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_the_examples_of_a_page_print_what_it_shows(name: str, tmp_path: Path) -> None:
+def test_the_examples_of_a_page_print_its_text(name: str, tmp_path: Path) -> None:
     page = TOP / name
     examples = examples_of(page)
     printed = run_examples(examples, tmp_path)
@@ -28,8 +28,8 @@ def test_the_examples_of_a_page_print_what_it_shows(name: str, tmp_path: Path) -
         _write(page, printed)
         return
     for example, text in zip(examples, printed, strict=True):
-        assert example.shown is not None
-        check_text(text, example.shown)
+        assert example.expected is not None
+        check_text(text, example.expected)
     if name == "README.md":
         match = re.search(r"^E = ([\d.]+) MPa, ([\d.]+) to ([\d.]+) MPa", printed[0], re.M)
         assert match is not None

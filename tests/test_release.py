@@ -95,14 +95,14 @@ def test_the_last_step_of_a_release_stops_without_the_installer(project: Any, re
         release.main(["--finish"])
 
 
-def test_manifests_hold_the_fields_and_the_checksums(project: Any, release: Any) -> None:
+def test_manifests_contain_the_fields_and_checksums(project: Any, release: Any) -> None:
     project.installer.write_bytes(b"installer")
     assert release.main(["--finish"]) == 0
     version = project.project["version"]
     folder = f"https://repository.example/pfwd/releases/download/v{version}"
     files = [f"Example.PFWD{end}.yaml" for end in ("", ".installer", ".locale.en-US")]
-    whole, installer, locale = (manifest(project.files / file) for file in files)
-    for part in (whole, installer, locale):
+    version_part, installer, locale = (manifest(project.files / file) for file in files)
+    for part in (version_part, installer, locale):
         assert (part["PackageIdentifier"], part["PackageVersion"]) == ("Example.PFWD", version)
     (entry,) = installer["Installers"]
     assert entry["InstallerUrl"] == f"{folder}/{project.installer.name}"
@@ -128,7 +128,7 @@ def test_a_missing_field_has_its_name_in_the_manifest(project: Any, release: Any
     assert entry["InstallerSha256"] == f"<{project.installer.name}>"
 
 
-def test_the_checksums_are_those_of_all_files(project: Any) -> None:
+def test_every_file_has_a_checksum(project: Any) -> None:
     (project.files / "note.txt").write_bytes(b"note")
     for _ in range(2):  # the list itself is not in it
         project.write_checksums()
@@ -139,7 +139,7 @@ def test_the_checksums_are_those_of_all_files(project: Any) -> None:
     ]
 
 
-def test_the_manifest_names_what_the_installer_registers(project: Any) -> None:
+def test_manifest_and_installer_have_equal_names(project: Any) -> None:
     script = (TOP / "installers" / "windows.iss").read_text(encoding="utf-8")
     project.fill_manifests()
     code = manifest(project.files / "Example.PFWD.installer.yaml")["ProductCode"]

@@ -80,12 +80,12 @@ def test_a_broken_promise_is_a_fault(outcome: Outcome, faults: tuple[str, ...]) 
     assert judge(outcome).faults == faults
 
 
-NOT_HERE = {"second logger", *replaced_files.NEED_MOUNT}
+UNTESTED = {"second logger", *replaced_files.NEED_MOUNT}
 """Replacements that need a disk or an instrument."""
 
 
 @pytest.mark.posix
-@pytest.mark.parametrize("name", sorted(set(replaced_files.REPLACEMENTS) - NOT_HERE))
+@pytest.mark.parametrize("name", sorted(set(replaced_files.REPLACEMENTS) - UNTESTED))
 def test_a_replacement_changes_the_survey(name: str, tmp_path: Path) -> None:
     survey = tmp_path / "work" / "survey"
     for path in ("journal/0001.pfwdj", "acknowledged.txt", "survey.lock", "drops/1.h5", "log/a"):

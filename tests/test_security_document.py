@@ -1,4 +1,4 @@
-"""What docs/security.md says was tried is there to be tried again."""
+"""Tests and modules that docs/security.md names exist."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What the site is made from: every page has a place in it, every link leads somewhere.
+"""Sources of the site: every page is in the navigation, every link leads to a file.
 
 The site itself is built strictly by ``python3 dev.py docs``.
 """
@@ -16,23 +16,23 @@ PAGES = sorted([*DOCS.rglob("*.md"), *TOP.glob("*.md")])
 
 def test_every_page_has_a_place_in_the_navigation() -> None:
     named = set(re.findall(r"^ +- (?:[^:\n]+: )?([\w./-]+\.md)$", SETTINGS, re.M))
-    there = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
-    there |= {
+    present = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
+    present |= {
         path.relative_to(DOCS).with_suffix(".md").as_posix() for path in DOCS.rglob("*.ipynb")
     }
-    assert named == there | {"index.md", "CONTRIBUTING.md", "CHANGELOG.md"}
+    assert named == present | {"index.md", "CONTRIBUTING.md", "CHANGELOG.md"}
 
 
-def test_nothing_comes_from_outside() -> None:
+def test_the_site_loads_no_external_files() -> None:
     assert "font: false" in SETTINGS
     assert "https://" not in SETTINGS
-    # A strict build fails where something that a page loads cannot become a file of the site.
+    # A strict build fails if a file that a page loads cannot be stored in the site.
     assert "- privacy" in SETTINGS
     assert "strict: true" in SETTINGS
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
-def test_every_link_to_a_file_leads_somewhere(page: Path) -> None:
+def test_every_link_to_a_file_is_valid(page: Path) -> None:
     text = re.sub(r"```.*?```|`[^`]*`", "", page.read_text(encoding="utf-8"), flags=re.S)
     targets = re.findall(r"\]\(([^)\s#]+)(?:#[^)]*)?\)", text)
     missing = [

@@ -1,7 +1,7 @@
-"""The tutorials run as a reader would run them, and give what is stored in them.
+"""The tutorials run with the stored results.
 
-After a change that is meant run the tests with ``PFWD_NEW_TUTORIALS=1``: what they give is then
-stored. Look at the difference in git.
+After an intended change run the tests with ``PFWD_NEW_TUTORIALS=1``, which stores the results.
+Read the difference in git.
 """
 
 import os
@@ -16,9 +16,9 @@ from tests.documented import check_text
 
 TOP = Path(__file__).resolve().parents[1]
 TUTORIALS = sorted((TOP / "docs" / "tutorials").glob("*.ipynb"))
-LARGEST = 200_000
-"""Bytes of a tutorial with its pictures."""
-# Small pictures, and no settings of whoever runs the tests.
+MAX_BYTES = 200_000
+"""Size of a tutorial with its pictures."""
+# Small pictures, without the settings of the user.
 ENVIRONMENT = {
     "PYTHONPATH": str(TOP),
     "MPLBACKEND": "module://matplotlib_inline.backend_inline",
@@ -26,7 +26,7 @@ ENVIRONMENT = {
 }
 
 
-def test_there_are_three() -> None:
+def test_all_tutorials_are_run() -> None:
     assert [path.stem for path in TUTORIALS] == [
         "a-survey-as-tables-and-plots",
         "arrays-to-a-modulus",
@@ -34,10 +34,10 @@ def test_there_are_three() -> None:
     ]
 
 
-# On Windows the client of the kernel reads its sockets in a thread of its own, and says so.
+# On Windows the client of the kernel warns that it reads its sockets in a separate thread.
 @pytest.mark.filterwarnings("ignore:Proactor event loop:RuntimeWarning")
 @pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
-def test_a_tutorial_gives_what_is_stored_in_it(
+def test_a_tutorial_has_the_stored_results(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name, value in ENVIRONMENT.items():
@@ -52,7 +52,7 @@ def test_a_tutorial_gives_what_is_stored_in_it(
         kernel_name="python3",
         resources={"metadata": {"path": str(tmp_path)}},
         record_timing=False,
-        coalesce_streams=True,  # a busy machine sends a text in pieces
+        coalesce_streams=True,  # a busy machine sends a text in parts
     )
     client.execute()
     assert list(tmp_path.iterdir()) == []
@@ -60,7 +60,7 @@ def test_a_tutorial_gives_what_is_stored_in_it(
         run.metadata = stored.metadata
         nbformat.write(run, path)
         return
-    assert path.stat().st_size < LARGEST
+    assert path.stat().st_size < MAX_BYTES
     for before, now in zip(stored.cells, run.cells, strict=True):
         if before.cell_type == "code":
             assert [kind(output) for output in now.outputs] == [kind(o) for o in before.outputs]
@@ -69,12 +69,12 @@ def test_a_tutorial_gives_what_is_stored_in_it(
 
 
 def kind(output: Any) -> tuple[str, ...]:
-    """What an output is: text, or the kinds of data it shows."""
+    """Return the type of an output and of its data."""
     return (output.output_type, *sorted(output.get("data", {})))
 
 
 def text_of(output: Any) -> str:
-    """What of an output is text for people; pictures are not compared."""
+    """Return the visible text of an output; pictures are not compared."""
     data = output.get("data", {})
     if "image/png" in data:
         return ""

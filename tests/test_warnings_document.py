@@ -1,6 +1,6 @@
 """The page of warnings lists every code with its sentence.
 
-After a change that is meant run the test with ``PFWD_NEW_EXAMPLES=1``: the table is written anew.
+After an intended change run the test with ``PFWD_NEW_EXAMPLES=1``, which writes the table.
 """
 
 import os
@@ -20,7 +20,7 @@ FORBIDDEN = {"nothing": "", "fit": "fitted modulus", "record": "any value"}
 
 
 def table() -> str:
-    """The table of all codes, sorted."""
+    """Return the table of all codes, sorted."""
     lines = ["| code | no verdict by | sentence, with its values in braces |", "|---|---|---|"]
     for code, template in sorted(templates().items()):
         sentence = fill_template(template, {name: f"`{{{name}}}`" for name in gaps_of(template)})

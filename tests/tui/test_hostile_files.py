@@ -35,10 +35,10 @@ def test_a_hostile_file_is_refused_before_it_takes_memory_and_time(
     run = measured_run(
         [sys.executable, "-c", PROGRAM, command, str(path), *more, *into], MAX_TIME_S
     )
-    assert run.code == 1, run.said
+    assert run.code == 1, run.text
     assert run.memory < MAX_MEMORY_BYTES
-    assert "Traceback" not in run.said
-    lines = run.said.splitlines()
+    assert "Traceback" not in run.text
+    lines = run.text.splitlines()
     assert lines
     if command == "check" and path.suffix != ".pfwdz":
         assert lines[-1] == "NOT complete"
@@ -53,4 +53,4 @@ def test_memory_time_and_end_of_a_program_are_measured() -> None:
     assert run.code == 3
     assert run.memory > 300_000_000
     run = measured_run([sys.executable, "-c", "import time; time.sleep(60)"], 0.5)
-    assert (run.code, run.said) == (None, "no end")
+    assert (run.code, run.text) == (None, "no end")
