@@ -20,17 +20,14 @@ from pfwd_device.wire.messages import (
     DISARMED,
     Acknowledge,
     Arm,
-    Armed,
     Calibrate,
     Configure,
-    DropBlock,
     DropOffer,
     Fetch,
     Hello,
     HostMessage,
     Refusal,
     RefusalCode,
-    Released,
     Resend,
     SampleBlock,
     SamplesGone,
@@ -217,33 +214,6 @@ def test_the_core_responds_to_any_input_in_complete_frames(
     assert any(isinstance(message, Identity) for message in messages)
     assert dialect.counters.frames_damaged == 0
     assert dialect.counters.frames_unknown == 0
-
-
-def test_a_drop_is_detected_offered_sent_and_released(program: tuple[str, bool]) -> None:
-    trigger = Trigger(True, 0, 5000, 3, 100, 400, 100)
-    dialect = BinaryDialect()
-
-    def receive(output: bytes, kind: type[_T]) -> list[_T]:
-        return of_kind(dialect.feed(output), kind)
-
-    with Steps(program[0]) as steps:
-        assert receive(steps.step("B", encode_message(Hello(), 0)), Identity)
-        (armed,) = receive(steps.step("B", encode_message(Arm(trigger), 1)), Armed)
-        assert armed == Armed(trigger)
-        offer = receive(steps.advance(0.2), DropOffer)[0]
-        assert (offer.first_sample, offer.trigger, offer.samples) == (900, 100, 500)
-        name = offer.stream, offer.first_sample
-        blocks = receive(steps.step("B", encode_message(Fetch(*name, 3, 2), 2)), DropBlock)
-        assert [block.number for block in blocks] == [3, 4]
-        steps.step("R")  # the store is permanent
-        repeated = receive(steps.step("B", encode_message(Hello(), 3)), DropOffer)[0]
-        assert (repeated.earlier, repeated.clock_us, repeated.crc) == (True, None, offer.crc)
-        released = receive(steps.step("B", encode_message(Acknowledge(*name), 4)), Released)
-        assert released == [Released(*name)]
-        status = receive(steps.advance(0.5), Status)[-1]
-        assert status.drops_waiting in (0, 1)  # armed still: the next pulse may have come
-        refused = receive(steps.step("B", encode_message(Fetch(*name), 5)), Refusal)
-        assert refused == [Refusal(RefusalCode.ARGUMENT, "no such drop")]
 
 
 @pytest.mark.parametrize("ended_by", [[Configure(1e3)], [Arm(DISARMED), Start()]])

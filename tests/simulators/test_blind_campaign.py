@@ -228,12 +228,6 @@ def test_soils_of_the_campaign_have_the_stated_shares() -> None:
     assert "growth" not in {_draw_site(rigid, generator).ground.soil for _ in range(50)}
 
 
-def test_each_strength_of_another_soil_has_its_sites() -> None:
-    for name, attribute in (("damping_law", "quality"), ("modulus_gradient", "growth")):
-        for strength in EFFECTS[name].strengths:
-            assert sum(getattr(site, attribute) == strength for site in SITES) == 2
-
-
 @pytest.fixture
 def unmodelled_soils(monkeypatch: pytest.MonkeyPatch) -> None:
     """Shallow sites, which are quick to compute."""

@@ -11,6 +11,7 @@ import pytest
 from simulators.mesh import Array, SoilProfile
 from simulators.traces import Geophone, geophone_output
 from tests.campaigns.effects import channels, faults, unmodelled
+from tests.campaigns.effects import scene as scene_module
 from tests.campaigns.effects.catalogue import EFFECTS
 from tests.campaigns.effects.scene import SimulatedPoint
 from tests.campaigns.effects.signals import Signals
@@ -294,7 +295,9 @@ def test_drawn_strengths_are_log_uniform_in_the_range() -> None:
 def test_a_fault_states_its_parameters_and_grows_with_its_strength(
     key: str, signals: Signals, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(faults, "undisturbed", lambda scene: SimulatedPoint([signals], 40e6, {}))
+    clean = SimulatedPoint([signals], 40e6, {})
+    for module in (faults, scene_module):
+        monkeypatch.setattr(module, "undisturbed", lambda scene: clean)
     sizes = []
     for strength in (EFFECTS[key].strengths[0], EFFECTS[key].strengths[-1]):
         scene: Any = SimpleNamespace(

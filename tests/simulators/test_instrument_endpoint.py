@@ -199,18 +199,6 @@ def test_an_unplugged_pty_returns_under_the_same_name() -> None:
     assert not Path(endpoint.url).parent.exists()
 
 
-def test_an_unplugged_tcp_port_refuses_until_it_is_plugged() -> None:
-    with closing(TcpEndpoint()) as endpoint:
-        url = endpoint.url
-        endpoint.unplug()
-        with pytest.raises(ConnectionRefusedError):
-            Reader(url)
-        endpoint.plug()
-        assert endpoint.url == url
-        with closing(Reader(url)):
-            until(lambda: endpoint.connected)
-
-
 @pytest.mark.parametrize("listen", ["udp://1", "tcp://127.0.0.1", "tcp://x:99999"])
 def test_an_invalid_address_is_rejected(listen: str) -> None:
     with pytest.raises(EndpointError, match=r"expected pty or tcp://HOST:PORT"):

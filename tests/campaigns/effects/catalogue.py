@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 
 from tests.campaigns.effects import channels, faults, mechanics, unmodelled
-from tests.campaigns.effects.scene import Scene, SimulatedPoint, undisturbed
+from tests.campaigns.effects.scene import Scene, SimulatedPoint, altered, undisturbed
 
 Build = Callable[[Scene, float], SimulatedPoint]
 
@@ -84,16 +84,12 @@ class SimulatedEffect:
 
 
 def _lag(scene: Scene, delay: float) -> SimulatedPoint:
-    return undisturbed(scene).through(lambda s: channels.sensor_lag(s, delay), delay_s=delay)
+    return altered(scene, channels.sensor_lag, delay_s=delay)
 
 
 def _geophone(scene: Scene, frequency: float) -> SimulatedPoint:
     damping = float(scene.device.uniform(0.2, 0.7))
-    return undisturbed(scene).through(
-        lambda s: channels.geophone_response(s, frequency, damping),
-        frequency_hz=frequency,
-        damping=damping,
-    )
+    return altered(scene, channels.geophone_response, frequency_hz=frequency, damping=damping)
 
 
 def _filter(scene: Scene, corner: float) -> SimulatedPoint:
@@ -163,13 +159,11 @@ def _rocking(scene: Scene, share: float) -> SimulatedPoint:
 
 def _crosstalk(scene: Scene, share: float) -> SimulatedPoint:
     corner = float(scene.device.uniform(1.0, 60.0))
-    return undisturbed(scene).through(
-        lambda s: unmodelled.cable_crosstalk(s, share, corner), share=share, corner_hz=corner
-    )
+    return altered(scene, unmodelled.cable_crosstalk, share=share, corner_hz=corner)
 
 
 def _clock(scene: Scene, error: float) -> SimulatedPoint:
-    return undisturbed(scene).through(lambda s: unmodelled.time_base_error(s, error), error=error)
+    return altered(scene, unmodelled.time_base_error, error=error)
 
 
 def _glitch(scene: Scene, share: float) -> SimulatedPoint:
@@ -192,27 +186,17 @@ def _traffic(scene: Scene, share: float) -> SimulatedPoint:
 
 
 def _curvature(scene: Scene, share: float) -> SimulatedPoint:
-    return undisturbed(scene).through(
-        lambda s: unmodelled.load_cell_curvature(s, share), share=share
-    )
+    return altered(scene, unmodelled.load_cell_curvature, share=share)
 
 
 def _loose(scene: Scene, frequency: float) -> SimulatedPoint:
     damping = float(scene.generator.uniform(0.03, 0.15))
-    return undisturbed(scene).through(
-        lambda s: unmodelled.loose_sensor(s, frequency, damping),
-        frequency_hz=frequency,
-        damping=damping,
-    )
+    return altered(scene, unmodelled.loose_sensor, frequency_hz=frequency, damping=damping)
 
 
 def _smoothed_load(scene: Scene, corner: float) -> SimulatedPoint:
     order = int(scene.device.integers(1, 5))
-    return undisturbed(scene).through(
-        lambda s: channels.load_channel_filter(s, corner, order),
-        corner_hz=corner,
-        order=float(order),
-    )
+    return altered(scene, channels.load_channel_filter, corner_hz=corner, order=order)
 
 
 def _lost(scene: Scene, share: float) -> SimulatedPoint:

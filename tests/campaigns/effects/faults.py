@@ -14,7 +14,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from simulators.mesh import Array
-from tests.campaigns.effects.scene import Scene, SimulatedPoint, undisturbed
+from tests.campaigns.effects.scene import Scene, SimulatedPoint, altered, undisturbed
 from tests.campaigns.effects.signals import Signals
 from tests.campaigns.effects.unmodelled import mode, plate_rocking
 
@@ -99,7 +99,7 @@ def sensor_creep(scene: Scene, gain: float) -> SimulatedPoint:
     gains: list[float] = (gain * scene.device.uniform(-1.0, 1.0, scene.sensors)).tolist()
     slowest = scene.device.uniform(math.log(0.02), math.log(0.1), scene.sensors)
     times: list[float] = np.exp(slowest).tolist()
-    return undisturbed(scene).through(lambda s: creep(s, gains, times), gains=gains, times_s=times)
+    return altered(scene, creep, gains=gains, times_s=times)
 
 
 def load_cell_ringing(signals: Signals, frequency: float, damping: float) -> Signals:
@@ -122,9 +122,7 @@ def ringing_load_cell(scene: Scene, frequency: float) -> SimulatedPoint:
     The damping is random, 1 to 5 % of critical damping.
     """
     damping = float(scene.device.uniform(0.01, 0.05))
-    return undisturbed(scene).through(
-        lambda s: load_cell_ringing(s, frequency, damping), frequency_hz=frequency, damping=damping
-    )
+    return altered(scene, load_cell_ringing, frequency_hz=frequency, damping=damping)
 
 
 def rod_ringing(
@@ -159,8 +157,9 @@ def ringing_guide_rod(scene: Scene, share: float) -> SimulatedPoint:
     frequency = float(np.exp(scene.device.uniform(math.log(25.0), math.log(120.0))))
     damping = float(scene.device.uniform(0.02, 0.08))
     on_load = bool(scene.device.random() < 0.5)
-    return undisturbed(scene).through(
-        lambda s: rod_ringing(s, share, frequency, damping, on_load),
+    return altered(
+        scene,
+        rod_ringing,
         share=share,
         frequency_hz=frequency,
         damping=damping,

@@ -230,3 +230,19 @@ class SimulatedPoint:
 def undisturbed(scene: Scene) -> SimulatedPoint:
     """Return the test point of a scene without any effect."""
     return SimulatedPoint(scene.signals(scene.strike_all()), scene.modulus, {})
+
+
+def altered(
+    scene: Scene, operator: Callable[..., Signals], **values: float | list[float]
+) -> SimulatedPoint:
+    """Return the test point with signals changed by an operator.
+
+    Parameters
+    ----------
+    scene : Scene
+    operator : callable
+        Function of the signals and the values, in this order.
+    **values : float or list of float
+        True values of the effect, with SI units in their names.
+    """
+    return undisturbed(scene).through(lambda s: operator(s, *values.values()), **values)
