@@ -89,6 +89,13 @@ def send(instrument: PortlessInstrument, *messages: HostMessage) -> bytes:
     return drain(instrument)
 
 
+def record(tables: Any = "default", seconds: float = 0.1, **options: Any) -> bytes:
+    """Return the output of an instrument in a time after its start."""
+    instrument = started(tables, **options)
+    instrument.advance(seconds)
+    return drain(instrument)
+
+
 def started(tables: Any = "default", **options: Any) -> PortlessInstrument:
     """Return an instrument that samples and whose output has not been read."""
     instrument = PortlessInstrument(load_scenario(tables), **options)

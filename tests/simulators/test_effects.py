@@ -10,9 +10,8 @@ import pytest
 
 from simulators.mesh import Array, SoilProfile
 from simulators.traces import Geophone, geophone_output
-from tests.campaigns.effects import channels, faults, unmodelled
-from tests.campaigns.effects import scene as scene_module
-from tests.campaigns.effects.catalogue import EFFECTS
+from tests.campaigns.effects import channels, faults, mechanics, unmodelled
+from tests.campaigns.effects.catalogue import CLEAN, EFFECTS
 from tests.campaigns.effects.scene import SimulatedPoint
 from tests.campaigns.effects.signals import Signals
 
@@ -52,11 +51,6 @@ OPERATORS: dict[str, tuple[Operator, Expected | None, Expected | None]] = {
         None,
         lambda s: late(s.velocity, 7),
     ),
-    "baseline_drift": (
-        lambda s: channels.baseline_drift(s, 1e-3, 0.1),
-        None,
-        lambda s: s.velocity + 1e-3 + 0.1 * (TIME - TIME[0]),
-    ),
     "mains_hum": (
         lambda s: channels.mains_hum(s, 2e-3, 50.0, 0.3),
         None,
@@ -72,24 +66,6 @@ OPERATORS: dict[str, tuple[Operator, Expected | None, Expected | None]] = {
         None,
         lambda s: np.maximum(np.minimum(s.velocity, 0.1), -0.1),
     ),
-    "gain_glitch": (
-        lambda s: unmodelled.gain_glitch(s, 0.005, 0.1),
-        None,
-        lambda s: s.velocity * np.where(TIME >= 0.005, 1.1, 1.0),
-    ),
-    "passing_traffic": (
-        lambda s: unmodelled.passing_traffic(s, 1e-3, 15.0, 0.03, 0.02),
-        None,
-        lambda s: (
-            s.velocity
-            + 1e-3 * np.exp(-(((TIME - 0.03) / 0.02) ** 2)) * np.sin(30 * math.pi * (TIME - 0.03))
-        ),
-    ),
-    "load_cell_curvature": (
-        lambda s: unmodelled.load_cell_curvature(s, 0.04),
-        lambda s: s.load + 0.04 * s.load**2 / 8e3,
-        None,
-    ),
     "lost_samples": (
         lambda s: unmodelled.lost_samples(s, 0.005, 7),
         None,
@@ -99,11 +75,6 @@ OPERATORS: dict[str, tuple[Operator, Expected | None, Expected | None]] = {
         lambda s: unmodelled.cable_crosstalk(s, 0.1, 1e-6),
         None,
         lambda s: s.velocity + 0.1 * 0.2 / 8e3 * s.load,
-    ),
-    "channel_crosstalk": (
-        lambda s: faults.crosstalk(s, 0.05, 8e3, 0.2),
-        lambda s: s.load + 0.05 * 8e3 / 0.2 * s.velocity[0],
-        lambda s: s.velocity + 0.05 * 0.2 / 8e3 * s.load,
     ),
 }
 
@@ -290,14 +261,19 @@ def test_drawn_strengths_are_log_uniform_in_the_range() -> None:
 
 
 @pytest.mark.parametrize(
-    "key", [key for key, effect in EFFECTS.items() if effect.build.__module__ == faults.__name__]
+    "key",
+    [
+        key
+        for key, e in EFFECTS.items()
+        if key != CLEAN and e.build.__module__ != mechanics.__name__
+    ],
 )
-def test_a_fault_states_its_parameters_and_grows_with_its_strength(
+def test_an_effect_states_its_parameters_and_grows_with_its_strength(
     key: str, signals: Signals, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clean = SimulatedPoint([signals], 40e6, {})
-    for module in (faults, scene_module):
-        monkeypatch.setattr(module, "undisturbed", lambda scene: clean)
+    for module in ("catalogue", "faults", "scene"):
+        monkeypatch.setattr(f"tests.campaigns.effects.{module}.undisturbed", lambda scene: clean)
     sizes = []
     for strength in (EFFECTS[key].strengths[0], EFFECTS[key].strengths[-1]):
         scene: Any = SimpleNamespace(
@@ -305,6 +281,7 @@ def test_a_fault_states_its_parameters_and_grows_with_its_strength(
             modulus=40e6,
             radius=0.15,
             plate_mass=12.0,
+            hammer_pulse=PULSE,
             sensors=2,
             generator=np.random.default_rng(3),
             device=np.random.default_rng(3),
@@ -315,5 +292,6 @@ def test_a_fault_states_its_parameters_and_grows_with_its_strength(
         (changed,) = point.signals
         load = np.max(np.abs(changed.load - signals.load)) / signals.peak_load
         speed = np.max(np.abs(changed.velocity - signals.velocity)) / signals.peak_velocity
-        sizes.append(max(load, speed))
+        clock = abs(changed.time_step / signals.time_step - 1)
+        sizes.append(max(load, speed, clock))
     assert sizes[1] > 2 * sizes[0] > 0

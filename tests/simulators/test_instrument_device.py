@@ -24,6 +24,7 @@ from tests.simulators.instrument_wire import (
     drain,
     events,
     frames,
+    record,
     refusals,
     send,
     started,
@@ -147,15 +148,13 @@ def test_blocks_are_contiguous_and_state_the_clock() -> None:
 
 
 def test_the_same_seed_gives_the_same_bytes_and_the_record_does_not_depend_on_blocks() -> None:
-    def record(seed: int, samples: int) -> bytes:
+    def output(seed: int, samples: int) -> bytes:
         tables = {"base": "typical", "link": {"block_samples": samples}}
-        instrument = started(tables, seed=seed, overruns=False)
-        instrument.advance(4.0)
-        return drain(instrument)
+        return record(tables, 4.0, seed=seed, overruns=False)
 
-    assert record(1, 200) == record(1, 200)
-    assert record(1, 200) != record(2, 200)
-    whole, cut = (np.concatenate([b.counts for b in blocks(record(1, n))]) for n in (200, 37))
+    assert output(1, 200) == output(1, 200)
+    assert output(1, 200) != output(2, 200)
+    whole, cut = (np.concatenate([b.counts for b in blocks(output(1, n))]) for n in (200, 37))
     np.testing.assert_array_equal(cut, whole[: len(cut)])
 
 
@@ -165,9 +164,7 @@ def test_blocks_have_the_drift_and_the_jump_of_the_clock() -> None:
         "device": {"clock_drift_ppm": 1000.0, "clock_start_us": 7},
         "faults": [{"kind": "clock-jump", "at_s": 1.0, "seconds": -0.25}],
     }
-    instrument = started(tables, overruns=False)
-    instrument.advance(2.0)
-    clock = {b.first: b.clock for b in blocks(drain(instrument))}
+    clock = {b.first: b.clock for b in blocks(record(tables, 2.0, overruns=False))}
     assert clock[0] == 7
     assert clock[5000] == 7 + 500_500
     assert clock[10_000] == 7 + 1_001_000 - 250_000
@@ -234,9 +231,7 @@ def test_an_unread_instrument_counts_its_overruns() -> None:
     assert received + overruns == 50_000
     instrument.advance(0.1)
     assert blocks(drain(instrument))[0].first == 50_000
-    patient = started(overruns=False)
-    patient.advance(5.0)
-    assert blocks(drain(patient))[-1].end == 50_000
+    assert blocks(record(seconds=5.0, overruns=False))[-1].end == 50_000
 
 
 # Secrecy of the simulated ground
@@ -286,11 +281,8 @@ def test_ascii_streams_without_a_command_and_ignores_commands() -> None:
     table = lines(data)
     assert table.shape == (5000, 3)
     assert np.all(np.diff(table[:, 0]) == 100)
-    binary = started("default")
-    binary.advance(0.5)
-    np.testing.assert_array_equal(
-        table[:, 1:], np.concatenate([b.counts for b in blocks(drain(binary))])
-    )
+    binary = np.concatenate([b.counts for b in blocks(record("default", 0.5))])
+    np.testing.assert_array_equal(table[:, 1:], binary)
 
 
 def test_the_ascii_clock_wraps_after_32_bits() -> None:

@@ -15,6 +15,7 @@ from tests.simulators.instrument_wire import (
     drain,
     events,
     frames,
+    record,
     send,
     started,
     statuses,
@@ -23,9 +24,15 @@ from tests.simulators.instrument_wire import (
 
 def faulty(*faults: dict[str, Any], **link: Any) -> PortlessInstrument:
     """Return an instrument that samples in blocks of 10 ms with these faults."""
-    return started(
-        {"base": "default", "link": {"block_samples": 100, **link}, "faults": list(faults)}
-    )
+    return started(tables_of(*faults, **link))
+
+
+def tables_of(*faults: dict[str, Any], **link: Any) -> dict[str, Any]:
+    return {"base": "default", "link": {"block_samples": 100, **link}, "faults": list(faults)}
+
+
+UNCHANGED = {"kind": "clock-jump", "at_s": 0.0333, "seconds": 0.0}
+"""Fault that only divides the block."""
 
 
 # Faults, one by one
@@ -58,10 +65,8 @@ def test_a_fault_changes_blocks_and_counters_from_its_time_on(
 
 
 def test_bit_errors_flip_the_stated_number_of_bits_in_a_frame() -> None:
-    broken, sound = faulty(fault("bit-errors", count=3)), faulty(fault("clock-jump", seconds=0.0))
-    for instrument in (broken, sound):
-        instrument.advance(0.1)
-    sent, correct = drain(broken), drain(sound)
+    sent = record(tables_of(fault("bit-errors", count=3)))
+    correct = record(tables_of(UNCHANGED))
     assert len(sent) == len(correct)
     differing = [(i, a ^ b) for i, (a, b) in enumerate(zip(sent, correct, strict=True)) if a != b]
     assert sum(bits.bit_count() for _, bits in differing) == 3
@@ -70,12 +75,8 @@ def test_bit_errors_flip_the_stated_number_of_bits_in_a_frame() -> None:
 
 
 def test_garbage_stands_between_two_frames() -> None:
-    instrument = faulty(fault("garbage", count=50), garbage_at_start=30)
-    instrument.advance(0.05)
-    dirty = drain(instrument)
-    sound = faulty(fault("clock-jump", seconds=0.0))
-    sound.advance(0.05)
-    clean = drain(sound)
+    dirty = record(tables_of(fault("garbage", count=50), garbage_at_start=30), 0.05)
+    clean = record(tables_of(UNCHANGED), 0.05)
     begin = len(b"\0".join(clean.split(b"\0")[:4])) + 1
     assert len(dirty) == len(clean) + 80
     assert dirty[30 : 30 + begin] == clean[:begin]
@@ -132,9 +133,8 @@ def test_an_unplugged_instrument_stops_until_the_cable_is_plugged(powered: bool)
 
 
 def test_the_operator_and_the_battery_make_events() -> None:
-    instrument = faulty(fault("trigger"), {"kind": "low-battery", "at_s": 0.05})
-    instrument.advance(0.1)
-    assert events(drain(instrument)) == [(TRIGGER, 33_300, ""), (LOW_BATTERY, 50_000, "")]
+    data = record(tables_of(fault("trigger"), {"kind": "low-battery", "at_s": 0.05}))
+    assert events(data) == [(TRIGGER, 33_300, ""), (LOW_BATTERY, 50_000, "")]
 
 
 def test_a_knock_occurs_at_its_time_and_is_no_drop() -> None:
@@ -149,9 +149,8 @@ def test_a_knock_occurs_at_its_time_and_is_no_drop() -> None:
 
 def test_rates_of_faults_are_met() -> None:
     link = {"lost_rate": 0.02, "repeated_rate": 0.03, "reordered_rate": 0.04, "block_samples": 10}
-    instrument = started({"base": "default", "link": link}, overruns=False)
-    instrument.advance(20.0)
-    starts = np.array([b.first for b in blocks(drain(instrument))]) // 10
+    data = record({"base": "default", "link": link}, 20.0, overruns=False)
+    starts = np.array([b.first for b in blocks(data)]) // 10
     total = np.max(starts) + 1
     assert total - np.unique(starts).size == pytest.approx(0.02 * total, rel=0.3)
     assert starts.size - np.unique(starts).size == pytest.approx(0.03 * total, rel=0.3)
@@ -159,7 +158,7 @@ def test_rates_of_faults_are_met() -> None:
 
 
 def test_bit_errors_have_their_rate_for_any_division_of_bytes() -> None:
-    def record(rate: float, step: float) -> bytes:
+    def output(rate: float, step: float) -> bytes:
         instrument = started({"base": "default", "link": {"bit_error_rate": rate}}, seed=4)
         data = b""
         while len(data) < 300_000:
@@ -167,7 +166,7 @@ def test_bit_errors_have_their_rate_for_any_division_of_bytes() -> None:
             data += drain(instrument)
         return data[:300_000]
 
-    clean, worn, divided = record(0.0, 0.1), record(1e-3, 0.1), record(1e-3, 0.037)
+    clean, worn, divided = output(0.0, 0.1), output(1e-3, 0.1), output(1e-3, 0.037)
     flips = [a ^ b for a, b in zip(clean, worn, strict=True) if a != b]
     assert len(flips) == pytest.approx(300, rel=0.25)
     assert all(bits.bit_count() == 1 for bits in flips)

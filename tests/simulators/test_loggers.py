@@ -1,6 +1,8 @@
 """Dialects of data loggers with simulated loggers: samples agree with their scans or are lost."""
 
+import math
 import socket
+import struct
 from typing import Any
 
 import numpy as np
@@ -249,6 +251,19 @@ def test_a_setup_that_the_logger_lacks_is_refused(
     assert host.refusal.code == RefusalCode.UNSUITABLE
     assert expected in host.refusal.text
     assert "\n" not in host.refusal.text
+
+
+@pytest.mark.parametrize(
+    "cells", [(0.0, -3e-4, 3e4), (3e-4, 0.0, 3e4), (3e-4, -3e-4, 0.0), (math.nan, -3e-4, 3e4)]
+)
+def test_a_labjack_without_calibration_is_refused(
+    scenario: Scenario, cells: tuple[float, float, float]
+) -> None:
+    logger = LabjackLogger(scenario)
+    logger._memory = 4 * struct.pack(">4f", *cells, 0.0)
+    host = Host(dialect_for(scenario, "labjack"), logger, 1)
+    host.run(0.5)
+    assert host.refusal is not None
 
 
 def test_a_logger_that_sampled_before_is_stopped_first(scenario: Scenario) -> None:
