@@ -319,6 +319,14 @@ def test_a_drop_that_the_instruments_record_cuts_is_recorded_from_the_stream(
     assert sorted(starts) == [pytest.approx(9800, abs=9), first]
 
 
+def test_a_late_record_of_an_earlier_pulse_is_a_drop(log: Log, writer: Any) -> None:
+    counts = stream(9.0, [(0.154, 4000.0), (0.242, 3900.0)])
+    items = [*pieces(counts), stored_part(counts, 1543)]
+    run(ScriptedFeed(connected(), Armed(TRIGGER), began(), items), log, writer)
+    starts = [each.metadata["detection"]["first_sample"] for each in recorded(writer)]
+    assert starts == [pytest.approx(2224, abs=5), 1343]
+
+
 @pytest.mark.parametrize(
     ("answer", "text"),
     [

@@ -208,6 +208,7 @@ def test_enough_drops_end_it_when_the_hammer_is_at_rest(log: Log, writer: Any) -
     counts = stream(9.0, [(1.0, 8000.0), (1.4, 3000.0), (4.0, 8000.0), (4.4, 3000.0)])
     feed = ScriptedFeed(connected(), began(), pieces(counts), forever=True)
     assert run(feed, log, writer, drops=2) is Ending.DONE
+    assert feed.hushed == 0, "it did not wait for more"
     assert [len(each.rebounds) for each in recorded(writer)] == [1, 1]
 
 

@@ -329,3 +329,7 @@ def test_the_last_request_covers_adjacent_gaps() -> None:
         items += feed(made, first, 0.3)
     scripted.assert_each_sample_once(items)
     assert counters.samples_lost == 0
+    made, _ = assembler(ring=8000)
+    for number in range(10):  # farther apart than the last request reaches
+        feed(made, 520 * number, 0.0, length=500)
+    assert len(made.requests(0.1)) == 4

@@ -117,6 +117,8 @@ def test_a_port_that_does_not_open_is_abandoned(monkeypatch: pytest.MonkeyPatch)
     (answer,) = probe_all(["/dev/rfcomm0"], list(BUILT_IN.values()), 0.1)
     assert time.monotonic() - began < 10
     assert "did not open" in answer.reason
+    waiting = [each for each in threading.enumerate() if each.name.startswith("pfwd-probe")]
+    assert [each.daemon for each in waiting] == [True], "it does not keep the program"
     release.set()
 
 

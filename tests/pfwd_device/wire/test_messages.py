@@ -224,6 +224,7 @@ def test_a_block_holds_complete_counts() -> None:
         (0x82, by_hand.samples(1, 2**63, 0, [[1]])),
         (0x82, by_hand.samples(1, 0, 0, [[1]])[:22] + b"\0\0"),
         (0x01, b"PFWE\1\1"),
+        (0x87, by_hand.OFFER[:-8] + by_hand.f64(0.0)),
     ],
 )
 def test_nonsense_with_a_right_check_is_damaged(type_: int, payload: bytes) -> None:

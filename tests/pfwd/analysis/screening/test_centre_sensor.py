@@ -87,6 +87,8 @@ def test_a_sensor_that_returns_under_the_load_is_rejected() -> None:
     early = PEAK * half_sine(0.0, 0.011)
     assert fault(early) == "returns-too-early"
     assert fault(PEAK * half_sine(0.0, 0.016)) is None
+    # One that reaches its half with the load has no lead, and is not delayed.
+    assert fault(PEAK * half_sine(0.003 - 0.01405 / 6, 0.01405)) == "returns-too-early"
     # Within what the sensor moves before the pulse, and within the lead of a geophone.
     hum = 0.5 * PEAK * np.where(TIME < 0.0, np.sin(2 * np.pi * 100.0 * TIME), 0.0)
     assert fault(early + hum) is None
