@@ -44,9 +44,7 @@ def test_workers_end_with_a_process_that_is_killed(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(SCRIPT, encoding="utf-8")
     with subprocess.Popen(
-        [sys.executable, script],
-        env={**os.environ, "PYTHONPATH": str(TOP)},
-        stdout=subprocess.PIPE,
+        [sys.executable, script], env={**os.environ, "PYTHONPATH": str(TOP)}, stdout=subprocess.PIPE
     ) as process:
         pid = int(process.stdout.readline())
         process.wait(PATIENCE)

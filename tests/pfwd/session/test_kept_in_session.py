@@ -225,11 +225,7 @@ def test_it_waits_some_seconds_and_no_longer(log: Log, writer: Any) -> None:
 @pytest.mark.parametrize("at", [1.11, 1.2, 1.6, 5.5])
 def test_the_stored_record_replaces_the_streamed_one(log: Log, writer: Any, at: float) -> None:
     end = round(at * RATE)
-    items = [
-        *pieces(COUNTS[:end]),
-        stored_part(COUNTS, 10_010),
-        *pieces(COUNTS[end:], 7, end),
-    ]
+    items = [*pieces(COUNTS[:end]), stored_part(COUNTS, 10_010), *pieces(COUNTS[end:], 7, end)]
     feed = ScriptedFeed(connected(), Armed(TRIGGER), began(), items)
     run(feed, log, writer)
     assert by_instrument(log) == [True]

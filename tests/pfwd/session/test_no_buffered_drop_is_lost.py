@@ -18,7 +18,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pfwd.session.buffered_drops import trigger_for
-from pfwd.session.events import N_REPORTED_FIRST
 from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
 from pfwd_device.acquisition.drop_transfers import DropTransfers
@@ -177,8 +176,7 @@ fallen = st.builds(
     seed=st.integers(0, 2),
 )
 step = st.one_of(
-    fallen,
-    st.sampled_from(["wait", "wait", "lose to", "lose from", "restart", "cut", "power"]),
+    fallen, st.sampled_from(["wait", "wait", "lose to", "lose from", "restart", "cut", "power"])
 )
 
 
@@ -257,7 +255,6 @@ def test_each_erased_drop_is_in_the_survey_once(
         assert set(recorded.values()) <= {1}
         # One that is recorded stays where an unusable one of its name could be erased in its place.
         stay = first_of_names(instrument)
-        unusable = [waiting.offer for waiting in stay if not is_usable(waiting.offer)]
         refused = {
             waiting.offer.first_sample for waiting in everything if not is_usable(waiting.offer)
         }
@@ -266,12 +263,6 @@ def test_each_erased_drop_is_in_the_survey_once(
                 assert _facts(waiting) in recorded
                 assert waiting.offer.first_sample in refused
         assert all(is_usable(waiting.offer) for waiting in instrument.erased)
-        if sum(not is_usable(waiting.offer) for waiting in everything) > N_REPORTED_FIRST:
-            return  # the rest is counted
-        for offer in unusable:
-            assert (
-                f"1/{offer.first_sample}) is not recorded and stays in the instrument" in log.texts
-            )
 
 
 Facts = tuple[int, int, float, bytes]

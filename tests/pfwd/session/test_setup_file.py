@@ -180,8 +180,7 @@ calibrated = 2026-01-02
     assert (identity.channels[1].natural_frequency, identity.channels[1].offset) == (4.5, -0.02)
     assert identity.channels[1].calibrated == datetime.date(2026, 1, 2)
     declared = setup.declared_with(identity)
-    assert declared["plate_radius_m"] == 0.1
-    assert declared["device"] == "X-9"
+    assert (declared["plate_radius_m"], declared["device"]) == (0.1, "X-9")
     differences = [
         re.findall(r"(\w+) = (\S+) .*?(\S+)$", line)[0] for line in setup.differences(IDENTITY)
     ]

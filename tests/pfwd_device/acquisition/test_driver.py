@@ -112,23 +112,6 @@ def test_drops_that_wait_are_in_the_last_status(make: MakeDriver, remaining: int
     assert status.drops_waiting == remaining
 
 
-def test_another_instrument_is_not_accepted(make: MakeDriver) -> None:
-    instrument, stranger = Instrument(), Instrument("SN-2")
-    port = Socket(instrument)
-    driver = make(port)
-    collect(driver, lambda seen: bool(of(seen, Samples)))
-    port.unplug()
-    port.instrument = stranger
-    items = collect(driver, lambda seen: len(of(seen, Disconnected)) == 2)
-    assert "expected the instrument SN-1, got SN-2" in items[-1].reason  # type: ignore[union-attr]
-    assert not of(items, Samples)
-    assert not stranger.sampling
-    assert driver.identity == instrument.identity
-    port.instrument = instrument
-    items = collect(driver, lambda seen: bool(of(seen, Samples)))
-    assert of(items, Connected)[0].reconnected
-
-
 @pytest.mark.parametrize(
     ("refused", "code"),
     [(Hello, RefusalCode.VERSION), (Configure, RefusalCode.ARGUMENT), (Start, RefusalCode.UNKNOWN)],

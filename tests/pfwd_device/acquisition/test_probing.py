@@ -75,9 +75,7 @@ def test_all_at_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.posix
-def test_usb_numbers_show_a_logger_at_its_port(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_usb_numbers_show_a_logger_at_its_port(monkeypatch: pytest.MonkeyPatch) -> None:
     numbers = [(0x0683, 0x1111), (0x0683, 0x4209), (0x0683, 0x0001), (0x1A86, 0x1111)]
     with contextlib.ExitStack() as stack:
         pairs = [os.openpty() for _ in numbers]

@@ -156,11 +156,25 @@ def test_another_version_is_refused(intact: bytes) -> None:
             drop_from_file_bytes(changed(intact, odd), "drop.h5")
 
 
-def replaced(name: str, make: Callable[[Any], None]) -> Callable[[Any], None]:
+def put(name: str, value: Any) -> Callable[[Any], None]:
+    """Put a value in the place of an object, or what a function makes of the file."""
+
     def change(file: Any) -> None:
+        new = value(file) if callable(value) else value
         if name in file:
             del file[name]
-        make(file)
+        if new is not None:
+            file[name] = new
+
+    return change
+
+
+def array(**options: Any) -> Callable[[Any], None]:
+    """Store the load with other options."""
+
+    def change(file: Any) -> None:
+        del file["load"]
+        file.create_dataset("load", **{"data": np.zeros(24), **options})
 
     return change
 
@@ -168,72 +182,54 @@ def replaced(name: str, make: Callable[[Any], None]) -> Callable[[Any], None]:
 def virtual(file: Any) -> None:
     layout = h5py.VirtualLayout(shape=(24,), dtype="f8")
     layout[:] = h5py.VirtualSource("elsewhere.h5", "load", shape=(24,))
+    del file["load"]
     file.create_virtual_dataset("load", layout)
 
 
 def committed(file: Any) -> None:
     file["kind"] = np.dtype("f8")
-    file.create_dataset("load", data=np.zeros(24), dtype=file["kind"])
+    array(dtype=file["kind"])(file)
 
 
-def hard_link(file: Any) -> None:
-    file["load"] = file["time"]
+def padded(padding: int) -> Callable[[Any], None]:
+    def change(file: Any) -> None:
+        kind = h5py.h5t.C_S1.copy()
+        kind.set_size(3)
+        kind.set_strpad(padding)
+        kind.set_cset(h5py.h5t.CSET_UTF8)
+        space = h5py.h5s.create(h5py.h5s.SCALAR)
+        del file["declared"]
+        text = h5py.h5d.create(file.id, b"declared", kind, space)
+        text.write(h5py.h5s.ALL, h5py.h5s.ALL, np.array(b"{} ", "S3"), kind)
+
+    return change
 
 
-def circle(file: Any) -> None:
-    file["sensors/2"] = file["sensors"]
-
-
-def references(file: Any) -> None:
-    file.create_dataset("load", data=[file["time"].ref] * 24, dtype=h5py.ref_dtype)
-
-
-def padded(file: Any, padding: int) -> None:
-    kind = h5py.h5t.C_S1.copy()
-    kind.set_size(3)
-    kind.set_strpad(padding)
-    kind.set_cset(h5py.h5t.CSET_UTF8)
-    space = h5py.h5s.create(h5py.h5s.SCALAR)
-    h5py.h5d.create(file.id, b"declared", kind, space).write(
-        h5py.h5s.ALL, h5py.h5s.ALL, np.array(b"{} ", "S3"), kind
-    )
-
-
-def lzf(file: Any) -> None:
-    file.create_dataset("load", data=np.zeros(24), compression="lzf")
-
-
-ELSEWHERE = {
-    "external link": replaced(
-        "load", lambda f: f.__setitem__("load", h5py.ExternalLink("a.h5", "load"))
+OUTSIDE = [("elsewhere.bin", 0, 192)]
+ELSEWHERE: dict[str, Callable[[Any], Any]] = {
+    "external link": put("load", h5py.ExternalLink("a.h5", "load")),
+    "soft link": put("load", h5py.SoftLink("/time")),
+    "hard link": put("load", lambda file: file["time"]),
+    "circle of groups": put("sensors/2", lambda file: file["sensors"]),
+    "view of another file": virtual,
+    "storage elsewhere": array(
+        data=None, shape=(24,), dtype="f8", external=[("elsewhere.bin", 0, 192)]
     ),
-    "soft link": replaced("load", lambda f: f.__setitem__("load", h5py.SoftLink("/time"))),
-    "hard link": replaced("load", hard_link),
-    "circle of groups": replaced("sensors/2", circle),
-    "view of another file": replaced("load", virtual),
-    "storage elsewhere": replaced(
-        "load",
-        lambda f: f.create_dataset("load", (24,), "f8", external=[("elsewhere.bin", 0, 192)]),
-    ),
-    "shared type": replaced("load", committed),
-    "references": replaced("load", references),
-    "other filter": replaced("load", lzf),
-    "growing array": replaced(
-        "load", lambda f: f.create_dataset("load", data=np.zeros(24), maxshape=(None,))
-    ),
-    "other number": replaced("load", lambda f: f.create_dataset("load", data=np.zeros(24, "f4"))),
-    "several texts": replaced("declared", lambda f: f.__setitem__("declared", ["{}", "{}"])),
-    "text of variable length": replaced("declared", lambda f: f.__setitem__("declared", "{}")),
-    "text in ASCII": replaced(
-        "declared", lambda f: f.__setitem__("declared", text(b"{}", set="ascii"))
-    ),
-    "text with spaces": replaced("declared", lambda f: padded(f, h5py.h5t.STR_SPACEPAD)),
-    "text with an end": replaced("declared", lambda f: padded(f, h5py.h5t.STR_NULLTERM)),
-    "text with NUL": replaced("declared", lambda f: f.__setitem__("declared", text(b"{}\0"))),
-    "dataset for a group": replaced("sensors", lambda f: f.__setitem__("sensors", np.zeros(3))),
-    "group for a dataset": replaced("load", lambda f: f.create_group("load")),
-    "empty attribute": lambda f: f.attrs.__setitem__("point", h5py.Empty("f8")),
-    "array as attribute": lambda f: f.attrs.__setitem__("point", np.arange(3.0)),
+    "shared type": committed,
+    "references": lambda file: array(data=[file["time"].ref] * 24, dtype=h5py.ref_dtype)(file),
+    "other filter": array(compression="lzf"),
+    "growing array": array(maxshape=(None,)),
+    "other number": array(data=np.zeros(24, "f4")),
+    "several texts": put("declared", ["{}", "{}"]),
+    "text of variable length": put("declared", "{}"),
+    "text in ASCII": put("declared", text(b"{}", set="ascii")),
+    "text with spaces": padded(h5py.h5t.STR_SPACEPAD),
+    "text with an end": padded(h5py.h5t.STR_NULLTERM),
+    "text with NUL": put("declared", text(b"{}\0")),
+    "dataset for a group": put("sensors", np.zeros(3)),
+    "group for a dataset": lambda file: (put("load", None)(file), file.create_group("load")),
+    "empty attribute": lambda file: file.attrs.__setitem__("point", h5py.Empty("f8")),
+    "array as attribute": lambda file: file.attrs.__setitem__("point", np.arange(3.0)),
 }
 
 

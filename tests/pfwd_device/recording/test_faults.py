@@ -54,14 +54,6 @@ def test_no_drop_is_lost_by_a_power_cut(run: Recorded) -> None:
     assert (outcome.states, outcome.losing, outcome.unreadable) == (20, 0, 0)
 
 
-@pytest.mark.slow
-def test_no_drop_is_lost_by_two_hundred_power_cuts() -> None:
-    reports: list[dict[str, Any]] = []
-    assert power_loss.campaign(40, 200, 5, lambda **values: reports.append(values), every=50)
-    assert [report["what"] for report in reports] == ["kill", "power loss"]
-    assert reports[1]["states"] == 200
-
-
 @pytest.mark.parametrize("planted", [NoSync, NoDirectorySync])
 def test_a_forgotten_sync_is_noticed(tmp_path: Path, planted: type[NotingStorage]) -> None:
     broken = record_run(tmp_path, 10, 3, storage_type=planted, faults=False, publish=False)

@@ -467,30 +467,29 @@ def test_an_interrupted_merge_is_repeated(tmp_path: Path, every: int) -> None:
         assert check(folder / "survey", spare=second).ok
 
 
-@pytest.mark.parametrize("number", [errno.EIO, errno.ESTALE])
 def test_a_file_that_cannot_be_accessed_is_an_error_of_recording(
-    survey: Path, monkeypatch: pytest.MonkeyPatch, number: int
+    survey: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An error of the system is an error of recording, which does not end a measurement."""
     exists = Path.exists
 
     def failing(path: Path) -> bool:
         if path.parent.name in ("results", "captures") or path.name == "acknowledged.txt":
-            raise OSError(number, os.strerror(number))
+            raise OSError(errno.ESTALE, "stale")
         return exists(path)
 
     with open_writer(survey) as writer:
         save(writer, 1)
         with monkeypatch.context() as patch:
             patch.setattr(Path, "exists", failing)
-            with pytest.raises(RecordingError, match=os.strerror(number)):
+            with pytest.raises(RecordingError, match="stale"):
                 writer.save_result(1, {"modulus_pa": 45e6})
-            with pytest.raises(RecordingError, match=os.strerror(number)):
+            with pytest.raises(RecordingError, match="stale"):
                 writer.open_capture("link", {})
     with monkeypatch.context() as patch:
         patch.setattr(Path, "exists", failing)
         for action in (SurveyWriter.open, recover):
-            with pytest.raises(RecordingError, match=os.strerror(number)):
+            with pytest.raises(RecordingError, match="stale"):
                 action(survey)
     assert check(survey).ok
 

@@ -19,7 +19,7 @@ from pfwd_device.recording.index import Index, build_index, read_index
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import Entry, about_drop, ledger_bytes
 from pfwd_device.recording.recovery import recover
-from tests.pfwd_device.recording.operations import growth, operations
+from tests.pfwd_device.recording.operations import growth
 from tests.pfwd_device.recording.records import journal_of, open_survey, record_of
 
 FLAT = 1.2
@@ -41,19 +41,6 @@ def record(folder: Path, drops: int, *, publish: bool = False, per_point: int = 
             writer.edit("note", f"drop {number}", number=saved)
             writer.edit("note", f"point of {number}", point=name)
     return folder
-
-
-def test_operations_are_counted() -> None:
-    assert operations(lambda: None) < operations(lambda: [n + 1 for n in range(100)])
-
-    def square(size: int) -> Callable[[], object]:
-        return lambda: [n for n in range(size) for _ in range(size)]
-
-    def line(size: int) -> Callable[[], object]:
-        return lambda: [n + 1 for n in range(size)]
-
-    assert growth(square, 50) > 3
-    assert growth(line, 50) == pytest.approx(1.0, abs=0.05)
 
 
 def test_a_survey_is_read_at_the_same_cost_for_each_drop(tmp_path: Path) -> None:

@@ -42,10 +42,7 @@ def test_groups_that_wait_for_the_processes_come_in_order(count: int) -> None:
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_an_error_of_a_group_is_raised(count: int) -> None:
-    with (
-        pytest.raises(ValueError, match="math domain error"),
-        Workers(count) as workers,
-    ):
+    with pytest.raises(ValueError, match="math domain error"), Workers(count) as workers:
         list(workers.at_once(lambda value: list(workers.map(math.sqrt, [value])), [1.0, -1.0]))
 
 

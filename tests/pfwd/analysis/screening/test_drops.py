@@ -399,22 +399,13 @@ def test_a_record_that_is_short_by_its_settings_is_sound(make_drop: Callable[...
 
 @pytest.mark.parametrize("gap", [(-0.02, -0.01), (0.06, 0.07), (0.01, 0.02)])
 def test_no_nan_reaches_the_inversion(
-    drop: Drop, gap: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+    drop: Drop, gap: tuple[float, float], inverted: list[list[Record]]
 ) -> None:
-    inverted: list[Any] = []
-
-    def spy(records: list[Any], *_: object) -> list[None]:
-        inverted.extend(records)
-        return [None] * len(records)
-
-    monkeypatch.setattr(analyse, "invert_joint", spy)
-    setup, damaged = PointSetup(plate_radius=0.15), without(drop, *gap)
-    library: Any = None
-    options = AnalysisOptions()
-    analyse.analyse_drop(damaged, setup, screen(damaged, setup), options, library)
-    analyse.analyse_point(TracePoint("x", setup, (damaged,), ()), options, library)
+    damaged = without(drop, *gap)
+    analyse_drop(damaged, SETUP, screen(damaged, SETUP), QUICK, SurrogateLibrary())
+    analyse_point(TracePoint("x", SETUP, (damaged,), ()), QUICK, SurrogateLibrary())
     assert len(inverted) == (0 if gap == (0.01, 0.02) else 2)
-    for record in inverted:
+    for (record,) in inverted:
         assert np.isfinite(record.load).all()
         assert all(np.isfinite(sensor.values).all() for sensor in record.sensors)
 
@@ -446,17 +437,23 @@ def test_a_drop_that_is_not_measured_is_no_original(point: TracePoint) -> None:
     assert duplicate_drops(seating.drops, screen_point(seating)) == {3: copy}
 
 
-def test_copies_are_inverted_once(point: TracePoint, monkeypatch: pytest.MonkeyPatch) -> None:
-    groups: list[int] = []
+@pytest.fixture
+def inverted(monkeypatch: pytest.MonkeyPatch) -> list[list[Record]]:
+    """Records of each inversion, which is refused."""
+    groups: list[list[Record]] = []
 
-    def counted(records: list[Record], *_: Settings | SurrogateLibrary) -> None:
-        groups.append(len(records))
+    def refuse(records: list[Record], *_: Settings | SurrogateLibrary) -> None:
+        groups.append(records)
         raise InversionError("enough")
 
-    monkeypatch.setattr(analyse, "invert_joint", counted)
+    monkeypatch.setattr(analyse, "invert_joint", refuse)
+    return groups
+
+
+def test_copies_are_inverted_once(point: TracePoint, inverted: list[list[Record]]) -> None:
     analyse_point(point, replace(QUICK, joint=True), SurrogateLibrary())
     # The two that differ share a ground; each copy is inverted by itself.
-    assert groups == [2, 1, 1]
+    assert [len(records) for records in inverted] == [2, 1, 1]
 
 
 def test_copies_count_once_in_a_diagnosis(point: TracePoint) -> None:
@@ -534,25 +531,21 @@ def test_drops_that_judge_no_sensor(loose_point: TracePoint, make_drop: MakeDrop
     assert noted[1] == screen_point(replace(loose_point, drops=(first, knock, third)))[1]
 
 
-def test_an_inversion_omits_it(loose_point: TracePoint, monkeypatch: pytest.MonkeyPatch) -> None:
-    used: list[list[list[float]]] = []
+def test_an_inversion_omits_it(loose_point: TracePoint, inverted: list[list[Record]]) -> None:
+    def used() -> list[list[list[float]]]:
+        groups = [[[s.offset for s in record.sensors] for record in group] for group in inverted]
+        inverted.clear()
+        return groups
 
-    def noted(records: list[Record], *_: Settings | SurrogateLibrary) -> None:
-        used.append([[sensor.offset for sensor in record.sensors] for record in records])
-        raise InversionError("enough")
-
-    monkeypatch.setattr(analyse, "invert_joint", noted)
-    library = SurrogateLibrary()
+    sound, library = [0.0, 0.3, -0.3, 0.6], SurrogateLibrary()
     every = analyse_point(loose_point, QUICK, library)
-    assert used == [[[0.0, 0.3, -0.3, 0.6]]] * 3
-    used.clear()
+    assert used() == [[sound]] * 3
     analyse_point(loose_point, replace(QUICK, joint=True), library)
-    assert used == [[[0.0, 0.3, -0.3, 0.6]] * 3]
-    used.clear()
+    assert used() == [[sound] * 3]
     # As it comes from the instrument: what the drop itself tells.
     (judged,) = screen_point(replace(loose_point, drops=loose_point.drops[1:2]))
     alone = analyse_drop(loose_point.drops[1], loose_point.setup, judged, QUICK, library)
-    assert used == [[[0.0, 0.3, -0.3, 0.6]]]
+    assert used() == [[sound]]
     for each in (*every, alone):
         assert len(faults(drop_result("f", each).warnings)) == 1
 
