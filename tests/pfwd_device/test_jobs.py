@@ -219,7 +219,7 @@ def test_a_request_never_waits_for_a_busy_process() -> None:
         begin = time.monotonic()
         for _ in range(20):
             jobs.submit(len, bytes(1_000_000))
-        assert time.monotonic() - begin < 1.0
+        assert time.monotonic() - begin < PATIENCE / 2
 
 
 def _interrupted(jobs: Jobs, requested: list[Task[None]]) -> None:

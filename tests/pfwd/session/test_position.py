@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pfwd.session.position import NmeaParser, PositionReceiver
 from pfwd_device.errors import DeviceError, DeviceLost
 
-PATIENCE = 10.0  # s
+PATIENCE = 60.0  # s
 
 
 def sentence(body: str) -> bytes:

