@@ -68,7 +68,7 @@ class Reporter:
 
 
 def parse_options(
-    part: str, description: str | None, arguments: list[str], **options: tuple[Any, str]
+    part: str, description: str | None, arguments: list[str], /, **options: tuple[Any, str]
 ) -> tuple[argparse.Namespace, Reporter]:
     """Parse the arguments of a benchmark; return its options and the printer of its results.
 

@@ -4,7 +4,6 @@ A drop counts as acknowledged when ``pfwd log`` has printed its line. The logger
 program, the instrument a simulated one that drops its hammer several times a second.
 """
 
-import argparse
 import contextlib
 import os
 import shutil
@@ -18,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.output import Reporter
+from benchmarks.output import parse_options
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import check, read_survey, recover
 from simulators.instrument import serve
@@ -293,14 +292,15 @@ def _trigger(record: Any) -> int:
 
 def run(arguments: list[str]) -> int:
     """Run the whole campaign; ``--short`` for one that takes a minute or two."""
-    parser = argparse.ArgumentParser(prog="pfwd bench faults")
-    parser.add_argument("--short", action="store_true")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", action="store_true")
-    parser.add_argument("--part", action="append", help="only this part; may be repeated")
-    args = parser.parse_args(arguments)
-    report = Reporter(arguments)
-    rng = np.random.default_rng(args.seed)
+    options, report = parse_options(
+        "faults",
+        __doc__,
+        arguments,
+        short=(False, "a minute or two"),
+        seed=(0, "random seed"),
+        part=("", "only these parts, by comma"),
+    )
+    rng = np.random.default_rng(options.seed)
     parts = {
         "kill -9": (kills, 300, 10, {}),
         "truncations": (damages, 100, 12, {"cut": True}),
@@ -310,15 +310,16 @@ def run(arguments: list[str]) -> int:
         "bit errors": (bit_errors, 300, 40, {}),
         "replaced files": (replaced_files, 2 * len(REPLACEMENTS), 4, {}),
     }
-    for name in args.part or ():
-        if name not in parts:
-            parser.error(f"--part: expected one of {', '.join(parts)}, got {name}")
+    chosen = options.part.split(",") if options.part else list(parts)
+    if unknown := set(chosen) - parts.keys():
+        print(f"pfwd bench faults: no part {', '.join(sorted(unknown))}", file=sys.stderr)
+        return 2
     good = True
-    for name in args.part or parts:
-        part, count, short, options = parts[name]
+    for name in chosen:
+        part, count, short_count, keywords = parts[name]
         with tempfile.TemporaryDirectory(prefix="pfwd-faults-") as folder:
             start = time.monotonic()
-            tally = part(short if args.short else count, rng, Path(folder), **options)  # type: ignore[operator]
+            tally = part(short_count if options.short else count, rng, Path(folder), **keywords)  # type: ignore[operator]
         report.record(
             part=name,
             faults=tally.faults,

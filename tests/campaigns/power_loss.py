@@ -5,7 +5,6 @@ each call, and after a power cut: all that was synced, some unsynced sectors of 
 first unsynced names. Each content is recovered and compared with the acknowledged drops.
 """
 
-import argparse
 import contextlib
 import errno
 import tempfile
@@ -16,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.output import Reporter
+from benchmarks.output import parse_options
 from pfwd_device import Channel, Drop
 from pfwd_device.errors import RecordingError
 from pfwd_device.jobs import Jobs
@@ -197,14 +196,15 @@ def campaign(
 
 def run(arguments: list[str]) -> int:
     """Run the campaign; return 1 if a drop was lost."""
-    parser = argparse.ArgumentParser(prog="pfwd bench power_loss")
-    parser.add_argument("--drops", type=int, default=40)
-    parser.add_argument("--power-losses", type=int, default=200)
-    parser.add_argument("--every", type=int, default=1, help="kill at every n-th call only")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", action="store_true")
-    options = parser.parse_args(arguments)
-    report = Reporter(arguments)
+    options, report = parse_options(
+        "power_loss",
+        __doc__,
+        arguments,
+        drops=(40, "number of drops"),
+        power_losses=(200, "number of power cuts"),
+        every=(1, "kill at every n-th call only"),
+        seed=(0, "random seed"),
+    )
     report.title("acknowledged drops after a kill at every call and after power loss")
     is_complete = campaign(
         options.drops, options.power_losses, options.seed, report.record, every=options.every

@@ -4,7 +4,6 @@ The compiled core plays finite-element drops into `measure`, as in `pfwd log`, t
 is cut or damages bytes. The recorded samples are compared with the played ones, bit for bit.
 """
 
-import argparse
 import random
 import tempfile
 import threading
@@ -19,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.output import Reporter
+from benchmarks.output import Reporter, parse_options
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.session.events import DropSaved, SessionEvent
 from pfwd.session.measure import measure
@@ -77,14 +76,15 @@ class Recorded:
 
 def run(arguments: list[str]) -> int:
     """Run the requested parts; return 1 if a drop is lost, repeated or damaged without a mark."""
-    parser = argparse.ArgumentParser(prog="pfwd bench wire")
-    parser.add_argument("--short", action="store_true", help="a tenth of the drops")
-    parser.add_argument("--drops", type=int, help="number of drops (default: 300)")
-    parser.add_argument("--part", choices=["pulled", "killed", "errors", "slow"], action="append")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", action="store_true")
-    options = parser.parse_args(arguments)
-    reporter = Reporter(arguments)
+    options, reporter = parse_options(
+        "wire",
+        __doc__,
+        arguments,
+        short=(False, "a tenth of the drops"),
+        drops=(int, "number of drops (300)"),
+        part=("pulled,killed,errors,slow", "parts by comma"),
+        seed=(1, "random seed"),
+    )
     drops = options.drops or (30 if options.short else 300)
     parts: dict[str, Callable[[], bool]] = {
         "pulled": lambda: pulled(reporter, drops, options.seed),
@@ -93,7 +93,7 @@ def run(arguments: list[str]) -> int:
         "slow": lambda: slow(reporter),
     }
     try:
-        good = [parts[name]() for name in options.part or parts]
+        good = [parts[name]() for name in options.part.split(",")]
     except FirmwareError as err:
         print(err)
         return 2
