@@ -7,23 +7,17 @@ Sources
 
 - Boussinesq 1885: Application des potentiels a l'etude de l'equilibre et du mouvement des solides
   elastiques. Gauthier-Villars, Paris.
-- Love 1927: A treatise on the mathematical theory of elasticity, 4th ed. Cambridge University
-  Press. (Pressure over part of a plane: Boussinesq's potentials.)
 - Mossakovskii 1954: The fundamental mixed problem of the theory of elasticity for a half-space with
   a circular line separating the boundary conditions. Prikl. Mat. Mekh. 18, 187-196. The stiffness
   in this form: Borodich and Keer 2004, Proc. R. Soc. Lond. A 460, 507-514.
 - Sneddon 1965: The relation between load and penetration in the axisymmetric Boussinesq problem for
   a punch of arbitrary profile. Int. J. Engng Sci. 3, 47-57.
-- Rayleigh 1885: On waves propagated along the plane surface of an elastic solid. Proc. Lond. Math.
-  Soc. 17, 4-11.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-
-import numpy as np
 
 # --- elastic constants and waves -----------------------------------------------------------------
 
@@ -49,23 +43,7 @@ def s_wave_velocity(modulus: float, poisson_ratio: float, density: float) -> flo
     return math.sqrt(shear_modulus(modulus, poisson_ratio) / density)
 
 
-def rayleigh_over_s_wave_velocity(poisson_ratio: float) -> float:
-    """Rayleigh 1885: x = (cR/cs)^2 solves x^3 - 8 x^2 + (24 - 16 c) x - 16 (1 - c) = 0."""
-    c = (1 - 2 * poisson_ratio) / (2 * (1 - poisson_ratio))
-    roots = np.roots([1.0, -8.0, 24.0 - 16.0 * c, -16.0 * (1.0 - c)])
-    real = roots[np.abs(roots.imag) < 1e-9].real
-    (x,) = real[(real > 0) & (real < 1)]
-    return math.sqrt(x)
-
-
 # --- static half-space ---------------------------------------------------------------------------
-
-
-def boussinesq_surface_displacement(
-    force: float, offset: float, modulus: float, poisson_ratio: float
-) -> float:
-    """Boussinesq 1885, point force: w(r) = (1 - nu^2) F / (pi E r)."""
-    return (1 - poisson_ratio**2) * force / (math.pi * modulus * offset)
 
 
 def smooth_disc_stiffness(modulus: float, poisson_ratio: float, radius: float) -> float:
@@ -77,13 +55,6 @@ def rough_disc_stiffness(modulus: float, poisson_ratio: float, radius: float) ->
     """Mossakovskii 1954: F/w = 4 G a ln(3 - 4 nu) / (1 - 2 nu)."""
     shear = shear_modulus(modulus, poisson_ratio)
     return 4 * shear * radius * math.log(3 - 4 * poisson_ratio) / (1 - 2 * poisson_ratio)
-
-
-def smooth_disc_outside_displacement(
-    plate_displacement: float, radius: float, offset: float
-) -> float:
-    """Sneddon 1965, r >= a: w(r) = (2/pi) w0 arcsin(a/r)."""
-    return 2 / math.pi * plate_displacement * math.asin(radius / offset)
 
 
 # --- static layer on a rigid base ----------------------------------------------------------------

@@ -152,8 +152,6 @@ def test_the_files_that_the_document_names_exist() -> None:
         for name in re.findall(r"`([\w/]+(?:\.py)?)`", place + entry):
             if "/" in name:
                 assert (TOP / name).exists(), name
-    for name in set(re.findall(r"`((?:pfwd_\w+|inversion|simulators|tui)/[\w/.]+)`", TEXT)):
-        assert (TOP / name).exists(), name
 
 
 def test_the_arguments_of_a_stage_agree_with_the_table() -> None:

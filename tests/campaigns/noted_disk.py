@@ -120,13 +120,6 @@ class NoDirectorySync(NotingStorage):
         """Do nothing."""
 
 
-class NoTruncate(NotingStorage):
-    """Planted bug: the bytes of a failed append remain."""
-
-    def truncate(self, descriptor: int, size: int) -> None:
-        """Do nothing."""
-
-
 @dataclass
 class _Inode:
     current: bytearray = field(default_factory=bytearray)

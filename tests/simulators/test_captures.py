@@ -1,13 +1,16 @@
 """The replay of a captured logger returns the items of its recording, in the same order."""
 
 import functools
+import itertools
 import threading
 from collections.abc import Callable, Iterable
 from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from pfwd.session.feeds import Ended, FeedItem
 from pfwd.session.live import LiveFeed
@@ -17,6 +20,7 @@ from pfwd_device.acquisition import driver, link
 from pfwd_device.acquisition.items import Connected, Disconnected, Samples
 from pfwd_device.errors import DeviceLost
 from pfwd_device.recording import CaptureWriter
+from pfwd_device.wire.fixed_frames import CHECKSUMS
 from pfwd_device.wire.messages import Status
 from simulators.instrument.scenario import load_scenario
 from simulators.loggers import (
@@ -28,19 +32,55 @@ from simulators.loggers import (
     PortlessLogger,
     logger_setup,
 )
-from tests.simulators.test_described_loggers import EXAMPLES, Frames, Lines
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+FULL_SCALE = 1 << 23
 
 
-class StartedFrames(Frames):
+class Described(PortlessLogger):
+    """Logger with 24 bits that a setup file of the examples describes."""
+
+    def readings(self, start: int, stop: int) -> NDArray[np.int64]:
+        return np.rint(self.volts(start, stop) / 10.0 * FULL_SCALE).astype(np.int64)
+
+    def _send(self, volts: NDArray[np.float64]) -> None:
+        first = self._scan - self.started[0][1]
+        for number, row in enumerate(np.rint(volts / 10.0 * FULL_SCALE).astype(int), first):
+            self.output += self.frame(number, row.tolist())
+
+    def frame(self, number: int, row: list[int]) -> bytes:
+        raise NotImplementedError
+
+    def _fail(self, fault: LoggerFault) -> None:
+        raise NotImplementedError
+
+
+class Lines(Described):
+    """Prints the number of the sample, beginning shortly before its counter starts again."""
+
+    def receive(self, data: bytes) -> None:
+        if b"g\n" in data and not self.sampling:
+            self._start(2000.0)
+        elif b"h\n" in data:
+            self.sampling = False
+
+    def frame(self, number: int, row: list[int]) -> bytes:
+        counter = (number + 2**32 - 3000) % 2**32
+        return f"{counter} {row[0]} {row[1]}\r\n".encode()
+
+
+class Frames(Described):
     """Sends frames after a command."""
-
-    def connect(self) -> None:
-        return
 
     def receive(self, data: bytes) -> None:
         self.sampling = b"go" in data
         if self.sampling:
             self._start(2000.0)
+
+    def frame(self, number: int, row: list[int]) -> bytes:
+        data = b"\xaa\x55" + (number % 65536).to_bytes(2, "little")
+        data += b"".join(value.to_bytes(3, "big", signed=True) for value in row)
+        return data + CHECKSUMS["crc16-modbus"][1](data).to_bytes(2, "little")
 
 
 class UncountedLines(Lines):
@@ -111,7 +151,7 @@ FAMILIES: dict[str, tuple[type[PortlessLogger], Callable[[], str], tuple[LoggerF
         (*UNPLUGS, LoggerFault(10.2, "overflow", 1000)),
     ),
     "frames": (
-        StartedFrames,
+        Frames,
         lambda: example("ads131-frames.toml", {"8000": "2000", "[logger]": COMMANDS}),
         UNPLUGS,
     ),
@@ -160,6 +200,12 @@ def test_a_replayed_capture_has_the_items_of_its_recording(
                 tick.set()
     assert sum(isinstance(item, Connected) for item in recorded) >= 3
     assert isinstance(recorded[-1], Samples)
+    if isinstance(logger, Described):
+        unbroken = itertools.takewhile(lambda each: not isinstance(each, Disconnected), recorded)
+        first = [item for item in unbroken if isinstance(item, Samples)]
+        counts = np.concatenate([item.counts for item in first])
+        start = logger.started[0][1] + first[0].first
+        np.testing.assert_array_equal(counts, logger.readings(start, start + len(counts)))
     replay, _, reader = capture_feed(tmp_path / "link.pfwdc")
     replayed = list[FeedItem]()
     while not isinstance(item := replay.next(1.0), Ended):
