@@ -27,7 +27,7 @@ from simulators.loggers import (
     LoggerFault,
     logger_setup,
 )
-from tests.simulators.test_loggers import Host, dialect_for, wrong_samples
+from tests.simulators.test_loggers import Host, run_host, wrong_samples
 
 
 @pytest.fixture(scope="module")
@@ -64,8 +64,7 @@ def test_lost_datagrams_are_exact_gaps_and_repeated_datagrams_are_ignored(
         for time in np.arange(1.0, 31.0, 0.3)
     ]
     logger = RecordingLogger(scenario, seed, faults=faults)
-    host = Host(dialect_for(scenario, "dataq-ethernet"), logger, seed)
-    host.run(33.0)
+    host = run_host(logger, 33.0, seed)
     assert (wrong_samples(host)[0], host.stops, len(logger.started)) == (0, [], 1)
     present, lost = present_scans(host), {word // 3 for word in logger.lost_words}
     assert len(lost) > 1000
@@ -76,8 +75,7 @@ def test_lost_datagrams_are_exact_gaps_and_repeated_datagrams_are_ignored(
 
 def test_the_count_of_samples_wraps(scenario: Scenario) -> None:
     logger = DataqEthernetLogger(scenario, drops=1)
-    host = Host(dialect_for(scenario, "dataq-ethernet"), logger, 1)
-    host.run(0.5)
+    host = run_host(logger, 0.5)
     for turn in range(2):  # 2^31, then 2^32
         while present_scans(host)[-1] < ((turn + 1) * (1 << 31) - 9_000_000) // 3:
             logger.skip(5_500_000)
@@ -97,8 +95,7 @@ def test_an_inclusive_count_is_detected_after_a_second_start(
 ) -> None:
     logger = DataqEthernetLogger(scenario)
     logger.inclusive_count = True
-    host = Host(dialect_for(scenario, "dataq-ethernet"), logger, 1)
-    host.run(3.0)
+    host = run_host(logger, 3.0)
     assert (wrong_samples(host)[0], host.stops) == (0, ["its first samples are missing"])
     assert len(present_scans(host)) > 28_000
 
@@ -106,8 +103,7 @@ def test_an_inclusive_count_is_detected_after_a_second_start(
 @pytest.mark.parametrize(("amount", "reason"), [(-40, "went back"), (1 << 17, "jumped")])
 def test_an_impossible_count_ends_the_run(scenario: Scenario, amount: int, reason: str) -> None:
     logger = DataqEthernetLogger(scenario)
-    host = Host(dialect_for(scenario, "dataq-ethernet"), logger, 1)
-    host.run(1.0)
+    host = run_host(logger, 1.0)
     logger._count += amount * 256
     host.run(1.0)
     assert [reason in text for text in host.stops] == [True]
@@ -117,8 +113,7 @@ def test_an_impossible_count_ends_the_run(scenario: Scenario, amount: int, reaso
 def test_a_full_buffer_and_rotated_channels_end_the_run(scenario: Scenario) -> None:
     faults = [LoggerFault(1.0, "overflow"), LoggerFault(2.0, "rotate")]
     logger = DataqEthernetLogger(scenario, faults=faults)
-    host = Host(dialect_for(scenario, "dataq-ethernet"), logger, 1)
-    host.run(3.0)
+    host = run_host(logger, 3.0)
     assert host.stops == ["its buffer was full", "the order of its channels was wrong"]
     assert (wrong_samples(host)[0], len(logger.started)) == (0, 3)
 

@@ -26,6 +26,7 @@ from pfwd_device.wire.messages import (
 from simulators.instrument.scenario import Scenario, load_scenario
 from simulators.loggers import (
     DATAQ_RANGES,
+    DataqEthernetLogger,
     DataqLogger,
     LabjackEndpoint,
     LabjackLogger,
@@ -107,6 +108,23 @@ class Host:
                 self.refusal = message
 
 
+NAMES: dict[type[PortlessLogger], LoggerName] = {
+    DataqLogger: "dataq",
+    DataqEthernetLogger: "dataq-ethernet",
+    LabjackLogger: "labjack",
+}
+
+
+def run_host(
+    logger: PortlessLogger, seconds: float, seed: int = 1, changes: dict[str, str] | None = None
+) -> Host:
+    """Return a host after a time with a logger."""
+    name = next(name for kind, name in reversed(NAMES.items()) if isinstance(logger, kind))
+    host = Host(dialect_for(logger.scenario, name, changes), logger, seed)
+    host.run(seconds)
+    return host
+
+
 def wrong_samples(host: Host) -> tuple[int, int]:
     """Return the numbers of samples that differ from their scans, and of all samples."""
     logger, wrong, count = host.logger, 0, 0
@@ -131,8 +149,7 @@ def wrong_samples(host: Host) -> tuple[int, int]:
 
 @pytest.mark.parametrize("model", DATAQ_RANGES)
 def test_each_dataq_sample_is_that_of_its_scan(scenario: Scenario, model: str) -> None:
-    host = Host(dialect_for(scenario, "dataq"), DataqLogger(scenario, 1, model=model), 1)
-    host.run(8.0)
+    host = run_host(DataqLogger(scenario, 1, model=model), 8.0)
     wrong, count = wrong_samples(host)
     assert (wrong, host.stops) == (0, [])
     assert count > 78_000
@@ -153,8 +170,7 @@ def test_no_rotated_dataq_sample_is_accepted(scenario: Scenario, model: str, see
         for time in np.arange(1.0, 40.0, 1.1) + rng.uniform(0.0, 0.5, 36)
     ]
     logger = DataqLogger(scenario, seed, faults=faults, model=model)
-    host = Host(dialect_for(scenario, "dataq"), logger, seed)
-    host.run(42.0)
+    host = run_host(logger, 42.0, seed)
     wrong, count = wrong_samples(host)
     assert wrong == 0
     assert count > 250_000
@@ -168,8 +184,7 @@ def test_rotated_channels_without_a_signal_are_detected(scenario: Scenario, mode
             return np.zeros((stop - start, len(self.scenario.device.channels)))
 
     logger = QuietLogger(scenario, faults=[LoggerFault(0.5, "rotate")], model=model)
-    host = Host(dialect_for(scenario, "dataq"), logger, 1)
-    host.run(1.0)
+    host = run_host(logger, 1.0)
     assert (wrong_samples(host)[0], len(host.stops)) == (0, 1)
 
 
@@ -179,11 +194,9 @@ def test_skipped_labjack_scans_are_exact_gaps(scenario: Scenario) -> None:
         LoggerFault(float(time), "overflow", int(rng.integers(1, 3000)))
         for time in np.arange(1.0, 31.0, 1.2)
     ]
-    logger = LabjackLogger(scenario, 5, faults=faults)
-    host = Host(dialect_for(scenario, "labjack"), logger, 5)
-    host.run(33.0)
+    host = run_host(LabjackLogger(scenario, 5, faults=faults), 33.0, 5)
     wrong, count = wrong_samples(host)
-    assert (wrong, host.stops, len(logger.started)) == (0, [], 1)
+    assert (wrong, host.stops, len(host.logger.started)) == (0, [], 1)
     ends = [block.first_sample + len(block.counts) for block in host.blocks]
     starts = [block.first_sample for block in host.blocks]
     missing = sum(start - end for start, end in zip(starts[1:], ends, strict=False))
@@ -193,9 +206,7 @@ def test_skipped_labjack_scans_are_exact_gaps(scenario: Scenario) -> None:
 
 @pytest.mark.parametrize("rate", ["1001.0", "33333.0"])
 def test_a_labjack_samples_at_its_stated_rate(scenario: Scenario, rate: str) -> None:
-    dialect = dialect_for(scenario, "labjack", {"10000.0": rate})
-    host = Host(dialect, LabjackLogger(scenario), 1)
-    host.run(0.5)
+    host = run_host(LabjackLogger(scenario), 0.5, changes={"10000.0": rate})
     assert (host.refusal, wrong_samples(host)[0]) == (None, 0)
     assert host.identity is not None
     assert host.logger.started[0][0] == pytest.approx(host.identity.sampling_rate, rel=1e-6)
@@ -208,15 +219,13 @@ def test_skipped_labjack_scans_without_a_position_end_the_run(scenario: Scenario
             self._scan += fault.amount
 
     logger = Placeless(scenario, faults=[LoggerFault(0.5, "overflow", 7)])
-    host = Host(dialect_for(scenario, "labjack"), logger, 1)
-    host.run(1.0)
+    host = run_host(logger, 1.0)
     assert (wrong_samples(host)[0], len(host.stops), len(logger.started)) == (0, 1, 2)
 
 
 def test_an_unplugged_labjack_is_restarted(scenario: Scenario) -> None:
     faults = [LoggerFault(time, "unplug") for time in (2.0, 4.0, 4.5, 7.0)]
-    host = Host(dialect_for(scenario, "labjack"), LabjackLogger(scenario, 6, faults=faults), 6)
-    host.run(10.0)
+    host = run_host(LabjackLogger(scenario, 6, faults=faults), 10.0, 6)
     wrong, count = wrong_samples(host)
     assert (wrong, len(host.logger.started)) == (0, 5)
     assert count > 90_000
@@ -245,8 +254,7 @@ def test_a_setup_that_the_logger_lacks_is_refused(
     scenario: Scenario, name: LoggerName, changes: dict[str, str], expected: str
 ) -> None:
     kind = DataqLogger if name == "dataq" else LabjackLogger
-    host = Host(dialect_for(scenario, name, changes), kind(scenario), 1)
-    host.run(0.5)
+    host = run_host(kind(scenario), 0.5, changes=changes)
     assert host.refusal is not None
     assert host.refusal.code == RefusalCode.UNSUITABLE
     assert expected in host.refusal.text
@@ -261,17 +269,15 @@ def test_a_labjack_without_calibration_is_refused(
 ) -> None:
     logger = LabjackLogger(scenario)
     logger._memory = 4 * struct.pack(">4f", *cells, 0.0)
-    host = Host(dialect_for(scenario, "labjack"), logger, 1)
-    host.run(0.5)
+    host = run_host(logger, 0.5)
     assert host.refusal is not None
 
 
 def test_a_logger_that_sampled_before_is_stopped_first(scenario: Scenario) -> None:
     logger = DataqLogger(scenario)
-    Host(dialect_for(scenario, "dataq"), logger, 1).run(2.0)
-    logger.advance(1.0)  # its program has died, and 60 kB wait
-    host = Host(dialect_for(scenario, "dataq"), logger, 2)
-    host.run(2.0)
+    run_host(logger, 2.0)
+    logger.advance(1.0)  # without a host, so that 60 kB wait
+    host = run_host(logger, 2.0, 2)
     del logger.started[0]
     assert wrong_samples(host)[0] == 0
     assert sum(len(block.counts) for block in host.blocks) > 18_000
@@ -339,7 +345,6 @@ def test_dataq_samples_begin_behind_the_end_of_the_last_answer(
 def test_an_older_logger_states_the_dividend_of_its_rate(scenario: Scenario) -> None:
     logger = DataqLogger(scenario, model="2108P")
     logger.dividend = 60_000_000
-    host = Host(dialect_for(scenario, "dataq"), logger, 1)
-    host.run(1.0)
+    host = run_host(logger, 1.0)
     assert host.identity is not None
     assert logger.started[0][0] == pytest.approx(host.identity.sampling_rate) == 1e4
