@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from importlib.metadata import packages_distributions
 
 import pytest
-from packaging.requirements import Requirement
 
 from tests.sources import PACKAGES, PROJECT, TOP, parse_package
 
@@ -101,28 +100,6 @@ def test_every_dependency_has_its_version_in_the_constraints() -> None:
     requirements = [*PROJECT["project"]["dependencies"], *extras["dev"], *extras["docs"]]
     names = {text.split(">=")[0].split("[")[0].lower() for text in requirements}
     assert names <= pinned
-
-
-def test_cobs_has_a_wheel_for_every_python_on_windows() -> None:
-    """Version 1.2.2 has none for Python 3.11, and 1.2.1 has none for Python 3.14."""
-    pinned = re.search(
-        r"^cobs==(\S+)$", (TOP / "constraints.txt").read_text(encoding="utf-8"), re.M
-    )
-    assert pinned is not None
-    assert pinned[1] == "1.2.1"
-    texts = [text for text in PROJECT["project"]["dependencies"] if text.startswith("cobs")]
-    requirements = [Requirement(text) for text in texts]
-
-    def accepts(python: str, version: str) -> bool:
-        return all(
-            version in requirement.specifier
-            for requirement in requirements
-            if requirement.marker is None or requirement.marker.evaluate({"python_version": python})
-        )
-
-    assert not accepts("3.11", "1.2.2")
-    assert all(accepts(python, "1.2.1") for python in ("3.11", "3.12", "3.13"))
-    assert accepts("3.14", "1.2.2")
 
 
 @pytest.mark.parametrize("package", PACKAGES)

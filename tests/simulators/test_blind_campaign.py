@@ -4,15 +4,13 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from inversion.effects import BY_NAME
 from pfwd.files.traces import read_traces
-from simulators.mesh import GroundError, SoilProfile
+from simulators.mesh import GroundError, SoilLayer
 from tests.campaigns.blind import (
     DRAWN_LEVEL,
     SITES,
@@ -23,9 +21,8 @@ from tests.campaigns.blind import (
     read_truth,
 )
 from tests.campaigns.effects.catalogue import CLEAN, EFFECTS
-from tests.campaigns.effects.mechanics import two_layers
 from tests.campaigns.effects.recording import Converter
-from tests.campaigns.effects.response import RESOLUTION
+from tests.campaigns.effects.response import RESOLUTION, stacked_ground
 from tests.simulators.test_simulated_traces import read
 
 QUICK = ("clean", "sensor_lag", "permanent_set", "spring_rig", "gain_glitch", "plate_inertia")
@@ -162,28 +159,12 @@ def test_every_effect_can_be_simulated_with_finite_samples(tmp_path: Path, cache
         assert np.max(np.abs(table[:, 3:])) < 10.0
 
 
-def test_two_layers_have_the_ratio_and_its_square() -> None:
-    sites: list[SoilProfile] = []
-
-    def response(site: SoilProfile) -> SimpleNamespace:
-        sites.append(site)
-        return SimpleNamespace(ground=site)
-
-    scene: Any = SimpleNamespace(
-        site=SoilProfile.uniform(40e6, 5e4, 1900.0, 0.35),
-        radius=0.15,
-        heights=(1.0, 0.5),
-        response=response,
-        strike_all=len,
-        signals=lambda drops: drops,
-    )
-    point: Any = two_layers(scene, 1.4)
-    (site,) = sites
-    assert [layer.modulus for layer in site.layers] == pytest.approx([78.4e6, 56e6, 40e6])
-    assert [layer.viscosity for layer in site.layers] == pytest.approx([9.8e4, 7e4, 5e4])
-    assert [layer.thickness for layer in site.layers] == [0.15, 0.15, math.inf]
-    assert (point.signals, point.modulus) == (2, 40e6)
-    assert point.parameters == {"ratio": 1.4**2, "middle_ratio": 1.4, "thickness_m": 0.15}
+def test_stacked_layers_have_the_ratios_to_the_ground_below() -> None:
+    below = SoilLayer(40e6, 5e4, 1900.0, 0.35)
+    ground = stacked_ground(below, [(1.4**2, 0.15), (1.4, 0.3)])
+    assert [layer.modulus for layer in ground.layers] == pytest.approx([78.4e6, 56e6, 40e6])
+    assert [layer.viscosity for layer in ground.layers] == pytest.approx([9.8e4, 7e4, 5e4])
+    assert [layer.thickness for layer in ground.layers] == [0.15, 0.3, math.inf]
 
 
 @pytest.mark.slow
