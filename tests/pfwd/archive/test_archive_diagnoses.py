@@ -21,27 +21,22 @@ from pfwd.archive.run import invert_archive
 pytest.importorskip("pyarrow")
 
 from tests.pfwd.archive.stand_ins import LocalWorkers, QuickWorkers, rows
+from tests.pfwd.report import surveys
 from tests.records import known
 
 OPTIONS = AnalysisOptions(diagnose=True)
 
 
 def diagnosis(point: DiagnosisPoint) -> DiagnosisResult:
-    return DiagnosisResult(
+    after = {"model": "layer", "residual_rms_over_peak": 0.01, "stress_pa": 1e5}
+    return surveys.diagnosis(
+        known(point.records).numbers,
+        modulus=4e7,
+        ends=(3.9e7, 4.1e7),
+        after=after,
         file=point.file,
         point=point.point,
-        drops=known(point.records).numbers,
-        verdict="explained",
-        corrected=True,
-        plate_radius_m=0.15,
         before=FittedState(model="half-space", modulus_pa=5e7, residual_rms_over_peak=0.2),
-        after=FittedState(
-            model="layer",
-            modulus_pa=4e7,
-            modulus_interval_pa=(3.9e7, 4.1e7),
-            residual_rms_over_peak=0.01,
-            stress_pa=1e5,
-        ),
         effects=(EffectResult(name="sensor_lag"), EffectResult(name="bedrock")),
         held_out=HeldOut(mode="drop", before=0.2, after=0.02),
         warnings=(text_notice("a warning"),),

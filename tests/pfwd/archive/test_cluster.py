@@ -85,7 +85,7 @@ def test_a_cluster_that_ends_is_an_error_with_a_remedy(
 ) -> None:
     # So long the client looks whether it comes back.
     monkeypatch.setattr(cluster, "_CONNECT_TIMEOUT_S", 2.0)
-    with local_cluster() as local:
+    with local_cluster(processes=False, protocol="tcp://") as local:
         workers = ClusterWorkers(OPTIONS, local.scheduler_address)
         outcomes = invert_stream([str(drops)], workers)
     with (
@@ -165,7 +165,7 @@ def protected(
     folder = tmp_path_factory.mktemp("certificates")
     security, right = certificates(folder / "right")
     _, wrong = certificates(folder / "wrong")
-    with local_cluster(security=security) as local:
+    with local_cluster(processes=False, protocol="tls://", security=security) as local:
         assert local.scheduler_address.startswith("tls://")
         yield local.scheduler_address, right, wrong
 

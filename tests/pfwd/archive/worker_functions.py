@@ -1,4 +1,4 @@
-"""What a worker process does instead of the inversion; imported by it, hence small."""
+"""Functions that replace the inversion in a worker process; imported by it, hence few."""
 
 import os
 import time

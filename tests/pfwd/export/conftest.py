@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 
 from pfwd.analysis.drop_facts import FACTS_KEY, facts_to_store
-from pfwd.analysis.drop_result import drop_result
-from pfwd.analysis.results import DropAnalysis, DropResult
-from pfwd.analysis.screening.drops import Screening
+from pfwd.analysis.results import DropResult
 from pfwd.files.header import PointSetup
 from pfwd.judging import drop_from_traces
 from pfwd_device import Channel, Drop
@@ -41,10 +39,9 @@ BELONGS = ("modulus_sd_pa", "model", "plate_radius_m", "poisson_ratio", "warning
 """Columns that a table must have with a modulus."""
 
 
-def result_of(drop: Drop, **more: Any) -> dict[str, Any]:
-    """A stored result with all its keys."""
-    empty = drop_result("f", DropAnalysis(drop, Screening("measured"), None)).to_json()
-    return empty | RESULT | {"drop": drop.number} | more
+def result_of(number: int = 1, **more: Any) -> dict[str, Any]:
+    """Values of a stored result."""
+    return RESULT | {"drop": number} | more
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
@@ -83,7 +80,7 @@ def made(tmp_path_factory: pytest.TempPathFactory, make_drop: Callable[..., Drop
             writer.publish(saved)
             if number < 3:
                 for more in ({"modulus_pa": 1.0, "method": "posterior"}, {}):
-                    writer.save_result(saved, complete(DropResult, result_of(drop, **more)))
+                    writer.save_result(saved, complete(DropResult, result_of(number, **more)))
         writer.edit("note", FORMULA, number=1)
         writer.edit("discard", "wet", number=3)
         writer.edit("name", "north, end", point="A/1")

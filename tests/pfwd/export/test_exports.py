@@ -10,17 +10,16 @@ import pytest
 from python_calamine import CalamineWorkbook
 
 from inversion.notices import text_notice
-from pfwd.analysis.drop_result import drop_result
-from pfwd.analysis.results import DropAnalysis, DropResult
-from pfwd.analysis.screening.drops import Screening
+from pfwd.analysis.results import DropResult
 from pfwd.errors import OptionError, SurveyError
 from pfwd.export.export import export_survey
 from pfwd.export.registry import BUILT_IN_FORMATS, find_format, format_names
 from pfwd.export.surveys import safe_name
-from pfwd_device.recording import SurveyWriter, read_survey
+from pfwd.files.editing import Edit, edit_survey
+from pfwd_device.recording import read_survey
 from tests.pfwd.export.conftest import BELONGS, result_of, rows_of
-from tests.pfwd.report.surveys import layer
-from tests.records import complete, known
+from tests.pfwd.report.surveys import layer, save_results
+from tests.records import known
 
 
 def test_every_format_has_its_name_and_a_function_that_writes_it() -> None:
@@ -44,9 +43,7 @@ LAYERED = {
 
 
 def test_layers_have_the_last_columns(survey: Path, tmp_path: Path) -> None:
-    drop = read_survey(survey).drops[0].read().drop
-    with SurveyWriter.open(survey, publish=False) as writer:
-        writer.save_result(1, complete(DropResult, result_of(drop, **LAYERED)))
+    save_results(survey, {1: result_of(**LAYERED)})
     export_survey(survey, "table", tmp_path / "t.csv")
     first, second, *_ = rows_of(tmp_path / "t.csv")
     names = list(first)
@@ -69,13 +66,14 @@ def test_layers_have_the_last_columns(survey: Path, tmp_path: Path) -> None:
 
 
 def test_a_stale_result_has_a_warning(survey: Path, tmp_path: Path) -> None:
-    with SurveyWriter.open(survey, publish=False) as writer:
-        writer.edit("declared", {"plate_radius_m": 0.1}, point="A/1")
+    save_results(survey, {1: result_of(modulus_pa=None, plate_radius_m=None)})
+    changed = {"plate_radius_m": 0.1, "poisson_ratio": 0.3}
+    edit_survey(survey, [Edit("declared", changed)], point="A/1")
     export_survey(survey, "table", tmp_path / "t.csv")
-    assert (
-        "the result was computed with plate_radius_m = 0.15, but 0.1 is declared"
-        in rows_of(tmp_path / "t.csv")[0]["warnings"]
-    )
+    first, second, *_ = rows_of(tmp_path / "t.csv")
+    assert "plate_radius_m = 0.15, but 0.1 is declared" in second["warnings"]
+    for row in (first, second):
+        assert "poisson_ratio = 0.35, but 0.3 is declared" in row["warnings"]
 
 
 @pytest.mark.parametrize("form", list(BUILT_IN_FORMATS))
@@ -165,12 +163,8 @@ def test_the_example_of_the_documentation_runs(
 
 
 def test_a_rejected_drop_keeps_its_reason(survey: Path, tmp_path: Path) -> None:
-    drop = read_survey(survey).drops[0].read().drop
-    rejected = drop_result(
-        "f", DropAnalysis(drop, Screening("rejected", text_notice("no pulse")), None)
-    )
-    with SurveyWriter.open(survey, publish=False) as writer:
-        writer.save_result(1, complete(DropResult, rejected.to_stored()))
+    rejected = DropResult(drop=1, status="rejected", reason=text_notice("no pulse"))
+    save_results(survey, {1: rejected.to_stored()})
     export_survey(survey, "table", tmp_path / "t.csv")
     first = rows_of(tmp_path / "t.csv")[0]
     assert (first["status"], first["reason"], first["modulus_pa"]) == ("rejected", "no pulse", "")
@@ -197,12 +191,8 @@ WARNING = "modulus of the subgrade not known: 1 to 800 MPa fit as well"
 def test_layers_without_subgrade_modulus_go_into_every_format(
     survey: Path, tmp_path: Path, form: str
 ) -> None:
-    drop = read_survey(survey).drops[0].read().drop
     unknown = {"modulus_pa": None, "modulus_sd_pa": None, "modulus_interval_pa": [1e6, 8e8]}
-    with SurveyWriter.open(survey, publish=False) as writer:
-        writer.save_result(
-            1, complete(DropResult, result_of(drop, **LAYERED, **unknown, warnings=[WARNING]))
-        )
+    save_results(survey, {1: result_of(**LAYERED, **unknown, warnings=[WARNING])})
     path = tmp_path / "out"
     export_survey(survey, form, path)
     if form in ("table", "jsonl", "geojson", "gpx"):

@@ -20,7 +20,7 @@ from python_calamine import CalamineWorkbook
 
 from inversion.notices import text_of
 from pfwd.analysis.result_store import basis_of, store_diagnoses
-from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
+from pfwd.analysis.results import DropResult
 from pfwd.errors import OptionError, SurveyError
 from pfwd.export import export, geopackage
 from pfwd.export.export import export_survey
@@ -31,9 +31,10 @@ from pfwd.judging.view import read_points
 from pfwd.procedures import find_procedure
 from pfwd.report.gathering import gather_stored
 from pfwd.report.provenance_blocks import result_values
-from pfwd_device.recording import SurveyWriter, read_survey
+from pfwd_device.recording import SurveyWriter
 from tests.pfwd.export.conftest import result_of
-from tests.records import complete
+from tests.pfwd.report import surveys
+from tests.pfwd.report.surveys import save_results
 
 POINT_COLUMNS = [
     *("point", "chainage_m", "latitude", "longitude", "altitude_m", "time_utc", "time_local"),
@@ -56,19 +57,10 @@ def points_of(survey: Path, path: Path, **options: Any) -> list[dict[str, str]]:
         return list(csv.DictReader(stream, strict=True, delimiter=sign))
 
 
-def save_results(survey: Path, **more: Any) -> None:
-    """Save a result for each of the first two drops."""
-    drops = read_survey(survey).drops[:2]
-    with SurveyWriter.open(survey, publish=False) as writer:
-        for drop in drops:
-            result = result_of(drop.read().drop, **more)
-            writer.save_result(drop.number, complete(DropResult, result))
-
-
 @pytest.fixture
 def judged(survey: Path) -> Path:
     """A survey with results that can be judged, a note and a target."""
-    save_results(survey, residual_rms_over_peak=0.01)
+    save_results(survey, {n: result_of(n, residual_rms_over_peak=0.01) for n in (1, 2)})
     with SurveyWriter.open(survey) as writer:
         writer.edit("note", "=1+1 wet", point="A/1")
         writer.edit("target", 40e6, point="A/1")
@@ -339,18 +331,13 @@ def test_drops_have_no_number_where_their_point_has_no_modulus(
     judged: Path, tmp_path: Path
 ) -> None:
     """A fit on a bound is exported as it is, but not after a diagnosis that permits no modulus."""
-    save_results(judged, residual_rms_over_peak=0.01, at_bound=["bedrock_depth"])
+    on_bound = {"residual_rms_over_peak": 0.01, "at_bound": ["bedrock_depth"]}
+    save_results(judged, {n: result_of(n, **on_bound) for n in (1, 2)})
     before = [(45e6, "bedrock depth sits on a bound of the search")] * 2
     assert _fits_of(judged, tmp_path / "before") == before
     assert ["modulus_pa" in value for value in values_of_averaged_drops(judged)] == [True] * 2
-    after = FittedState(
-        model="half-space",
-        modulus_pa=2e7,
-        modulus_interval_pa=(1e7, 9e7),
-        residual_rms_over_peak=0.01,
-    )
-    basis = basis_of(read_points(judged)[0].setup)
-    diagnosis = DiagnosisResult(drops=(1, 2), basis=basis, after=after)
+    basis, wide = basis_of(read_points(judged)[0].setup), (1e7, 9e7)
+    diagnosis = surveys.diagnosis((1, 2), basis, 2e7, wide)
     assert store_diagnoses(str(judged), [(2, diagnosis)]) is None
     assert _fits_of(judged, tmp_path / "after") == [(None, text_of(diagnosis.use_reason))] * 2
     assert ["modulus_pa" in value for value in values_of_averaged_drops(judged)] == [False] * 2

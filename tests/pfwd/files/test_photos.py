@@ -143,6 +143,6 @@ def test_a_full_disk_leaves_no_files(tmp_path: Path, monkeypatch: pytest.MonkeyP
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", fail)
-    with pytest.raises(SurveyError, match="No space left on device; the picture is not stored"):
+    with pytest.raises(SurveyError, match=r"\.jpg: No space left on device; the picture"):
         store_photo(tmp_path, "P1", picture())
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []

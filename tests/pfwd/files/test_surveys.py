@@ -24,6 +24,7 @@ from pfwd.files.editing import (
 from pfwd.files.folders import is_survey
 from pfwd.files.header import PointSetup, remark_notices
 from pfwd.files.importing import Imported, import_files
+from pfwd.files.output_path import refuse_bad_place
 from pfwd.files.reading import read_points
 from pfwd.files.traces import TracePoint, write_traces
 from pfwd.files.upkeep import check_survey, recover_survey
@@ -237,6 +238,11 @@ def test_declarations_that_are_refused_are_wrong_usage(text: str) -> None:
 def test_impossible_targets_are_rejected(value: float) -> None:
     with pytest.raises(OptionError, match="--target"):
         target_pa(value)
+
+
+def test_an_output_within_a_survey_is_refused(survey: Path) -> None:
+    with pytest.raises(OptionError, match="--output"):
+        refuse_bad_place(survey / "drops" / "table.csv", "--output")
 
 
 def test_a_folder_without_survey_is_rejected(tmp_path: Path, csv: Path) -> None:

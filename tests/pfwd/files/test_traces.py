@@ -213,7 +213,7 @@ def points(draw: st.DrawFn) -> TracePoint:
 
 
 @settings(
-    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=60
+    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=30
 )
 @given(point=points())
 def test_written_traces_are_read_back_exactly(tmp_path: Path, point: TracePoint) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from benchmarks.scale import UnsyncedStorage
 from pfwd.analysis.result_store import basis_of
-from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
+from pfwd.analysis.results import DropResult
 from pfwd.analysis.screening.drops import compare
 from pfwd.files.editing import MOVED_TO, move_with
 from pfwd.files.header import declared_values
@@ -33,6 +33,7 @@ from pfwd.session.live_view import CompletePoints, apply_event
 from pfwd.session.setup_file import setup_of
 from pfwd.session.stored_drops import point_event, read_point_event
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
+from tests.pfwd.report import surveys
 from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
 from tests.records import known, read
 from tui.screen.session.screen_events import SessionStarted
@@ -209,21 +210,8 @@ class PlayedSession:
         measured = point_view(point, job_of(writer.contents()))
         excluded = (Kind.DISCARDED, Kind.REJECTED)
         used = [d.facts.number for d in measured.drops if d.facts.kind not in excluded]
-        diagnosis = DiagnosisResult(
-            verdict="explained",
-            corrected=True,
-            drops=tuple(used),
-            after=FittedState(
-                model="half-space",
-                modulus_pa=modulus,
-                modulus_interval_pa=(modulus - 1e6, 44.5e6),
-                equivalent_modulus_pa=modulus,
-                equivalent_modulus_interval_pa=(modulus - 1e6, 44.5e6),
-                residual_rms_over_peak=0.01,
-            ),
-            basis=basis_of(measured.drops[-1].setup),
-            left_out=(),
-        )
+        basis = basis_of(measured.drops[-1].setup)
+        diagnosis = surveys.diagnosis(used, basis, modulus, (modulus - 1e6, 44.5e6))
         writer.save_result(point.drops[-1].number, diagnosis.to_stored(), "diagnosis")
         self.send(PointDiagnosed(name, diagnosis))
 

@@ -31,11 +31,11 @@ class FaultyDrop:
 
     name: str
     is_warned: bool
-    """Whether a warning says that the fit decides nothing."""
+    """True if a warning says that the fit decides nothing."""
     is_visible: bool
-    """Whether a warning or the residual shows the fault."""
+    """True if a warning or the residual shows the fault."""
     is_wrong: bool
-    """Whether the interval of the fitted modulus misses the simulated one."""
+    """True if the interval of the fitted modulus misses the simulated one."""
     verdict: Verdict
 
 

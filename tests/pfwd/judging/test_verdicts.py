@@ -1,9 +1,8 @@
 """Verdicts on points, from a job and drops."""
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, get_args
 
 import pytest
@@ -34,6 +33,7 @@ from pfwd.procedures import (
 from pfwd.session.measure import replay
 from pfwd_device import Drop
 from pfwd_device.recording import read_survey
+from tests.pfwd.report import surveys
 from tests.pfwd.report.surveys import half_sine_drop, result_of
 from tests.records import known, read, sample_notice
 
@@ -119,24 +119,12 @@ def diagnosis(
     verdict: str = "explained",
     ends: tuple[float, float] = (37e6, 39e6),
     residual: float = 0.01,
-    after: Mapping[str, Any] = MappingProxyType({}),
+    **after: Any,
 ) -> DiagnosisResult:
     """Diagnosis of all drops, 38 MPa."""
-    state = FittedState(
-        model="half-space",
-        modulus_pa=38e6,
-        modulus_interval_pa=ends,
-        equivalent_modulus_pa=38e6,
-        equivalent_modulus_interval_pa=ends,
-        residual_rms_over_peak=residual,
-        residual_over_noise=1e3,
-    )
-    return DiagnosisResult(
-        drops=tuple(range(1, len(MODULI) + 1)),
-        basis=basis_of(SETUP),
-        verdict=verdict,
-        after=dataclasses.replace(state, **after),
-    )
+    state = {"residual_rms_over_peak": residual, "residual_over_noise": 1e3, **after}
+    numbers = range(1, len(MODULI) + 1)
+    return surveys.diagnosis(numbers, basis_of(SETUP), 38e6, ends, state, verdict=verdict)
 
 
 @pytest.mark.parametrize(
@@ -191,8 +179,8 @@ def test_the_equivalent_modulus_is_in_force_with_the_modulus_of_its_diagnosis(
     use: str | None,
     value: float | None,
 ) -> None:
-    state = {"equivalent_modulus_pa": 41e6, "equivalent_modulus_interval_pa": equivalent_ends}
-    result = diagnosis(ends=ends, after={**state, "modulus_depth_m": (0.0, 0.8)})
+    state: Any = {"equivalent_modulus_pa": 41e6, "equivalent_modulus_interval_pa": equivalent_ends}
+    result = diagnosis(ends=ends, **state, modulus_depth_m=(0.0, 0.8))
     assert result.equivalent_use == result.to_json()["equivalent_use"] == use
     fitted = drops(contact_residual_rms_over_peak=contact_residual)
     point = PointView("1", fitted, 40e6, job=Job(procedure=plain_procedure()), diagnosis=result)
@@ -347,7 +335,7 @@ def test_a_modulus_that_fit_and_diagnosis_disown_is_no_number(
     ends: tuple[float, float], modulus: float | None
 ) -> None:
     """The reason is that of the diagnosis, whether or not the drops were inverted before."""
-    result = diagnosis(ends=ends, after={"modulus_pa": modulus})
+    result = diagnosis(ends=ends, modulus_pa=modulus)
     on_bound = drops(last={"modulus_pa": 12e6, "at_bound": ["bedrock_depth"]})
     never_inverted = [drop.with_result(None) for drop in drops()]
     judged = []

@@ -5,13 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from pfwd.analysis.results import DropResult
 from pfwd.files.importing import import_files
 from pfwd.files.traces import TracePoint, write_traces
 from pfwd.report import gathering
-from pfwd_device.recording import SurveyWriter, read_survey
-from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
-from tests.records import complete
+from pfwd_device.recording import read_survey
+from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of, save_results
 
 
 def write_survey(top: Path, drops: tuple[int, ...]) -> Path:
@@ -21,11 +19,10 @@ def write_survey(top: Path, drops: tuple[int, ...]) -> Path:
         traces = tuple(half_sine_drop(n, 8000.0 + shift + n) for n in drops)
         write_traces(top / f"{name}.csv", TracePoint("", SETUP, traces, ()))
     list(import_files([str(top / "A.csv"), str(top / "B.csv")], folder))
-    with SurveyWriter.open(folder, publish=False) as writer:
-        for drop in read_survey(folder).drops:
-            for modulus in (60e6, 45e6 + 1e5 * drop.drop):  # the last result counts
-                result = complete(DropResult, result_of(drop.drop, modulus))
-                writer.save_result(drop.number, result)
+    saved = read_survey(folder).drops
+    save_results(folder, {drop.number: result_of(drop.drop, 60e6) for drop in saved})
+    # The last result counts.
+    save_results(folder, {d.number: result_of(d.drop, 45e6 + 1e5 * d.drop) for d in saved})
     return folder
 
 

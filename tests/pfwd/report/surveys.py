@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from matplotlib.text import Text
 
 from inversion.notices import text_notice
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.results import DropAnalysis, DropResult
+from pfwd.analysis.results import DiagnosisResult, DropAnalysis, DropResult, FittedState
 from pfwd.files.header import PointSetup, declared_values
 from pfwd.judging import JobRequest
 from pfwd.procedures import plain_procedure
@@ -30,6 +31,7 @@ from pfwd.report.blocks import (
 )
 from pfwd_device import Drop
 from pfwd_device.recording import DropRecord, SurveyWriter
+from pfwd_device.recording.layout import ResultKind
 from tests import drops
 from tests.records import complete
 
@@ -102,6 +104,37 @@ def with_loose_sensor(drop: Drop, offset: float = 0.6) -> Drop:
     return replace(drop, channels=tuple(channels))
 
 
+def diagnosis(
+    drops: Iterable[int],
+    basis: str = "",
+    modulus: float = 50e6,
+    ends: tuple[float, float] = (48e6, 52e6),
+    after: Mapping[str, Any] = MappingProxyType({}),
+    **values: Any,
+) -> DiagnosisResult:
+    """A diagnosis that explains its drops, with other values of its last fit and of itself."""
+    state = FittedState(
+        model="half-space",
+        modulus_pa=modulus,
+        modulus_interval_pa=ends,
+        equivalent_modulus_pa=modulus,
+        equivalent_modulus_interval_pa=ends,
+        residual_rms_over_peak=0.01,
+    )
+    facts = {"verdict": "explained", "corrected": True, "left_out": (), "basis": basis}
+    fitted = replace(state, **after)
+    return DiagnosisResult(**facts | {"drops": tuple(drops), "after": fitted} | values)
+
+
+def save_results(
+    survey: Path, results: Mapping[int, Mapping[str, Any]], kind: ResultKind = "drop"
+) -> None:
+    """Save results by the number of their drop's record, with empty values of missing keys."""
+    with SurveyWriter.open(survey, publish=False) as writer:
+        for number, result in results.items():
+            writer.save_result(number, complete(DropResult, result), kind)
+
+
 def write_judged_survey(folder: Path, target: float, moduli: Mapping[str, Sequence[float]]) -> Path:
     """Write points with a drop for each modulus, of which the first of a point is seating."""
     with SurveyWriter.open(folder, publish=False) as writer:
@@ -111,9 +144,8 @@ def write_judged_survey(folder: Path, target: float, moduli: Mapping[str, Sequen
             for number, modulus in enumerate(values, 1):
                 drop, key = half_sine_drop(number, 8000.0), {"key": f"T-1/{point}/{number}"}
                 record = DropRecord(point, drop, None, declared_values(SETUP), key)
-                writer.save_result(
-                    writer.save_drop(record), complete(DropResult, result_of(number, modulus))
-                )
+                result = complete(DropResult, result_of(number, modulus))
+                writer.save_result(writer.save_drop(record), result)
     return folder
 
 
@@ -143,7 +175,8 @@ def drawn(picture: Picture, dpi: float = 100.0) -> Figure:
 
 
 def texts_of(blocks: Iterable[Block], *, pictures: bool = True) -> Iterator[str]:
-    """Yield what blocks and their pictures say."""
+    """Yield what blocks and their pictures say; pictures of one kind are drawn once."""
+    kinds = set()
     for block in flat(blocks):
         match block:
             case Heading(text) | Paragraph(text):
@@ -158,7 +191,9 @@ def texts_of(blocks: Iterable[Block], *, pictures: bool = True) -> Iterator[str]
                 yield from items
             case Picture():
                 yield from (block.caption, block.alternative)
-                if pictures:
+                kind = (block.caption, block.alternative.partition(":")[0])
+                if pictures and kind not in kinds:
+                    kinds.add(kind)
                     yield from (text.get_text() for text in drawn(block).findobj(Text))
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from inversion.notices import text_of
 from pfwd.analysis.result_store import basis_of
-from pfwd.analysis.results import DiagnosisResult, DropResult
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.judging import PointView
 from pfwd.report.blocks import Listing, Table
 from pfwd.report.content import Report
@@ -18,9 +18,9 @@ from pfwd.report.point_facts import all_warnings
 from pfwd.report.point_result import result_rows
 from pfwd.report.summary_blocks import common_warnings, warning_blocks
 from pfwd.report.texts import load_texts
-from pfwd_device.recording import SurveyWriter, read_survey
-from tests.pfwd.report.surveys import flat, result_of, texts_of
-from tests.records import complete, known, read
+from pfwd_device.recording import read_survey
+from tests.pfwd.report.surveys import flat, result_of, save_results, texts_of
+from tests.records import known, read
 
 pytestmark = pytest.mark.usefixtures("without_curves")
 
@@ -52,9 +52,7 @@ AFTER: dict[str, Any] = {
 
 
 def survey_with_fits(survey: Path) -> Path:
-    with SurveyWriter.open(survey, publish=False) as writer:
-        for drop in read_survey(survey).drops:
-            writer.save_result(drop.number, complete(DropResult, result_of(drop.drop, 45e6) | FIT))
+    save_results(survey, {d.number: result_of(d.drop) | FIT for d in read_survey(survey).drops})
     return survey
 
 

@@ -51,6 +51,7 @@ from pfwd.report.provenance_blocks import device_blocks
 from pfwd.report.report import GC_THRESHOLD, _rare_garbage_collection, write_report
 from pfwd.report.texts import load_texts
 from pfwd_device.recording import DropRecord, SurveyWriter
+from tests.pfwd.report import surveys
 from tests.pfwd.report.surveys import (
     DECLARED,
     LAYERS,
@@ -60,6 +61,7 @@ from tests.pfwd.report.surveys import (
     RecordedInversion,
     half_sine_drop,
     result_of,
+    save_results,
     with_loose_sensor,
 )
 from tests.records import complete, known, read
@@ -104,9 +106,7 @@ def test_a_point_goes_to_another_process_without_the_survey(survey: Path) -> Non
 
 
 def test_the_last_stored_result_is_used(survey: Path) -> None:
-    with SurveyWriter.open(survey, publish=False) as writer:
-        trial = result_of(1, 99e6) | {"refit": "elastic"}
-        writer.save_result(1, complete(DropResult, trial), kind="trial")
+    save_results(survey, {1: result_of(1, 99e6) | {"refit": "elastic"}}, "trial")
     messages: list[str] = []
     report = gather(survey, ReportOptions(), messages.append)
     assert [point.shown_name for point in report.points] == ["A", "B"]
@@ -348,19 +348,6 @@ def test_a_stale_result_is_inverted_once(short_survey: Path) -> None:
     assert moduli[0] == moduli[1]
 
 
-def diagnosis_record(point: str | None, basis: str) -> dict[str, Any]:
-    """Return a stored diagnosis of the measured drops of a point."""
-    state = {
-        "model": "half-space",
-        "modulus_pa": 50e6,
-        "modulus_interval_pa": [48e6, 52e6],
-        "residual_rms_over_peak": 0.004,
-        "discrepancy_over_peak": 0.004,
-    }
-    facts = {"point": point, "drops": [2, 3, 4], "left_out": [1], "basis": basis}
-    return {"verdict": "explained", "before": state, "after": state, **facts}
-
-
 def test_effects_of_a_diagnosis_have_values_and_alternatives(survey: Path) -> None:
     numbers = [
         {"name": "exponent", "value": 0.43, "sd": 0.13, "unit": "-"},
@@ -375,7 +362,8 @@ def test_effects_of_a_diagnosis_have_values_and_alternatives(survey: Path) -> No
         {"name": "sensor_lag", "parameters": [lag]},
     ]
     (point, _) = gather(survey).points
-    record = {**diagnosis_record("A", basis_of(point.setup)), "effects": effects}
+    result = surveys.diagnosis([2, 3, 4], basis_of(point.setup), left_out=(1,))
+    record = result.to_stored() | {"effects": effects}
     diagnosed = dataclasses.replace(point, whole=None, diagnosis=read(DiagnosisResult, record))
     blocks = diagnosis_blocks(diagnosed, load_texts("en"))
     (listed,) = (block for block in blocks if isinstance(block, Listing))
@@ -393,8 +381,8 @@ def replace_diagnosis(monkeypatch: pytest.MonkeyPatch) -> list[list[str | None]]
     def diagnose(entries: Any, _request: Any) -> Any:
         requests.append([entry.point for entry in entries])
         for entry in entries:
-            record = diagnosis_record(entry.point, entry.basis)
-            yield diagnosis.Diagnosed("x", read(DiagnosisResult, record), number=8)
+            result = surveys.diagnosis([2, 3, 4], entry.basis, point=entry.point, left_out=(1,))
+            yield diagnosis.Diagnosed("x", result, number=8)
 
     monkeypatch.setattr(diagnosis, "diagnose_entries", diagnose)
     return requests
@@ -426,10 +414,8 @@ def test_a_point_whose_fit_leaves_a_residual_is_diagnosed_first(
     unexplained = Notice(
         "residual-not-explained", {"residual_over_noise": 4.0, "residual_over_peak": 0.02}
     )
-    with SurveyWriter.open(survey, publish=False) as writer:
-        for number in (5, 6, 7, 8):  # point B
-            more = {"warnings": [text_of(unexplained)], "warning_codes": codes([unexplained])}
-            writer.save_result(number, complete(DropResult, result_of(number) | more))
+    warned = {"warnings": [text_of(unexplained)], "warning_codes": codes([unexplained])}
+    save_results(survey, {n: result_of(n) | warned for n in (5, 6, 7, 8)})  # of point B
     requests = replace_diagnosis(monkeypatch)
     plain = gather(survey, ReportOptions(diagnose=False)).points[1].progress
     assert known(plain.modulus).not_supported_code == "residual-not-explained"

@@ -9,13 +9,11 @@ from openpyxl import Workbook
 from openpyxl.workbook.defined_name import DefinedName
 from python_calamine import CalamineWorkbook
 
-from pfwd.analysis.results import DropResult
 from pfwd.errors import OptionError
 from pfwd.files.editing import Edit, edit_survey
 from pfwd.report.report import ReportOptions, write_report
-from pfwd_device.recording import SurveyWriter, read_survey
-from tests.pfwd.report.surveys import result_of
-from tests.records import complete
+from pfwd_device.recording import read_survey
+from tests.pfwd.report.surveys import result_of, save_results
 
 pytestmark = pytest.mark.usefixtures("without_curves")
 
@@ -71,9 +69,8 @@ def test_the_equivalent_modulus_has_its_interval_and_the_modulus_its_depth(
     kind: str, survey: Path, tmp_path: Path
 ) -> None:
     above_rock = {"modulus_depth_m": [0.0, 1.4]}
-    with SurveyWriter.open(survey, publish=False) as writer:
-        for drop in read_survey(survey).drops:
-            writer.save_result(drop.number, complete(DropResult, result_of(drop.drop) | above_rock))
+    saved = read_survey(survey).drops
+    save_results(survey, {drop.number: result_of(drop.drop) | above_rock for drop in saved})
     keys = ("equivalent_modulus", "equivalent_modulus_interval_low")
     cells = {
         f"{column}1": f"{{{{ {kind}.{key}_pa | MPa }}}}"

@@ -1,4 +1,4 @@
-"""What every reader of another program's file must hold; the file of a format has the rest."""
+"""Contracts of every reader of another program's file; the file of a format has the rest."""
 
 import json
 import struct
