@@ -40,14 +40,6 @@ def test_side_and_order_of_the_sensors_change_no_result(library: SurrogateLibrar
     np.testing.assert_array_equal(result.history.predicted, right.history.predicted)
 
 
-def test_two_sensors_at_equal_distance_are_both_fitted(library: SurrogateLibrary) -> None:
-    drop = record(library, SCENE)
-    twin = replace(drop.sensors[1], offset=-0.3)
-    both = replace(drop, sensors=(twin, *drop.sensors))
-    problem, _ = tables_of(both, QUICK)
-    assert problem.offsets == (0.0, 2.0, 2.0, 4.0)
-
-
 def tilted(drop: Record, part: float) -> Record:
     """Return the drop of a tilting plate, with a sensor on the opposite side."""
     plate, inner, outer = drop.sensors

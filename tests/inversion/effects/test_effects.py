@@ -1,6 +1,5 @@
 """The effects of the catalogue against closed forms and integrations written out here."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +8,6 @@ from scipy.signal import butter, sosfilt
 
 from inversion.effects import BY_NAME, CATALOGUE, Ground
 from inversion.effects.base import Effect, geophone, shift
-from inversion.effects.layer import Layer
 from inversion.forward.nonlinear_stiffness import (
     NonlinearStiffness,
 )
@@ -47,10 +45,6 @@ def test_a_geophone_shows_a_step_at_the_start_as_it_decays(damping: float) -> No
     terms = first * np.exp(first * TIME) - second * np.exp(second * TIME)
     got = geophone(np.ones((2, 600)), 10.0, damping, 1e-4)
     np.testing.assert_allclose(got[1], (terms / (first - second)).real, atol=4e-5)
-
-
-def test_a_delay_shifts() -> None:
-    np.testing.assert_allclose(shift(MOTION, 0.002, TIME)[0, 20:], MOTION[0, :-20], atol=1e-9)
 
 
 def test_stress_dependence_may_act_between_drops_only() -> None:
@@ -277,20 +271,6 @@ def test_a_layer_lies_on_the_ground() -> None:
     assert top.viscosity == pytest.approx(0.625e-3 * 1.2e8)
     assert top.density == pytest.approx(2090.0)
     assert (top.poisson_ratio, top.thickness) == (0.35, 0.2)
-
-
-def test_a_second_layer_lies_below_the_first() -> None:
-    coordinates = {
-        "modulus_ratio": math.log(3.0),
-        "thickness": math.log(0.2),
-        "layer_2_modulus_ratio": math.log(0.5),
-        "layer_2_thickness": math.log(0.4),
-    }
-    two = Layer(2)
-    values = two.values_at(coordinates)
-    result = two.ground(GROUND, values, context())
-    assert [medium.modulus for medium in result.above] == pytest.approx([1.2e8, 2e7])
-    assert [medium.thickness for medium in result.above] == pytest.approx([0.2, 0.4])
 
 
 def test_layers_end_above_the_rock() -> None:

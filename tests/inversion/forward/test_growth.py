@@ -10,12 +10,10 @@ import pytest
 from inversion.errors import ModelError
 from inversion.forward.contact import PlateProblem
 from inversion.forward.growth import (
-    DEEPEST_RADII,
     MAX_GROWTH,
     GrowthSurrogate,
     growth_compliance,
     stiffening,
-    sublayers,
 )
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.library import SurrogateLibrary
@@ -69,16 +67,6 @@ def test_a_root_of_depth_has_the_published_stiffness() -> None:
 def test_without_growth_the_effective_modulus_is_the_surface_s() -> None:
     assert stiffening(CENTRE, 0.5, 0.0) == pytest.approx(1.0, rel=1e-12)
     assert stiffening(CENTRE, 1.0, 1e-6) == pytest.approx(1.0, abs=1e-5)
-
-
-@pytest.mark.parametrize("exponent", [0.5, 1.0])
-def test_sublayers_reach_down_and_lie_between_their_faces(exponent: float) -> None:
-    thickness, moduli = sublayers(exponent, 2.0)
-    edges = np.concatenate([[0.0], np.cumsum(thickness)])
-    faces = (1.0 + 2.0 * edges) ** exponent
-    assert edges[-1] == pytest.approx(DEEPEST_RADII)
-    assert np.all((faces[:-1] < moduli[:-1]) & (moduli[:-1] < faces[1:]))
-    assert moduli[-1] == pytest.approx(faces[-1])
 
 
 @pytest.mark.parametrize("growth", [0.1, 0.7, 3.0])

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from inversion.errors import ModelError
-from inversion.forward.laplace import FULL_BAND_HZ, DampedTransform, band_of_load
+from inversion.forward.laplace import DampedTransform, band_of_load
 from tests.inversion.forward.converged import half_sine_transform
 
 Array = NDArray[Any]
@@ -99,23 +99,6 @@ def test_the_next_period_returns_damped() -> None:
     ghost = math.exp(-transform.damping * transform.period) * half_sine(time - 0.01)
     assert np.max(np.abs(result - ghost)) < 0.02 * np.max(ghost)
     assert np.max(ghost) < 1.5e-3
-
-
-def test_period_damping_and_band() -> None:
-    transform = DampedTransform(0.04, 490.0)
-    assert transform.period == pytest.approx(0.05)
-    assert transform.damping * transform.period == pytest.approx(7.0)
-    assert transform.s[0] == transform.damping
-    assert np.diff(transform.s) == pytest.approx(2j * np.pi / 0.05)
-    assert transform.s[-2].imag / (2 * np.pi) < 490.0 <= transform.s[-1].imag / (2 * np.pi)
-    assert DampedTransform(0.04).band == FULL_BAND_HZ
-
-
-def test_the_taper_falls_from_1() -> None:
-    taper = DampedTransform(0.04, 500.0).taper
-    assert np.all(taper[: taper.size // 2] == 1)
-    assert np.all(np.diff(taper) <= 0)
-    assert 0 < taper[-1] < 0.1
 
 
 @pytest.mark.parametrize(

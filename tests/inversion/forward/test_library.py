@@ -226,15 +226,6 @@ def test_a_centre_sensor_uses_the_tables_of_all_depths(tmp_path: Path, builder: 
     assert [depth for _, depth in builder.requests] == [None, 0.9 * MIN_DEPTH_RADII]
 
 
-def test_several_sensors_have_a_fit_of_their_depth(tmp_path: Path, builder: Builder) -> None:
-    library = SurrogateLibrary(tmp_path)
-    library.get(THREE, 5.0)
-    library.get(THREE, None)
-    result = library.get(THREE, 5.0)
-    assert [depth for _, depth in builder.requests] == [5.0, None]
-    assert result.inverse_depths.size == 1
-
-
 def test_tables_of_the_program_come_first(tmp_path: Path, builder: Builder, shipped: Path) -> None:
     tables = builder(CENTRE, None)
     (shipped / f"{surrogate_key(CENTRE, None)}.npz").write_bytes(dump_table(tables))

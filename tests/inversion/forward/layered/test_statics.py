@@ -125,12 +125,10 @@ def test_rock_at_the_effective_depth_takes_a_tenth_of_the_deflection_away(layere
     assert on_rock / complete == pytest.approx(0.9, abs=1e-3)
 
 
-@pytest.mark.parametrize("depth", [0.05, 0.3, 1.0, 4.0])
+@pytest.mark.parametrize("depth", [0.05, 4.0])
 def test_the_effective_depth_ends_above_the_rock(depth: float) -> None:
     assert 0.0 < effective_depth("rigid-rough", RADIUS, ground((5e7, depth), rock=True)) < depth
-
-
-def test_the_effective_depth_is_at_most_two_hundred_radii() -> None:
+    # Or after two hundred radii.
     bridge = ground((3e10, 3.0), (1e6, math.inf))
     assert effective_depth("rigid-rough", RADIUS, bridge) == pytest.approx(200 * RADIUS)
 
