@@ -17,6 +17,7 @@ from inversion.inference.instrument import choose_structure
 from inversion.inference.modulus import equivalent_modulus, ground_of
 from inversion.inference.point_model import PointModel
 from inversion.inference.population import InstrumentKnowledge
+from inversion.inference.posterior import PointFit
 from inversion.inference.selection import Selection
 from inversion.inference.structures import (
     Ranking,
@@ -126,6 +127,7 @@ def test_candidates_are_what_the_sensors_can_show(
     assert some | {"bedrock", "modulus_gradient_root"} <= names
     assert not absent & names
     for structure in candidates:
+        assert structure >= ALWAYS or "spring_rig" in structure
         assert not any(a.conflicts_with(b) for a, b in permutations(effects_of(structure), 2))
 
 
@@ -137,6 +139,9 @@ def test_priors_of_peers_move_the_start() -> None:
     model.apply_priors({("sensor_lag", "delay", None): (2e-4, 1e-5)})
     assert model.start[place] == 2e-4
     assert model.deviation[place] == 1e-5
+    # Without records the cost is the distance from the priors.
+    cost = PointFit(model).cost(model.mean + 2.0 * model.deviation, [], [])
+    assert cost == pytest.approx(4.0 * model.mean.size)
 
 
 def test_a_structure_whose_fit_of_all_drops_is_implausible_is_not_reported(
