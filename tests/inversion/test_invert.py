@@ -178,6 +178,13 @@ def test_elastic_ground(bench: Bench) -> None:
     assert not result.explained
 
 
+def test_a_density_that_no_soil_has_is_suspect(bench: Bench) -> None:
+    """With all forces 1.5 times as large, ground of 1.5 times the density moves alike."""
+    record, plate = bench.record(1), Instrument(PLATE.radius, 1.5 * PLATE.mass)
+    result = bench.invert(replace(record, load=1.5 * record.load, instrument=plate))
+    assert "density-suspect" in [notice.code for notice in result.warnings]
+
+
 def test_declared_density_is_used(bench: Bench) -> None:
     result = bench.invert(replace(bench.record(1), density=DENSITY))
     assert (result.density_kg_m3, result.density_sd_kg_m3) == (DENSITY, None)

@@ -10,6 +10,7 @@ from scipy.stats import norm
 from inversion import Record, SurrogateLibrary
 from inversion.arrays import FloatArray
 from inversion.diagnosis.findings import PointDiagnosis
+from inversion.errors import RecordError
 from inversion.inference import diagnose as module
 from inversion.inference.diagnose import CALIBRATED_FACTOR, _warnings, diagnose_point
 from inversion.inference.state import with_discrepancy_error
@@ -202,6 +203,11 @@ def test_a_record_that_steps_in_the_contact_is_unexplained(
     assert diagnosis.after.modulus_pa == pytest.approx(diagnosis.before.modulus_pa, rel=0.03)
     (notice,) = [notice for notice in diagnosis.warnings if notice.code == code]
     assert notice.values["drop"] == 1
+
+
+def test_a_sensor_of_the_wrong_polarity_is_refused(library: SurrogateLibrary) -> None:
+    with pytest.raises(RecordError, match=r"centre sensor: .* polarity"):
+        diagnosed(record_of(-drop().plate_displacement), library)
 
 
 # An error of 5 % of the instrument alone has a ratio of 1.105, with 1.1 of the effects 1.148.

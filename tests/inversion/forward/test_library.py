@@ -87,6 +87,18 @@ def test_a_surrogate_is_built_once_and_then_read(tmp_path: Path, builder: Builde
     assert len(builder.requests) == 1
 
 
+def test_a_table_of_growing_ground_is_built_once_and_then_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shipped = SurrogateLibrary(tmp_path).growth(CENTRE, 1.0)
+    monkeypatch.setattr(library_module, "_SHIPPED", tmp_path / "none")
+    monkeypatch.setattr(library_module, "build_growth_surrogate", lambda *_: shipped)
+    SurrogateLibrary(tmp_path).growth(CENTRE, 1.0)
+    monkeypatch.setattr(library_module, "build_growth_surrogate", refuse)
+    read = SurrogateLibrary(tmp_path).growth(CENTRE, 1.0)
+    assert dump_table(read) == dump_table(shipped)
+
+
 def test_a_bounded_library_drops_the_first_surrogate(tmp_path: Path, builder: Builder) -> None:
     library = SurrogateLibrary(tmp_path, max_surrogates=2)
     first, second, third = (library.get(THREE, depth) for depth in (5.0, 6.0, 7.0))
