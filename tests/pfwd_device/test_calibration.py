@@ -86,9 +86,7 @@ def test_a_sensor_of_motion_is_needed() -> None:
         ({"due": datetime.date(2026, 6, 4)}, []),
     ],
 )
-def test_an_old_calibration_is_announced(
-    dates: dict[str, datetime.date], warnings: list[str]
-) -> None:
+def test_an_old_calibration_is_named(dates: dict[str, datetime.date], warnings: list[str]) -> None:
     channel = ChannelIdentity("load", Measurand.LOAD, **dates)  # type: ignore[arg-type]
     today = datetime.date(2026, 5, 4)
     assert calibration_warnings(identity(channel, SPARE), today) == warnings

@@ -62,7 +62,7 @@ def stored(outcome: FileOutcome) -> list[bool]:
     return [bool(result.stored) for result in outcome.results]
 
 
-def test_the_same_question_is_answered_from_the_survey(survey: Path) -> None:
+def test_a_question_is_answered_from_the_survey(survey: Path) -> None:
     again = ask_and_keep(survey)
     assert stored(again) == [True, True]
     for drop, answer in zip(read_survey(survey).drops, again.results, strict=True):

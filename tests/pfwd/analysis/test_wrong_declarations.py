@@ -164,7 +164,7 @@ def test_velocities_alone_need_a_declared_response(
     assert setup_warnings(setup, drops) == expected
 
 
-def test_a_corrected_velocity_is_not_corrected_twice(
+def test_a_velocity_is_corrected_once(
     make_drop: Callable[..., Drop], library: SurrogateLibrary
 ) -> None:
     drop = make_drop(pre_trigger=0.02, quantity="velocity")

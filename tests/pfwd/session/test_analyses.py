@@ -156,7 +156,7 @@ def test_a_quick_result_is_first(analyses: Analyses, events: list[Any], drop: Dr
     assert not [event for event in events if isinstance(event, SessionNotice)]
 
 
-def test_an_analysis_that_does_not_end_in_time_is_reported(
+def test_an_unfinished_analysis_is_reported(
     analyses: Analyses, events: list[Any], drop: Drop
 ) -> None:
     analyses.prepare(IDENTITY, SETUP)

@@ -63,7 +63,7 @@ def received(folder: Path, *parts: object, log: Log | None = None) -> list[tuple
     return feed.acknowledged
 
 
-def test_a_drop_is_acknowledged_after_it_is_safe_and_not_before(
+def test_a_drop_is_acknowledged_when_it_is_safe(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with SurveyWriter.open(tmp_path / "survey") as writer:
@@ -104,9 +104,7 @@ def test_five_drops_with_the_same_name_are_five_drops_of_the_survey(tmp_path: Pa
     assert recorded[0].metadata["key"] == "T-1/9/700"  # as the version before writes it
 
 
-def test_unsaved_drops_with_one_name_are_two(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_unsaved_drops_of_a_name_are_two(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     log = Log()
     with SurveyWriter.open(tmp_path / "survey") as writer:
         feed = ScriptedFeed(forever=True)
@@ -246,9 +244,7 @@ def test_drops_beyond_the_memory_are_recorded(log: Log, writer: Any) -> None:
 
 
 @pytest.mark.parametrize("restarted", [False, True])
-def test_a_record_that_comes_later_is_acknowledged_and_not_recorded_twice(
-    log: Log, tmp_path: Path, restarted: bool
-) -> None:
+def test_a_later_record_is_not_recorded_twice(log: Log, tmp_path: Path, restarted: bool) -> None:
     before, late = [began(), *pieces(COUNTS)], [stored_part(COUNTS, 10_010)]
     for items in (before, late) if restarted else ([*before, *late],):
         with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
@@ -304,7 +300,7 @@ def test_a_drop_at_the_end_of_the_instruments_record_is_recorded(log: Log, write
 
 
 @pytest.mark.parametrize("first", [10_060, 10_100])
-def test_a_drop_that_the_instruments_record_cuts_is_recorded_from_the_stream(
+def test_a_drop_cut_by_a_stored_record_comes_from_the_stream(
     log: Log, writer: Any, first: int
 ) -> None:
     counts = stream(9.0, [(1.0, 8000.0), (1.028, 7000.0)])

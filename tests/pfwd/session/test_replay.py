@@ -181,9 +181,7 @@ def test_different_traces_are_not_identical(recording: Path) -> None:
         (("detection", "at_rest"), {}),
     ],
 )
-def test_incomplete_metadata_are_refused(
-    recording: Path, part: tuple[str, ...], value: Any
-) -> None:
+def test_incomplete_metadata_is_refused(recording: Path, part: tuple[str, ...], value: Any) -> None:
     record = traces(recording)[0]
     metadata: Any = copy.deepcopy(dict(record.metadata))
     inner = metadata

@@ -50,7 +50,7 @@ from tests.pfwd.scripted_feed import (
 from tests.pfwd.session.measured import drops, record, simulated
 
 
-def test_drops_that_a_full_disk_refuses_are_saved_later_in_order(
+def test_refused_drops_are_saved_later(
     log: Log, writer: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pfwd.session.survey_recorder.RETRY_INTERVAL", 0.0)
@@ -201,7 +201,7 @@ def test_an_instrument_that_cannot_be_used_costs_no_drop(log: Log, writer: Any) 
         (dataclasses.replace(IDENTITY, sampling_rate=100.0), "got 12 at 100 Hz"),
     ],
 )
-def test_recording_does_not_start_with_an_unusable_instrument(
+def test_an_unusable_instrument_is_refused(
     log: Log, identity: Any, message: str, writer: Any
 ) -> None:
     with pytest.raises(SetupError, match=message):
@@ -234,7 +234,7 @@ def test_a_name_that_no_point_can_have_is_wrong_usage() -> None:
             SessionPlan(point=name)
 
 
-def test_a_drop_that_cannot_be_judged_is_safe_all_the_same(
+def test_a_drop_that_is_not_judged_is_safe(
     log: Log, writer: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: Any, **__: Any) -> None:
@@ -262,7 +262,7 @@ def test_a_listener_that_fails_costs_no_drop(log: Log, writer: Any) -> None:
     ("gap", "status"),
     [((9_850, 60), "measured"), ((10_040, 10), "rejected"), ((10_700, 50), "measured")],
 )
-def test_missing_samples_are_marked_and_judged(
+def test_missing_samples_are_marked(
     log: Log, writer: Any, gap: tuple[int, int], status: str
 ) -> None:
     run(ScriptedFeed(connected(), began(), with_gaps(pieces(ONE_DROP), [gap])), log, writer)
@@ -378,7 +378,7 @@ def test_a_stopped_session_accepts_no_trigger(log: Log, writer: Any) -> None:
     assert writer.saved == []
 
 
-def test_a_drop_whose_samples_never_come_does_not_hold_up_the_end(
+def test_missing_samples_do_not_delay_the_end(
     log: Log, writer: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pfwd.session.session.STOPPED_DROP", 0.05)

@@ -60,7 +60,7 @@ def writer(survey: Path, tmp_path: Path) -> Iterator[SurveyWriter]:
 
 
 @pytest.mark.posix
-def test_a_lost_survey_is_reported_before_the_next_acknowledgement(
+def test_a_lost_survey_is_reported_first(
     writer: SurveyWriter, survey: Path, reports: Reports
 ) -> None:
     recorder = reports.recorder(writer)

@@ -128,9 +128,7 @@ def assembler_after(seconds: int, ring: int = 0) -> tuple[Assembler, Counters]:
         (20_000, True, 2, True),  # a reset empties the ring
     ],
 )
-def test_a_new_run_may_repeat_the_last_number(
-    ring: int, reset: bool, end_s: int, is_new: bool
-) -> None:
+def test_a_run_may_repeat_the_last_number(ring: int, reset: bool, end_s: int, is_new: bool) -> None:
     target, counters = assembler_after(end_s, ring)
     target.expect_restart(reset=reset)
     items = [*target.add(block(0), 1.0, UTC), *target.add(block(20), 1.0, UTC)]

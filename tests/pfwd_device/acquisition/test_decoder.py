@@ -178,7 +178,7 @@ def cut(data: bytes, places: Sequence[int]) -> list[bytes]:
     seed=st.integers(0, 2**32),
     damage=st.lists(st.tuples(st.integers(0, 10**6), st.integers(1, 255)), max_size=3),
 )
-def test_items_do_not_depend_on_how_bytes_were_cut(
+def test_items_do_not_depend_on_cuts(
     places: list[int], seed: int, damage: list[tuple[int, int]]
 ) -> None:
     generator = random.Random(seed)

@@ -167,9 +167,7 @@ def test_a_drop_with_a_wrong_crc_is_refetched(transfers: DropTransfers) -> None:
     assert sent_by(transfers) == [Fetch(*NAME, 0, 10)]
 
 
-def test_a_drop_that_never_has_its_crc_is_reported_once_and_fetched_rarely(
-    transfers: DropTransfers, counters: Counters
-) -> None:
+def test_a_drop_with_no_crc_is_reported_once(transfers: DropTransfers, counters: Counters) -> None:
     items: list[object] = []
     fetched = 0
     for tenth in range(1000):
@@ -227,9 +225,7 @@ def test_incomplete_drops_take_a_limited_amount_of_memory(
     assert counters.transfers_abandoned == 2
 
 
-def test_a_running_transfer_is_not_abandoned_for_drops_offered_in_turn(
-    transfers: DropTransfers, counters: Counters
-) -> None:
+def test_a_running_transfer_is_not_abandoned(transfers: DropTransfers, counters: Counters) -> None:
     for number in range(1, 6):
         transfers.take(long_offer(number), 0.0, None)
     transfers.take(OFFER, 0.0, None)

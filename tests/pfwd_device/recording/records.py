@@ -51,6 +51,23 @@ def open_survey(folder: Path, *, publish: bool = False, **options: Any) -> Surve
     return SurveyWriter.open(folder, publish=publish, **options)
 
 
+def make_survey(folder: Path, drops: int = 3, *, extras: bool = True) -> dict[int, str]:
+    """Record a survey and close it; return the digests of its drops by number."""
+    recorded = {}
+    with open_survey(folder, publish=True, reserve_bytes=4096) as writer:
+        writer.add_point("P 1", {"plate_radius_m": 0.15})
+        for number in range(1, drops + 1):
+            record = record_of(number, 32)
+            recorded[writer.save_drop(record)] = drop_digest(record, 0)
+        if extras:
+            writer.note_event("gap", {"samples": 12})
+            writer.edit("note", "wet", number=1)
+            writer.save_result(1, {"modulus_pa": 45e6, "seed": 1})
+            capture = writer.open_capture("link", {"url": "socket://x"})
+            capture.write("from", b"\x00\x01\x02")
+    return recorded
+
+
 def journal_of(survey: Path) -> Path:
     return survey / "journal" / "0001.pfwdj"
 

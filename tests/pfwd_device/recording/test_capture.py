@@ -50,7 +50,7 @@ def test_a_torn_end_is_reported(tmp_path: Path) -> None:
     assert len(reader.damage) == 1
 
 
-def test_waiting_bytes_are_written_without_further_bytes(
+def test_waiting_bytes_are_written_by_a_timer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pfwd_device.recording.capture.FLUSH_INTERVAL_S", 0.05)

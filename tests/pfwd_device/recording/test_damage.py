@@ -1,7 +1,7 @@
 """Damage of single files: seen by check, survived by readers, mended where a second copy is."""
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -23,11 +23,10 @@ from tests.pfwd_device.recording.records import (
     flip,
     frames_of,
     journal_of,
+    make_survey,
     open_survey,
     record_of,
 )
-
-NewSurvey = Callable[..., dict[int, str]]
 
 # Locks, the holder's name and the reserve say nothing of what was recorded.
 UNIMPORTANT = {"survey.lock", "publish.lock", "writer.txt", "reserve"}
@@ -96,9 +95,9 @@ def test_check_sees_any_damage_of_any_file(tiny: Path, step: int) -> None:
 
 
 @pytest.mark.parametrize("step", [127, pytest.param(5, marks=pytest.mark.slow)])
-def test_damage_loses_no_published_drop(tmp_path: Path, new_survey: NewSurvey, step: int) -> None:
+def test_damage_loses_no_published_drop(tmp_path: Path, step: int) -> None:
     original = tmp_path / "survey"
-    digests = new_survey(drops=2)
+    digests = make_survey(tmp_path / "survey", drops=2)
     copy = tmp_path / "copy"
     for name, data in content(original).items():
         # A drop file is whole or not, wherever it was hit.
@@ -119,8 +118,8 @@ def test_damage_loses_no_published_drop(tmp_path: Path, new_survey: NewSurvey, s
                 assert moved or broken in (copy / name).read_bytes()
 
 
-def test_a_drop_lost_in_both_places_is_named(survey: Path, new_survey: NewSurvey) -> None:
-    digests = new_survey(drops=3)
+def test_a_drop_lost_in_both_places_is_named(survey: Path) -> None:
+    digests = make_survey(survey, drops=3)
     flip_drop(survey, 2)
     (survey / "drops" / "drop-000002.h5").unlink()
     assert any("drop P 1/2" in text for text in check(survey).damaged)
@@ -140,8 +139,8 @@ def test_a_drop_lost_in_both_places_is_named(survey: Path, new_survey: NewSurvey
         assert writer.save_drop(record_of(4)) == 4
 
 
-def test_a_damaged_drop_is_restored_from_its_file(survey: Path, new_survey: NewSurvey) -> None:
-    digests = new_survey(drops=3)
+def test_a_damaged_drop_is_restored_from_its_file(survey: Path) -> None:
+    digests = make_survey(survey, drops=3)
     flip_drop(survey, 3)
     assert [drop.source for drop in read_survey(survey).drops] == ["journal", "journal", "file"]
     report = recover(survey)  # with the child process
@@ -152,8 +151,8 @@ def test_a_damaged_drop_is_restored_from_its_file(survey: Path, new_survey: NewS
     assert (check(survey).ok, check(survey).recovered) == (True, 1)
 
 
-def test_a_survey_of_drop_files_alone_comes_back(survey: Path, new_survey: NewSurvey) -> None:
-    digests = new_survey(drops=3)
+def test_a_survey_of_drop_files_alone_comes_back(survey: Path) -> None:
+    digests = make_survey(survey, drops=3)
     identity = read_survey(survey).survey_id
     shutil.rmtree(survey / "journal")
     (survey / "acknowledged.txt").unlink()
@@ -164,8 +163,8 @@ def test_a_survey_of_drop_files_alone_comes_back(survey: Path, new_survey: NewSu
     assert check(survey).ok
 
 
-def test_files_that_nobody_listed_are_named(survey: Path, new_survey: NewSurvey) -> None:
-    new_survey()
+def test_files_that_nobody_listed_are_named(survey: Path) -> None:
+    make_survey(survey)
     (survey / "drops" / ".drop-000009.h5.tmp").write_bytes(b"half")
     (survey / "results" / "drop-000002-1.json").write_bytes(b"{}")
     (survey / "drops" / "drop-000009.h5").write_bytes(b"what is this")
@@ -178,9 +177,9 @@ def test_files_that_nobody_listed_are_named(survey: Path, new_survey: NewSurvey)
     assert [path.name for path in read_survey(survey).drops[1].results] == ["drop-000002-1.json"]
 
 
-def test_records_of_another_survey_are_refused(tmp_path: Path, new_survey: NewSurvey) -> None:
-    digests = new_survey()
-    new_survey(tmp_path / "other", drops=2)
+def test_records_of_another_survey_are_refused(tmp_path: Path) -> None:
+    digests = make_survey(tmp_path / "survey")
+    make_survey(tmp_path / "other", drops=2)
     journal = tmp_path / "survey" / "journal" / "0001.pfwdj"
     foreign = (tmp_path / "other" / "journal" / "0001.pfwdj").read_bytes()
     journal.write_bytes(journal.read_bytes() + foreign)
@@ -190,8 +189,8 @@ def test_records_of_another_survey_are_refused(tmp_path: Path, new_survey: NewSu
     assert check(tmp_path / "survey").ok
 
 
-def test_paths_in_a_journal_stay_in_the_survey(tmp_path: Path, new_survey: NewSurvey) -> None:
-    new_survey()
+def test_paths_in_a_journal_stay_in_the_survey(tmp_path: Path) -> None:
+    make_survey(tmp_path / "survey")
     layout, storage = Layout(tmp_path / "survey"), Storage()
     index = build_index(layout)
     entries = [entry for _, entry in sorted(index.entries.items())]
@@ -245,12 +244,12 @@ def samples_of_rebounds(survey: Path) -> list[list[int]]:
 
 @pytest.mark.parametrize("damaged", [(0,), (1,), (0, 1, 2)])
 def test_rebounds_that_only_a_drop_file_holds_come_back(
-    survey: Path, new_record: Callable[[int], DropRecord], damaged: tuple[int, ...]
+    survey: Path, damaged: tuple[int, ...]
 ) -> None:
     """A rebound comes after its drop, in a record of its own, and the file is made after both."""
     with open_survey(survey, publish=True) as writer:
         for number in (1, 2):
-            writer.save_drop(new_record(number))
+            writer.save_drop(record_of(number))
         for number, sample in ((1, 7000), (1, 9000), (2, 7000)):
             writer.save_rebound(number, a_rebound(sample))
     before = samples_of_rebounds(survey)
@@ -266,11 +265,9 @@ def test_rebounds_that_only_a_drop_file_holds_come_back(
     assert mend(survey).actions == ()
 
 
-def test_a_rebound_without_a_copy_is_lost(
-    survey: Path, new_record: Callable[[int], DropRecord]
-) -> None:
+def test_a_lost_rebound_is_named(survey: Path) -> None:
     with open_survey(survey) as writer:
-        writer.save_drop(new_record(1))
+        writer.save_drop(record_of(1))
         writer.save_rebound(1, a_rebound())
     (rebound,) = frames_of(survey, RecordKind.REBOUND)
     flip(journal_of(survey), rebound.offset + 60)

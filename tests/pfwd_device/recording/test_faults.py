@@ -3,7 +3,6 @@
 import contextlib
 import errno
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from hypothesis import strategies as st
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.jobs import Jobs
-from pfwd_device.recording import DropRecord, check, read_survey, recover
+from pfwd_device.recording import check, read_survey, recover
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.framing import RecordKind
 from tests.campaigns import noted_disk, power_loss
@@ -29,11 +28,11 @@ from tests.campaigns.power_loss import (
 from tests.pfwd_device.recording.records import (
     interrupted_recoveries,
     journal_of,
+    make_survey,
     open_survey,
+    record_of,
     scan_bytes,
 )
-
-NewRecord = Callable[[int], DropRecord]
 
 
 @pytest.fixture(scope="module")
@@ -141,12 +140,10 @@ def test_unsynced_records_of_a_killed_program_are_synced_first(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("every", [7, pytest.param(1, marks=pytest.mark.slow)])
-def test_an_interrupted_recovery_is_repeated(
-    tmp_path: Path, new_survey: Callable[..., dict[int, str]], every: int
-) -> None:
+def test_an_interrupted_recovery_is_repeated(tmp_path: Path, every: int) -> None:
     """Torn end, damaged record, damaged ledger, missing and damaged files; then the power goes."""
     survey = tmp_path / "run" / "survey"
-    digests = new_survey(survey, drops=6)
+    digests = make_survey(survey, drops=6)
     journal = journal_of(survey)
     data = bytearray(journal.read_bytes())
     drops = [frame for frame in scan_bytes(bytes(data))[0] if frame.kind == RecordKind.DROP]
@@ -178,9 +175,7 @@ FAULTS = st.tuples(st.integers(0, 120), st.sampled_from(CALLS), st.integers(1, 6
 
 
 @pytest.mark.parametrize("examples", [15, pytest.param(300, marks=pytest.mark.slow)])
-def test_acknowledged_drops_survive_any_failure(
-    tmp_path_factory: pytest.TempPathFactory, examples: int
-) -> None:
+def test_drops_survive_any_failure(tmp_path_factory: pytest.TempPathFactory, examples: int) -> None:
     @settings(max_examples=examples, deadline=None)
     @given(
         faults=st.lists(FAULTS, max_size=5),
@@ -241,7 +236,7 @@ def check_faults(folder: Path, faults: Any, short: int | None, step: int) -> Non
     assert (kills.losing, kills.unreadable, cuts.losing, cuts.unreadable) == (0, 0, 0, 0)
 
 
-def test_the_reserve_saves_the_drop_in_hand(tmp_path: Path, new_record: NewRecord) -> None:
+def test_the_reserve_saves_the_drop_in_hand(tmp_path: Path) -> None:
     """A disk that is full but for the reserve."""
     full = False
 
@@ -253,15 +248,13 @@ def test_the_reserve_saves_the_drop_in_hand(tmp_path: Path, new_record: NewRecor
     storage = NotingStorage(tmp_path, fault)
     with open_survey(tmp_path / "survey", storage=storage, reserve_bytes=1024) as writer:
         full = True
-        assert writer.save_drop(new_record(1)) == 1
+        assert writer.save_drop(record_of(1)) == 1
     assert not (tmp_path / "survey" / "reserve").exists()
     assert check(tmp_path / "survey").ok
 
 
 @pytest.mark.parametrize("call", ["write", "sync"])
-def test_a_survey_that_failed_at_its_start_can_be_started_again(
-    tmp_path: Path, new_record: NewRecord, call: str
-) -> None:
+def test_a_failed_start_can_be_repeated(tmp_path: Path, call: str) -> None:
     failed = 0
     for first in range(40):
         failing = [call]
@@ -279,11 +272,11 @@ def test_a_survey_that_failed_at_its_start_can_be_started_again(
             failed += 1
         failing.clear()
         with open_survey(folder / "survey", storage=storage) as writer:
-            assert writer.save_drop(new_record(1)) == 1
+            assert writer.save_drop(record_of(1)) == 1
     assert 1 < failed < 40
 
 
-def test_a_failed_sync_is_not_retried(tmp_path: Path, survey: Path, new_record: NewRecord) -> None:
+def test_a_failed_sync_is_not_retried(tmp_path: Path, survey: Path) -> None:
     fail = 0
 
     def fault(call: str, _: int) -> OSError | int | None:
@@ -295,13 +288,13 @@ def test_a_failed_sync_is_not_retried(tmp_path: Path, survey: Path, new_record: 
 
     storage = NotingStorage(tmp_path, fault)
     with open_survey(survey, storage=storage) as writer:
-        writer.save_drop(new_record(1))
+        writer.save_drop(record_of(1))
         fail = 1
-        assert writer.save_drop(new_record(2)) == 2
+        assert writer.save_drop(record_of(2)) == 2
         fail = 2
         with pytest.raises(RecordingError, match="expected a disk that can be written"):
-            writer.save_drop(new_record(3))
-        assert writer.save_drop(new_record(3)) == 3
+            writer.save_drop(record_of(3))
+        assert writer.save_drop(record_of(3)) == 3
     assert len(list((survey / "journal").iterdir())) == 4
     assert check(survey).ok
     assert [drop.number for drop in read_survey(survey).drops] == [1, 2, 3]
@@ -319,19 +312,17 @@ class BrokenLedger(NotingStorage):
         return super().pwrite(descriptor, data, offset)
 
 
-def test_a_record_that_the_ledger_refused_is_not_in_the_journal(
-    tmp_path: Path, survey: Path, new_record: NewRecord
-) -> None:
+def test_a_refused_line_leaves_no_record(tmp_path: Path, survey: Path) -> None:
     storage = BrokenLedger(tmp_path)
     with open_survey(survey, storage=storage) as writer:
-        writer.save_drop(new_record(1))
+        writer.save_drop(record_of(1))
         size = (journal_of(survey)).stat().st_size
         storage.failures = 1
         with pytest.raises(RecordingError, match="got 'planted'"):
-            writer.save_drop(new_record(2))
+            writer.save_drop(record_of(2))
         assert (journal_of(survey)).stat().st_size == size
         assert writer.drops_acknowledged == 1
-        assert writer.save_drop(new_record(2)) == 2
+        assert writer.save_drop(record_of(2)) == 2
     lines = (survey / "acknowledged.txt").read_bytes().splitlines()[1:]
     assert [int(line.split()[0]) for line in lines] == list(range(1, len(lines) + 1))
     assert check(survey).ok
@@ -340,7 +331,7 @@ def test_a_record_that_the_ledger_refused_is_not_in_the_journal(
 @pytest.mark.parametrize("call", ["write", "sync"])
 @pytest.mark.parametrize("later", range(3))
 def test_an_interrupt_leaves_journal_and_ledger_intact(
-    tmp_path: Path, survey: Path, new_record: NewRecord, call: str, later: int
+    tmp_path: Path, survey: Path, call: str, later: int
 ) -> None:
     remaining: list[int] = []
 
@@ -354,15 +345,15 @@ def test_an_interrupt_leaves_journal_and_ledger_intact(
 
     storage = NotingStorage(tmp_path, fault)
     with open_survey(survey, storage=storage) as writer:
-        writer.save_drop(new_record(1))
+        writer.save_drop(record_of(1))
         remaining.append(later)
         for _ in range(2):
             try:
-                writer.save_drop(new_record(2))
+                writer.save_drop(record_of(2))
                 writer.save_check({"zero": 0})
             except KeyboardInterrupt:
                 continue
-        assert writer.save_drop(new_record(3)) == 3
+        assert writer.save_drop(record_of(3)) == 3
     assert check(survey).damaged == ()
     assert [drop.number for drop in read_survey(survey).drops] == [1, 2, 3]
 

@@ -167,7 +167,7 @@ def read_all(writer: SurveyWriter) -> dict[int, str]:
 
 
 @pytest.mark.parametrize("attack", ["folder deleted", "journal replaced", "journal cut"])
-def test_deleted_drops_are_in_the_spare_folder_before_the_next_drop(
+def test_deleted_drops_are_in_the_spare_folder(
     survey: Path, spare: SpareFolder, attack: str
 ) -> None:
     with open_writer(survey, spare) as writer:
@@ -288,9 +288,7 @@ def test_files_deleted_before_the_close_are_detected(survey: Path, spare: SpareF
     assert len(read_survey(survey).drops[0].results) == 1
 
 
-def test_older_copies_of_files_are_completed(
-    tmp_path: Path, survey: Path, spare: SpareFolder
-) -> None:
+def test_older_copies_are_completed(tmp_path: Path, survey: Path, spare: SpareFolder) -> None:
     """A restored backup; the records after it must not be believed to be intact."""
     with open_writer(survey, spare) as writer:
         expected = {1: save(writer, 1)}
@@ -306,7 +304,7 @@ def test_older_copies_of_files_are_completed(
     assert check(survey, spare=spare).ok
 
 
-def test_a_cut_journal_is_copied_from_memory(
+def test_a_cut_journal_is_saved(
     survey: Path, spare: SpareFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Beyond what memory holds, what cannot be read is named at once, not later."""
@@ -365,9 +363,7 @@ with SurveyWriter.open(sys.argv[1], publish=False, reserve_bytes=0) as writer:
 """
 
 
-def test_a_second_writer_moves_the_first_to_the_spare_folder(
-    survey: Path, spare: SpareFolder
-) -> None:
+def test_a_second_writer_sends_the_first_to_the_spare(survey: Path, spare: SpareFolder) -> None:
     """Lock and journal replaced: nothing keeps the second one out, and it is not written over."""
     with open_writer(survey, spare) as writer:
         expected = {1: save(writer, 1)}
@@ -423,9 +419,7 @@ def test_a_failing_close_leaves_no_lock(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("attack", ["cut", "written over"])
-def test_a_journal_that_changes_while_a_record_is_written_is_noticed(
-    survey: Path, spare: SpareFolder, attack: str
-) -> None:
+def test_a_journal_that_changes_is_noticed(survey: Path, spare: SpareFolder, attack: str) -> None:
     """Times of the file after the own write do not show the write of the other program."""
 
     class Changing(Storage):
@@ -467,7 +461,7 @@ def test_an_interrupted_merge_is_repeated(tmp_path: Path, every: int) -> None:
         assert check(folder / "survey", spare=second).ok
 
 
-def test_a_file_that_cannot_be_accessed_is_an_error_of_recording(
+def test_an_inaccessible_file_is_a_recording_error(
     survey: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An error of the system is an error of recording, which does not end a measurement."""
@@ -548,7 +542,7 @@ def test_an_earlier_segment_is_held_open(tmp_path: Path, survey: Path, spare: Sp
 
 
 @pytest.mark.parametrize("is_last", [True, False], ids=["by the close", "by the check"])
-def test_a_survey_that_is_moved_at_the_end_is_not_recreated(
+def test_a_survey_moved_at_the_end_stays_so(
     tmp_path: Path, spare: SpareFolder, is_last: bool
 ) -> None:
     survey, moved = tmp_path / "survey", tmp_path / "moved"

@@ -9,7 +9,7 @@ import pytest
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import SurveyWriter, check, read_survey, recover
-from tests.pfwd_device.recording.records import journal_of, open_survey, record_of
+from tests.pfwd_device.recording.records import journal_of, make_survey, open_survey, record_of
 
 pytestmark = pytest.mark.posix  # making links needs rights on Windows that tests do not have
 
@@ -31,8 +31,8 @@ FILES = (
 
 
 @pytest.fixture
-def survey(tmp_path: Path, new_survey: Callable[..., object]) -> Path:
-    new_survey()
+def survey(tmp_path: Path) -> Path:
+    make_survey(tmp_path / "survey")
     return tmp_path / "survey"
 
 
@@ -83,7 +83,7 @@ def test_a_file_that_is_a_link_is_refused(
 
 @pytest.mark.parametrize("name", ["journal/0001.pfwdj", "acknowledged.txt", "drops/drop-000001.h5"])
 @pytest.mark.parametrize("action", [check, read_survey, recover, SurveyWriter.open])
-def test_a_named_pipe_does_not_block_a_reader(
+def test_a_named_pipe_blocks_nobody(
     survey: Path, name: str, action: Callable[[Path], object]
 ) -> None:
     """Whoever opens a named pipe to read waits for a writer, for ever."""

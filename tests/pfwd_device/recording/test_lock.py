@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import pytest
 
 from pfwd_device.errors import SurveyLocked
 from pfwd_device.recording import SurveyWriter, check, read_survey, recover
-from tests.pfwd_device.recording.records import open_survey, record_of
+from tests.pfwd_device.recording.records import make_survey, open_survey, record_of
 
 TOP = Path(__file__).resolve().parents[3]
 
@@ -43,8 +42,8 @@ def test_a_second_writer_learns_who_is_first(tmp_path: Path) -> None:
         pass
 
 
-def test_a_stale_name_does_not_lock(tmp_path: Path, new_survey: Callable[..., object]) -> None:
-    new_survey()
+def test_a_stale_name_does_not_lock(tmp_path: Path) -> None:
+    make_survey(tmp_path / "survey")
     (tmp_path / "survey" / "writer.txt").write_text("pid 1\nhost other\nsince ever\n")
     with open_survey(tmp_path / "survey") as writer:
         assert writer.drops_acknowledged == 3
@@ -82,10 +81,8 @@ def test_a_line_that_is_being_written_is_no_damage(tmp_path: Path) -> None:
     assert not check(tmp_path).ok
 
 
-def test_recovery_waits_for_the_publisher_of_a_killed_program(
-    tmp_path: Path, new_survey: Callable[..., object]
-) -> None:
-    new_survey()
+def test_recovery_waits_for_an_old_publisher(tmp_path: Path) -> None:
+    make_survey(tmp_path / "survey")
     code = (
         "import sys, time; from filelock import FileLock; lock = FileLock(sys.argv[1]); "
         "lock.acquire(); print('held', flush=True); sys.stdin.readline()"

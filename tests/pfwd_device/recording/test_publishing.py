@@ -4,7 +4,6 @@ import errno
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ import pytest
 from pfwd_device.errors import RecordingError
 from pfwd_device.jobs import Jobs
 from pfwd_device.recording import (
-    DropRecord,
     Storage,
     SurveyWriter,
     check,
@@ -26,10 +24,9 @@ from pfwd_device.recording import (
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.lock import file_locked
 from pfwd_device.recording.publishing import publish, publishing_process, result_of
-from tests.pfwd_device.recording.records import open_survey
+from tests.pfwd_device.recording.records import open_survey, record_of
 
 TOP = Path(__file__).resolve().parents[3]
-NewRecord = Callable[[int], DropRecord]
 
 
 def test_the_recording_process_never_meets_hdf5(tmp_path: Path) -> None:
@@ -55,7 +52,7 @@ print(*({"h5py", "scipy", "textual", "inversion", "simulators"} & set(sys.module
 
 @pytest.mark.posix  # elsewhere a lock goes with the file as well, and nobody can refuse to unlock
 def test_a_failed_unlock_does_not_keep_the_next_file_waiting(
-    tmp_path: Path, new_record: NewRecord, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import fcntl
 
@@ -70,7 +67,7 @@ def test_a_failed_unlock_does_not_keep_the_next_file_waiting(
 
     with open_survey(tmp_path) as writer:
         for number in (1, 2):
-            writer.save_drop(new_record(number))
+            writer.save_drop(record_of(number))
     monkeypatch.setattr(fcntl, "flock", flock)
     monkeypatch.setattr(publishing, "LOCK_TIMEOUT_S", 0.5)
     layout, storage = Layout(tmp_path), Storage()
@@ -87,9 +84,9 @@ def test_a_failed_unlock_does_not_keep_the_next_file_waiting(
     assert recover(tmp_path, jobs=Jobs(0)).ok
 
 
-def test_the_child_publishes_and_compares(tmp_path: Path, new_record: NewRecord) -> None:
+def test_the_child_publishes_and_compares(tmp_path: Path) -> None:
     with SurveyWriter.open(tmp_path, reserve_bytes=0) as writer:
-        number = writer.save_drop(new_record(1))
+        number = writer.save_drop(record_of(1))
         writer.publish(number)
         writer.publish(number)
     assert check(tmp_path).ok
@@ -113,7 +110,7 @@ def test_the_child_publishes_and_compares(tmp_path: Path, new_record: NewRecord)
     assert path.read_bytes()[8] == 0  # version of the superblock: the oldest readers open it
 
 
-def test_a_failed_drop_is_published_later(tmp_path: Path, new_record: NewRecord) -> None:
+def test_a_failed_drop_is_published_later(tmp_path: Path) -> None:
     class Failing(Storage):
         def write_draft(self, draft: Path, data: bytes) -> None:
             if draft.name == ".drop-000001.h5.tmp":
@@ -122,7 +119,7 @@ def test_a_failed_drop_is_published_later(tmp_path: Path, new_record: NewRecord)
 
     with open_survey(tmp_path, storage=Failing(), publish=True) as writer:
         for number in (1, 2):
-            writer.publish(writer.save_drop(new_record(number)))
+            writer.publish(writer.save_drop(record_of(number)))
         writer.close()
         (report,) = writer.take_reports()
         assert (report.number, "planted" in report.reason) == (1, True)
@@ -135,12 +132,12 @@ def test_a_failed_drop_is_published_later(tmp_path: Path, new_record: NewRecord)
     assert check(tmp_path).drops_published == 2
 
 
-def test_a_file_that_takes_long_holds_up_nobody(tmp_path: Path, new_record: NewRecord) -> None:
+def test_a_file_that_takes_long_holds_up_nobody(tmp_path: Path) -> None:
     writer = SurveyWriter.open(tmp_path, reserve_bytes=0)
     with file_locked(Layout(tmp_path).publish_lock, 0.0, Storage()):
         start = time.monotonic()
         for number in (1, 2):
-            writer.publish(writer.save_drop(new_record(number)))
+            writer.publish(writer.save_drop(record_of(number)))
         writer.close(timeout=0.2)
         assert time.monotonic() - start < publishing.LOCK_TIMEOUT_S / 2
     assert sorted(report.number for report in writer.take_reports()) == [1, 2]
@@ -149,10 +146,10 @@ def test_a_file_that_takes_long_holds_up_nobody(tmp_path: Path, new_record: NewR
 
 
 def test_a_process_that_fails_or_is_silent_is_replaced(
-    tmp_path: Path, new_record: NewRecord, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with open_survey(tmp_path) as writer:
-        writer.save_drop(new_record(1))
+        writer.save_drop(record_of(1))
     layout, storage = Layout(tmp_path), Storage()
     with publishing_process() as jobs:
         with pytest.raises(RecordingError, match="expected a record, got damage"):
@@ -167,7 +164,7 @@ def test_a_process_that_fails_or_is_silent_is_replaced(
     assert recover(tmp_path).drops_published == 1
 
 
-def test_a_written_file_is_compared_with_its_content(tmp_path: Path, new_record: NewRecord) -> None:
+def test_a_written_file_is_compared_with_its_content(tmp_path: Path) -> None:
     class Lying(Storage):
         def write_at(self, descriptor: int, data: bytes, offset: int) -> None:
             if data.startswith(b"\x89HDF"):
@@ -175,17 +172,17 @@ def test_a_written_file_is_compared_with_its_content(tmp_path: Path, new_record:
             super().write_at(descriptor, data, offset)
 
     with open_survey(tmp_path, storage=Lying(), publish=True) as writer:
-        writer.save_drop(new_record(1))
+        writer.save_drop(record_of(1))
         writer.close()
         (report,) = writer.take_reports()
         assert "expected the content that was written, got other content" in report.reason
     assert not (tmp_path / "drops" / "drop-000001.h5").exists()
 
 
-def test_a_file_of_another_drop_is_replaced(tmp_path: Path, new_record: NewRecord) -> None:
+def test_a_file_of_another_drop_is_replaced(tmp_path: Path) -> None:
     with open_survey(tmp_path, publish=True) as writer:
         for number in (1, 2):
-            writer.save_drop(new_record(number))
+            writer.save_drop(record_of(number))
     drops = tmp_path / "drops"
     (drops / "drop-000001.h5").write_bytes((drops / "drop-000002.h5").read_bytes())
     report = recover(tmp_path, jobs=Jobs(0))

@@ -20,7 +20,7 @@ from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import Entry, about_drop, ledger_bytes
 from pfwd_device.recording.recovery import recover
 from tests.pfwd_device.recording.operations import growth
-from tests.pfwd_device.recording.records import journal_of, open_survey, record_of
+from tests.pfwd_device.recording.records import journal_of, make_survey, open_survey, record_of
 
 FLAT = 1.2
 """Largest growth of the cost of a drop among many; a square would be 4 or more."""
@@ -138,7 +138,7 @@ def index_content(index: Index) -> dict[str, object]:
     return {"drops": drops, **{name: rest[name] for name in rest if name not in omitted}}
 
 
-def test_drops_are_not_decoded_if_ledger_and_journal_agree(
+def test_an_intact_survey_needs_no_decoding(
     published: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     layout = Layout(published)
@@ -198,10 +198,8 @@ def test_a_line_that_names_another_drop_is_damaged(published: Path, tmp_path: Pa
     assert not check(folder).ok
 
 
-def test_the_last_of_eleven_results_is_the_latest(
-    tmp_path: Path, new_survey: Callable[..., dict[int, str]]
-) -> None:
-    new_survey(tmp_path / "s", extras=False)
+def test_the_latest_result_is_last(tmp_path: Path) -> None:
+    make_survey(tmp_path / "s", extras=False)
     with open_survey(tmp_path / "s") as writer:
         for seed in range(1, 12):
             writer.save_result(1, {"seed": seed})
@@ -215,9 +213,9 @@ def test_the_last_of_eleven_results_is_the_latest(
 
 @pytest.mark.parametrize("change", [b'{"seed":3}\n', b'{"seed": 2}\n', b"", None])
 def test_a_changed_result_does_not_count_and_is_reported_once(
-    tmp_path: Path, new_survey: Callable[..., dict[int, str]], change: bytes | None
+    tmp_path: Path, change: bytes | None
 ) -> None:
-    new_survey(tmp_path / "s", extras=False)
+    make_survey(tmp_path / "s", extras=False)
     with open_survey(tmp_path / "s") as writer:
         path = [writer.save_result(1, {"seed": seed}) for seed in (1, 2)][-1]
         diagnosis = writer.save_result(1, {"seed": 2}, "diagnosis")

@@ -79,9 +79,7 @@ def test_a_drop_that_home_refuses_is_in_the_spare_folder_at_once(
     assert files == [f"drop-00000{n}.h5" for n in (1, 2, 3)]
 
 
-def test_records_about_a_drop_in_the_spare_folder_are_merged_with_it(
-    survey: Path, spare: SpareFolder, disk: Refusing
-) -> None:
+def test_records_about_a_drop_are_merged(survey: Path, spare: SpareFolder, disk: Refusing) -> None:
     with open_writer(survey, disk, spare) as writer:
         save(writer, 1)
         disk.refuse()
@@ -102,7 +100,7 @@ def test_records_about_a_drop_in_the_spare_folder_are_merged_with_it(
     assert check(survey, spare=spare).ok
 
 
-def test_the_survey_folder_is_not_written_until_the_next_start(
+def test_a_folder_that_refused_waits_for_a_start(
     survey: Path, spare: SpareFolder, disk: Refusing
 ) -> None:
     with open_writer(survey, disk, spare) as writer:
@@ -220,9 +218,7 @@ def test_a_record_that_the_spare_folder_did_not_keep_leaves_its_number_free(
     assert check(survey, spare=spare).ok
 
 
-def test_a_point_in_the_spare_folder_is_last(
-    survey: Path, spare: SpareFolder, disk: Refusing
-) -> None:
+def test_a_point_in_the_spare_is_appended(survey: Path, spare: SpareFolder, disk: Refusing) -> None:
     with open_writer(survey, disk, spare) as writer:
         save(writer, 1)
         disk.refuse()
@@ -244,9 +240,7 @@ def test_a_reserve_needs_four_times_its_size(
         assert (survey / "reserve").exists() is is_reserved
 
 
-def test_a_drop_recorded_twice_is_merged_once(
-    survey: Path, spare: SpareFolder, disk: Refusing
-) -> None:
+def test_a_repeated_drop_is_merged_once(survey: Path, spare: SpareFolder, disk: Refusing) -> None:
     with open_writer(survey, disk, spare) as writer:
         disk.refuse()
         save(writer, 1)
@@ -258,9 +252,7 @@ def test_a_drop_recorded_twice_is_merged_once(
 
 
 @pytest.mark.posix
-def test_a_deleted_survey_is_restored_from_the_spare_folder(
-    tmp_path: Path, survey: Path, spare: SpareFolder
-) -> None:
+def test_a_deleted_survey_is_restored(tmp_path: Path, survey: Path, spare: SpareFolder) -> None:
     """The last of several deleted surveys at a path."""
     for count in (1, 2, 3):
         with open_writer(survey, Storage(), spare) as writer:
@@ -333,7 +325,7 @@ def test_a_spare_folder_that_refuses_is_named_once(tmp_path: Path) -> None:
         assert digests(writer.drops_in_spare()[1]) == expected
 
 
-def test_a_part_of_the_spare_folder_is_no_survey_to_go_on_with(
+def test_a_part_of_the_spare_folder_is_refused(
     survey: Path, spare: SpareFolder, disk: Refusing
 ) -> None:
     with open_writer(survey, disk, spare) as writer:

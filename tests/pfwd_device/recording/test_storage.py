@@ -95,9 +95,7 @@ def test_an_error_of_the_disk_is_not_taken_for_a_missing_call(mac: FakeMac, tmp_
         ),
     ],
 )
-def test_spare_folder_and_lost_records_are_named(
-    drops: int, lost: tuple[str, ...], text: str
-) -> None:
+def test_spare_folder_and_losses_are_named(drops: int, lost: tuple[str, ...], text: str) -> None:
     report = SurveyNotSafe("site 1: no space left", Path("spare"), drops, lost)
     assert report.text == f"NOT SAFE: site 1: no space left. Written to spare: {text}"
 

@@ -1,6 +1,5 @@
 """A survey written, continued and read: what is saved is there, once, and as it was."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -17,10 +16,7 @@ from pfwd_device.recording import (
     recover,
 )
 from pfwd_device.recording.drop_file import drop_digest
-from tests.pfwd_device.recording.records import a_rebound
-
-NewRecord = Callable[[int], DropRecord]
-NewSurvey = Callable[..., dict[int, str]]
+from tests.pfwd_device.recording.records import a_rebound, record_of
 
 
 def opened(folder: Path, **options: object) -> SurveyWriter:
@@ -28,12 +24,12 @@ def opened(folder: Path, **options: object) -> SurveyWriter:
     return SurveyWriter.open(folder, **options)  # type: ignore[arg-type]
 
 
-def test_everything_comes_back(tmp_path: Path, new_record: NewRecord) -> None:
+def test_everything_comes_back(tmp_path: Path) -> None:
     folder = tmp_path / "deep" / "er" / "survey ü"
     with opened(folder) as writer:
         assert writer.add_point("P 1", {"plate_radius_m": 0.15}) == "P 1"
         assert writer.next_number("P 1") == 1
-        numbers = [writer.save_drop(new_record(n)) for n in (1, 2, 11)]
+        numbers = [writer.save_drop(record_of(n)) for n in (1, 2, 11)]
         writer.save_rebound(1, a_rebound(7000))
         writer.save_rebound(1, a_rebound(9000))
         writer.edit("note", "wet", number=2)
@@ -63,7 +59,7 @@ def test_everything_comes_back(tmp_path: Path, new_record: NewRecord) -> None:
     assert survey.damage == ()
     for drop, original in zip(survey.drops, (1, 2, 11), strict=True):
         record = drop.read()
-        saved = new_record(original)
+        saved = record_of(original)
         complete = DropRecord(
             saved.point, saved.drop, saved.counts, saved.declared, saved.metadata, record.rebounds
         )
@@ -76,12 +72,12 @@ def test_everything_comes_back(tmp_path: Path, new_record: NewRecord) -> None:
     assert (report.drops_acknowledged, report.drops_published) == (3, 3)
 
 
-def test_a_survey_is_continued(tmp_path: Path, new_record: NewRecord) -> None:
+def test_a_survey_is_continued(tmp_path: Path) -> None:
     for number in range(1, 5):
         with opened(tmp_path) as writer:
             assert writer.points == (() if number == 1 else ("P 1",))
             assert writer.next_number("P 1") == number
-            assert writer.save_drop(new_record(number)) == number
+            assert writer.save_drop(record_of(number)) == number
             assert writer.recovery.ok
             assert writer.recovery.actions == ()
     report = check(tmp_path)
@@ -90,25 +86,25 @@ def test_a_survey_is_continued(tmp_path: Path, new_record: NewRecord) -> None:
     assert len(read_survey(tmp_path).drops) == 4
 
 
-def test_a_drop_is_never_recorded_twice(tmp_path: Path, new_record: NewRecord) -> None:
+def test_a_drop_is_never_recorded_twice(tmp_path: Path) -> None:
     with opened(tmp_path) as writer:
-        assert writer.save_drop(new_record(1)) == 1
-        assert writer.save_drop(new_record(1)) == 1
+        assert writer.save_drop(record_of(1)) == 1
+        assert writer.save_drop(record_of(1)) == 1
         assert writer.find_key("7/1/1") == 1
     with opened(tmp_path) as writer:
-        assert writer.save_drop(new_record(1)) == 1
+        assert writer.save_drop(record_of(1)) == 1
         assert writer.drops_acknowledged == 1
-        same_number = DropRecord("P 1", new_record(1).drop)
+        same_number = DropRecord("P 1", record_of(1).drop)
         with pytest.raises(RecordingError, match=r"drop P 1/1: .* the next free number is 2"):
             writer.save_drop(same_number)
         with pytest.raises(RecordingError, match="key of a drop: expected text, got int"):
-            writer.save_drop(DropRecord("P 1", new_record(2).drop, metadata={"key": 3}))
+            writer.save_drop(DropRecord("P 1", record_of(2).drop, metadata={"key": 3}))
     assert len(read_survey(tmp_path).drops) == 1
 
 
-def test_a_rebound_after_publication_is_read(tmp_path: Path, new_record: NewRecord) -> None:
+def test_a_rebound_after_publication_is_read(tmp_path: Path) -> None:
     with opened(tmp_path) as writer:
-        writer.save_drop(new_record(1))
+        writer.save_drop(record_of(1))
         writer.save_rebound(1, a_rebound(7000))
     with opened(tmp_path) as writer:
         writer.save_rebound(1, a_rebound(9000))
@@ -120,9 +116,9 @@ def test_a_rebound_after_publication_is_read(tmp_path: Path, new_record: NewReco
     assert check(tmp_path).ok
 
 
-def test_missing_drops_and_points_are_refused(tmp_path: Path, new_record: NewRecord) -> None:
+def test_missing_drops_and_points_are_refused(tmp_path: Path) -> None:
     with opened(tmp_path) as writer:
-        writer.save_drop(new_record(1))
+        writer.save_drop(record_of(1))
         with pytest.raises(RecordingError, match="recorded drop, got 9"):
             writer.save_rebound(9, a_rebound(1))
         with pytest.raises(RecordingError, match="recorded drop, got 9"):
@@ -136,18 +132,16 @@ def test_missing_drops_and_points_are_refused(tmp_path: Path, new_record: NewRec
         with pytest.raises(RecordingError, match="at most 65536 bytes"):
             writer.edit("note", "x" * 70_000, number=1)
     with pytest.raises(RecordingError, match="expected an open survey, got a closed one"):
-        writer.save_drop(new_record(2))
+        writer.save_drop(record_of(2))
     for action in (read_survey, check, recover):
         with pytest.raises(RecordingError, match="expected the folder of a survey, got no survey"):
             action(tmp_path / "none")
 
 
-def test_a_newer_survey_is_not_touched(
-    tmp_path: Path, new_record: NewRecord, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_newer_survey_is_not_touched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pfwd_device.recording.recovery.FORMAT_VERSION", 3)
     with opened(tmp_path) as writer:
-        writer.save_drop(new_record(1))
+        writer.save_drop(record_of(1))
     before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file() and p.suffix}
     for action in (read_survey, check, recover, opened):
         with pytest.raises(RecordingError, match=r"format version 2, got 3"):
@@ -164,11 +158,11 @@ class SmallDisk(Storage):
         return self.free
 
 
-def test_a_filling_disk_is_announced_then_refused(tmp_path: Path, new_record: NewRecord) -> None:
+def test_a_filling_disk_is_announced_then_refused(tmp_path: Path) -> None:
     disk = SmallDisk()
     disk.free = 10**9
     with opened(tmp_path, storage=disk) as writer:
-        writer.save_drop(new_record(1))
+        writer.save_drop(record_of(1, 32))  # takes 4096 bytes in all
         assert writer.scarce_drops() is None
         writer.check_room()
         disk.free = 199 * 10**6

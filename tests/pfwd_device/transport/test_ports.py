@@ -62,9 +62,7 @@ def test_the_adapter_is_identified_under_another_name(plugged: list[Any]) -> Non
     assert candidate_urls("/dev/ttyUSB0", FTDI) == ["/dev/ttyUSB3"]
 
 
-def test_windows_names_of_a_port_are_compared_without_opening_it(
-    plugged: list[Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_names_on_windows_are_compared(plugged: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(path: str, **_: object) -> str:
         raise OSError(22, "The semaphore timeout period has expired", path)
 
@@ -80,7 +78,7 @@ def test_windows_names_of_a_port_are_compared_without_opening_it(
 
 
 @pytest.mark.posix
-def test_both_names_of_a_port_of_macos_have_its_adapter(
+def test_both_names_on_macos_have_the_adapter(
     plugged: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plugged.append(usb("/dev/cu.usbserial-A50285BI"))
@@ -119,9 +117,7 @@ def test_finder_follows_the_adapter(plugged: list[Any], monkeypatch: pytest.Monk
     assert opened == ["/dev/ttyUSB0", "/dev/ttyUSB7"]
 
 
-def test_equal_adapters_are_tried_in_turn(
-    plugged: list[Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_equal_adapters_are_all_tried(plugged: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[str] = []
     monkeypatch.setattr(opening, "open_transport", lambda url, rate: opened.append(url))
     cheap = Adapter(0x1A86, 0x7523, None)

@@ -59,9 +59,7 @@ def test_small_commands_leave_at_once(server: socket.socket) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the number of the option is that of Linux")
-def test_an_unplugged_cable_is_detected_on_macos_too(
-    server: socket.socket, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_macos_detects_a_cable_too(server: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its option for the idle time has another name."""
     number = socket.TCP_KEEPIDLE
     monkeypatch.setattr(socket, "TCP_KEEPALIVE", number, raising=False)

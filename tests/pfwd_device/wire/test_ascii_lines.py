@@ -269,7 +269,7 @@ def test_the_result_does_not_depend_on_cuts(damage: list[tuple[int, bytes]], end
         ((0, 1), {"resolution": [1.0, float("nan")]}, "resolution: expected values"),
     ],
 )
-def test_columns_that_do_not_fit_are_refused(
+def test_wrong_columns_are_refused(
     columns: tuple[int, ...], options: dict[str, Any], match: str
 ) -> None:
     with pytest.raises(SetupError, match=match):

@@ -123,9 +123,7 @@ def test_the_error_of_a_predicted_peak_is_that_of_the_peers(point: DiagnosisPoin
 
 
 @pytest.mark.parametrize(("mode", "names"), [("next", ["drop 2"]), ("drop", ["drop 1", "drop 2"])])
-def test_held_out_drops_have_errors(
-    point: DiagnosisPoint, mode: LeaveOut, names: list[str]
-) -> None:
+def test_each_drop_has_its_errors(point: DiagnosisPoint, mode: LeaveOut, names: list[str]) -> None:
     (prediction,) = held_out([point], leave_out=mode, allow="stiffness")
     parts = prediction.by or ()
     assert [part.name for part in parts] == names
@@ -146,7 +144,7 @@ def test_the_last_drop_is_predicted_by_default(point: DiagnosisPoint) -> None:
     assert part.is_prediction == ("choice of effects" not in (part.fitted or ()))
 
 
-def test_a_point_that_cannot_be_predicted_without_a_part_says_so(
+def test_an_impossible_prediction_is_named(
     point: DiagnosisPoint, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     request = DiagnosisRequest(leave_out="drop")

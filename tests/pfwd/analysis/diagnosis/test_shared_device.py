@@ -257,9 +257,7 @@ def test_two_points_have_no_spread_and_an_unknown_deviation_stays_unknown() -> N
         (6.2e-4, 1e-7, False),
     ],
 )
-def test_a_contradiction_exceeds_the_spread_and_the_deviation_of_the_point(
-    delay: float, spread: float, contradicts: bool
-) -> None:
+def test_a_contradiction_exceeds_the_spread(delay: float, spread: float, contradicts: bool) -> None:
     findings = DeviceFindings(
         {"sensor_lag": {"delay": 6e-4}}, {}, 9, {"sensor_lag": {"delay": spread}}
     )

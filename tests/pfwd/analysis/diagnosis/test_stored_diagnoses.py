@@ -54,7 +54,7 @@ def holding(folder: Path) -> list[DiagnosisResult | None]:
     return [point.diagnosis_in_force for point in point_views(read_survey(folder))]
 
 
-def test_the_same_question_is_answered_from_the_survey(
+def test_a_question_is_answered_from_the_survey(
     survey: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pfwd.analysis.diagnosis.shared_device.diagnose_point", None)
@@ -117,7 +117,7 @@ def test_a_script_gets_the_stored_diagnoses(survey: Path, monkeypatch: pytest.Mo
     assert known(entry.last).drop == opened.points[1].drops[-1].number
 
 
-def test_a_run_continues_after_an_interrupted_run(
+def test_an_interrupted_run_goes_on(
     survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two points of a device take four diagnoses: each by itself, and each with the other one."""

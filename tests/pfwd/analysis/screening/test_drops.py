@@ -73,7 +73,7 @@ def warned(drop: Drop) -> tuple[Notice, ...]:
 @pytest.mark.parametrize("quantity", ["displacement", "velocity"])
 @pytest.mark.parametrize("pre_trigger", [0.0, 0.005])
 @pytest.mark.parametrize("rate", [2_000.0, 10_000.0, 50_000.0])
-def test_a_sound_drop_passes(
+def test_sound_drops_pass(
     make_drop: MakeDrop, quantity: str, pre_trigger: float, rate: float
 ) -> None:
     drop = make_drop(quantity=quantity, pre_trigger=pre_trigger, rate=rate, offsets=(0.0, 0.3))
@@ -201,9 +201,7 @@ def test_a_clipped_velocity_has_a_warning(make_drop: MakeDrop, sign: int) -> Non
         ("velocity", "centre", "deflection-suspect"),
     ],
 )
-def test_suspect_units_are_warned_of(
-    make_drop: MakeDrop, quantity: str, part: str, code: str
-) -> None:
+def test_suspect_units_are_named(make_drop: MakeDrop, quantity: str, part: str, code: str) -> None:
     change: dict[str, Change] = {part: lambda v: 1000 * v}
     assert [each.code for each in warned(changed(make_drop(quantity=quantity), **change))] == [code]
 
@@ -398,7 +396,7 @@ def test_a_record_that_is_short_by_its_settings_is_sound(make_drop: Callable[...
 
 
 @pytest.mark.parametrize("gap", [(-0.02, -0.01), (0.06, 0.07), (0.01, 0.02)])
-def test_no_nan_reaches_the_inversion(
+def test_no_nan_is_inverted(
     drop: Drop, gap: tuple[float, float], inverted: list[list[Record]]
 ) -> None:
     damaged = without(drop, *gap)
