@@ -267,7 +267,7 @@ def reset(steps: Steps) -> Identity:
     return identity
 
 
-@SHARED
+@settings(SHARED, max_examples=50)
 @given(calibrations=st.lists(CALIBRATIONS, min_size=1, max_size=6))
 def test_the_core_accepts_the_calibrations_that_python_accepts(
     program: tuple[str, bool], calibrations: list[Calibrate]

@@ -50,19 +50,7 @@ def test_maxwell_elements_are_the_power_law(quality: float) -> None:
         factor = law.factor(laplace)
         assert factor.imag / factor.real == pytest.approx(1 / quality, rel=0.02)
         assert abs(factor) == pytest.approx(law.stiffening(2 * math.pi * frequency), rel=3e-3)
-
-
-def test_without_damping_the_law_is_elastic() -> None:
-    law = ConstantQ(1e6, 2 * math.pi * 30)
-    assert law.factor(2j * math.pi * 300) == pytest.approx(1.0, abs=1e-5)
-    plain = SoilProfile.uniform(40e6, 0.0, 1900.0, 0.35, 0.5)
-    drops = [
-        simulate_drop(ground, PLATE, HAMMER, (0.3,), 0.02)
-        for ground in (plain, replace(plain, damping_law=law))
-    ]
-    peak = np.max(drops[0].plate_displacement)
-    difference = drops[1].ground_displacement - drops[0].ground_displacement
-    assert np.max(np.abs(difference)) < 1e-4 * peak
+    assert ConstantQ(1e6, law.reference).factor(2j * math.pi * 300) == pytest.approx(1, abs=1e-5)
 
 
 @pytest.mark.parametrize("phi", PHI_VECTORS[:2])
