@@ -22,7 +22,8 @@ from tests.campaigns.blind import (
 )
 from tests.campaigns.effects.catalogue import CLEAN, EFFECTS
 from tests.campaigns.effects.recording import Converter
-from tests.campaigns.effects.response import RESOLUTION, stacked_ground
+from tests.campaigns.effects.response import stacked_ground
+from tests.simulators.coarse import COARSE
 from tests.simulators.test_simulated_traces import read
 
 QUICK = ("clean", "sensor_lag", "permanent_set", "spring_rig", "gain_glitch", "plate_inertia")
@@ -45,9 +46,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def single_site(monkeypatch: pytest.MonkeyPatch) -> None:
     """Offer one shallow site with coarse finite elements, as no test compares the motion."""
-    coarse = replace(RESOLUTION, edge_element=0.05, damped_wavelengths=0.5)
-    coarse = replace(coarse, elements_per_wavelength=1.5, undamped_wavelengths=0.25)
-    monkeypatch.setattr("tests.campaigns.effects.response.RESOLUTION", coarse)
+    monkeypatch.setattr("tests.campaigns.effects.response.RESOLUTION", COARSE)
     monkeypatch.setattr("tests.campaigns.blind.SITES", (SITES[3],))
     monkeypatch.setattr("tests.campaigns.blind.CONTACT_SITES", (SITES[3],))
 

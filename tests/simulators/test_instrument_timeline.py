@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -22,18 +23,18 @@ from simulators.instrument.units import (
     compute_unit_drop,
     with_drawn_soil,
 )
-from simulators.mesh import Plate, Resolution
+from simulators.mesh import Plate
 from simulators.traces import Geophone, geophone_output
-
-COARSE = Resolution(edge_element=0.01, elements_per_wavelength=1.5, damped_wavelengths=0.5)
+from tests.simulators.coarse import COARSE
 
 
 @pytest.fixture
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the instrument compute its drops with coarse finite elements."""
-    monkeypatch.setattr(units, "simulate_drop", partial(simulate_drop, resolution=COARSE))
+    monkeypatch.setattr(units, "simulate_drop", partial(simulate_drop, resolution=QUICK))
 
 
+QUICK = replace(COARSE, steps_per_pulse=70.0)
 VOLTS_PER_COUNT = 5.0 / 2**17  # of the scenario `default`
 QUIET: dict[str, Any] = {
     "base": "default",
@@ -187,7 +188,7 @@ def test_a_damped_hammer_rebounds_as_in_the_finite_elements(coarse: None) -> Non
     hammer = chosen.hammer
     falling = Hammer(hammer.mass, hammer.stiffness, hammer.velocity, 9.80665, hammer.damping)
     ground, plate = chosen.soil.ground(1.0), chosen.device.plate
-    drop = simulate_drop(ground, plate, falling, (0.0,), 0.5, 2e-4, COARSE)
+    drop = simulate_drop(ground, plate, falling, (0.0,), 0.5, 2e-4, QUICK)
     touches = np.flatnonzero(np.diff((drop.load > 0).astype(int)) > 0)
     _, rebound = Schedule(chosen, 0, UnitDrops(chosen, (1.0,))).drop(9).impacts
     assert rebound.delay == pytest.approx(2e-4 * (touches[1] - touches[0]), abs=4e-4)

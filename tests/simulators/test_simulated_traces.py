@@ -2,16 +2,19 @@
 
 import csv
 import tomllib
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from simulators import demo
 from simulators.demo import DEMO_PLATE, demo_drops, demo_ground
-from simulators.drop import SimulatedDrop
+from simulators.drop import SimulatedDrop, simulate_drop
 from simulators.mesh import GroundError
 from simulators.traces import Geophone, Recording, geophone_output, record_drop, write_traces
+from tests.simulators.coarse import COARSE
 
 TIME_STEP = 1e-4
 
@@ -110,9 +113,10 @@ def test_a_geophone_is_declared_and_needs_velocity(drop: SimulatedDrop, tmp_path
         write_traces(tmp_path / "t.csv", [], DEMO_PLATE, 0.35)
 
 
-@pytest.fixture(scope="module")
-def demonstration(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return demo_drops(3, 7, tmp_path_factory.mktemp("demo") / "new")
+@pytest.fixture
+def demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(demo, "simulate_drop", partial(simulate_drop, resolution=COARSE))
+    return demo_drops(3, 7, tmp_path / "new")
 
 
 def test_the_demonstration_is_a_single_point_without_the_truth(demonstration: Path) -> None:
