@@ -114,7 +114,7 @@ def test_wrong_usage_is_status_2(arguments: list[str], command: Command) -> None
         (["--header", "no-such.toml"], "--header no-such.toml: expected a TOML file"),
     ],
 )
-def test_contradictions_and_ranges_are_status_2_in_one_line(
+def test_contradictions_and_ranges_are_status_2(
     arguments: list[str], message: str, command: Command
 ) -> None:
     printed = command("invert", "a.csv", *arguments)
@@ -152,7 +152,7 @@ def test_every_option_reaches_the_analysis(tmp_path: Path) -> None:
 # Output and status
 
 
-def test_json_is_one_object_a_line_and_a_table_otherwise(
+def test_json_has_an_object_for_each_line_and_people_get_a_table(
     monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
     results = [replace(RESULT, modulus_sd_pa=float("nan")), REJECTED]
@@ -208,7 +208,7 @@ def test_an_impossible_output_is_refused_before_the_work(
     assert "expected the folder" in printed.refusal
 
 
-def test_an_unforeseen_error_is_one_line_after_the_end_of_the_analysis(
+def test_an_unforeseen_error_is_a_single_line_after_the_end_of_the_analysis(
     monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
     for error, message in (

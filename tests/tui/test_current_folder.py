@@ -170,7 +170,7 @@ def test_a_script_that_inverts_by_processes_runs_no_module_of_the_folder(planted
     assert len(output.splitlines()) == 2
 
 
-def test_one_module_starts_python_processes() -> None:
+def test_a_single_module_starts_python_processes() -> None:
     start = re.compile(
         r"sys\.executable|ProcessPool|^ *(from|import) multiprocessing", re.MULTILINE
     )

@@ -22,7 +22,7 @@ def empty(name: str) -> Diagnosed:
 COMPLETE = Diagnosed("b.csv", DiagnosisResult(file="b.csv", drops=(1,), verdict="clean"))
 
 
-def test_many_points_without_a_drop_take_a_single_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_points_without_a_drop_take_a_single_line(capsys: pytest.CaptureFixture[str]) -> None:
     points = [empty("1"), COMPLETE, empty("2")]
     show_all([*points, Diagnosed("c.csv", error="no load")], as_json=False)
     out, err = capsys.readouterr()
@@ -52,7 +52,7 @@ def test_json_has_a_line_for_each_point(capsys: pytest.CaptureFixture[str]) -> N
     assert records[0]["warning_codes"][0]["code"] == "drop-rejected"
 
 
-def test_many_warnings_are_counted(capsys: pytest.CaptureFixture[str]) -> None:
+def test_warnings_beyond_a_number_are_counted(capsys: pytest.CaptureFixture[str]) -> None:
     points = []
     for number in range(20):
         warnings = (text_notice(f"sensor {chr(65 + number)} drifts"),)

@@ -72,7 +72,7 @@ def test_several_points_have_each_warning_once_as_ranges() -> None:
 
 
 @pytest.mark.parametrize(("factor", "is_known"), [(9.9, True), (10.1, False)])
-def test_a_modulus_with_a_wide_interval_is_left_open(factor: float, is_known: bool) -> None:
+def test_a_modulus_with_a_wide_interval_is_open(factor: float, is_known: bool) -> None:
     point = diagnosis(
         before=state(40e6, 38e6, 42e6),
         after=state(50e6, 20e6, 20e6 * factor),
@@ -139,7 +139,7 @@ def test_the_residual_is_printed_in_percent(residual: float, text: str) -> None:
     assert f"residual {text} of the peak" in text_of_point(point)
 
 
-def test_points_without_a_drop_are_listed_in_one_line() -> None:
+def test_points_without_a_drop_are_listed_in_a_single_line() -> None:
     empty = [DiagnosisResult(file="a.F25", point=f"km {n}", drops=()) for n in range(1, 5)]
     diagnosed = DiagnosisResult(file="a.F25", point="km 5", drops=(1,))
     (line,) = undiagnosed_lines([*empty, diagnosed])
@@ -365,9 +365,7 @@ def test_fitted_data_are_not_called_a_prediction(mode: str, start: str) -> None:
         ),
     ],
 )
-def test_the_error_of_a_peak_is_compared_with_those_at_other_points(
-    errors: dict[str, Any], text: str
-) -> None:
+def test_the_error_of_a_peak_is_compared_between_points(errors: dict[str, Any], text: str) -> None:
     part = (HeldOutPart(name="drop 3", after=0.09, peak_error=-0.013),)
     line = held_out_lines(mode="next", fitted=(), by=part, **errors)[1]
     assert line == f"    recorded peak -1.3 % from the predicted one; {text}"

@@ -149,7 +149,7 @@ def test_a_move_to_an_unknown_point_asks_on_a_terminal(
     assert len(read_survey(survey).drops) == n_drops
 
 
-def test_the_name_of_a_station_is_known(survey: str) -> None:
+def test_the_name_of_a_station_needs_no_confirmation(survey: str) -> None:
     stations = Path(survey).with_suffix(".csv")
     stations.write_text("name\n12+360\n", encoding="utf-8")
     assert main(["job", survey, "--stations", str(stations)]) == 0

@@ -28,7 +28,7 @@ def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "survey"
 
 
-def test_a_refused_file_is_reported_in_one_line_and_the_next_is_imported(tmp_path: Path) -> None:
+def test_a_refused_file_is_reported_and_the_next_is_imported(tmp_path: Path) -> None:
     (tmp_path / "bad.dynz").write_bytes(dynz(DROPS)[:-100])
     (tmp_path / "h.toml").write_text("plate_radius_m = 0.15")
     (tmp_path / "good.thy").write_bytes(thy([(1, 1, pulse(samples=470))]))
@@ -53,7 +53,7 @@ def test_the_help_of_import_names_every_format() -> None:
         assert all(suffix in text for suffix in form.suffixes)
 
 
-def test_export_reports_its_output_in_one_line(survey: Path, tmp_path: Path) -> None:
+def test_export_reports_its_output_in_a_single_line(survey: Path, tmp_path: Path) -> None:
     path = tmp_path / "r.geojson"
     completed = pfwd("export", survey, "--format", "geojson", "-o", path, "--json")
     assert completed.returncode == 0

@@ -54,7 +54,7 @@ def test_a_damaged_file_is_reported_and_the_archive_written(
         (["{none}", "--archive", "{out}"], "expected a file or folder, got nothing of that"),
     ],
 )
-def test_wrong_usage_is_reported_in_one_line_before_any_file_is_written(
+def test_wrong_usage_is_refused_before_any_file_is_written(
     options: list[str], message: str, drops: Path, tmp_path: Path, command: Command
 ) -> None:
     pytest.importorskip("pyarrow")

@@ -175,7 +175,7 @@ def exported(survey: str, form: str) -> dict[str, str]:
         (["--time-zone", "+2"], "0001-01-01T00:00:00", ""),
     ],
 )
-def test_exports_have_utc_where_the_zone_is_known(
+def test_exports_have_utc_if_the_zone_is_declared(
     tmp_path: Path, zone: list[str], local: str, utc: str
 ) -> None:
     survey = write_drops(tmp_path / "s", imported={"time_local": local})
@@ -187,7 +187,7 @@ def test_exports_have_utc_where_the_zone_is_known(
         assert row.get("time_local", local) == local
 
 
-def test_exports_have_local_time_where_the_zone_is_known(tmp_path: Path) -> None:
+def test_exports_have_local_time_if_the_zone_is_declared(tmp_path: Path) -> None:
     survey = write_drops(tmp_path / "s")
     assert exported(survey, "points")["time_local"] == ""
     for zone, local in (("+2", "2024-05-06T10:01:00+02:00"), ("UTC", "2024-05-06T08:01:00+00:00")):

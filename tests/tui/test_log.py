@@ -54,7 +54,7 @@ def test_a_survey_is_continued_unless_the_calibration_changed(tmp_path: Path) ->
 
 
 @pytest.mark.posix
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGHUP"])
 def test_a_signal_ends_logging(name: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     # A process inherits that a signal is ignored, as by nohup.
     before = signal.signal(signal.Signals[name], signal.default_int_handler)
@@ -196,7 +196,7 @@ def test_recording_requires_a_plate_radius_and_sensible_sensitivities(tmp_path: 
         (("demo", "--scenario", "unheard-of"), 2, "unheard-of"),
     ],
 )
-def test_a_refused_command_has_an_error_in_one_line(
+def test_a_refused_command_has_a_single_line_of_error(
     arguments: tuple[str, ...], status: int, message: str, tmp_path: Path, command: Command
 ) -> None:
     (tmp_path / "file").write_text("text")

@@ -56,7 +56,7 @@ def test_a_folder_without_access_does_not_stop_a_thread_that_logs(
     assert messages(folder) == ["while the disk fails", "afterwards"]
 
 
-def test_a_folder_that_disappears_costs_nothing_but_the_log(folder: Path) -> None:
+def test_a_folder_that_disappears_costs_only_the_log(folder: Path) -> None:
     folder.mkdir()
     LOGGER.warning("logged")
     shutil.rmtree(folder)

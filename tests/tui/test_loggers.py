@@ -11,11 +11,10 @@ from simulators.instrument import serve
 from simulators.instrument.scenario import load_scenario
 from simulators.loggers import logger_setup
 from tests.inversion.test_momentum import fall
-from tests.tui.console import pfwd, records
-from tui.cli import main
+from tests.tui.console import Command, pfwd, records
 
 
-@pytest.mark.parametrize("logger", ["dataq", "labjack"])
+@pytest.mark.parametrize("logger", ["dataq", pytest.param("labjack", marks=pytest.mark.slow)])
 def test_a_logger_measures_the_modulus_of_the_ground(logger: str, tmp_path: Path) -> None:
     completed = pfwd(
         "demo", "--logger", logger, "--drops", "1", "--json", "-o", tmp_path / "survey"
@@ -40,7 +39,7 @@ def test_a_trial_of_a_logger_is_written(tmp_path: Path) -> None:
 
 
 def test_answers_become_a_setup_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
     answers = iter(
         [
@@ -51,7 +50,7 @@ def test_answers_become_a_setup_file(
     )
     monkeypatch.setattr("builtins.input", lambda: next(answers))
     path = tmp_path / "logger.toml"
-    assert main(["setup", str(path)]) == 0
+    assert command("setup", path).status == 0
     setup = read_setup_file(path)
     load, sensor = setup.device.declared_identity().channels
     assert setup.declared["plate_radius_m"] == 0.1
@@ -59,8 +58,7 @@ def test_answers_become_a_setup_file(
     assert (load.shunt, load.adc_range, load.name) == (500.0, 1.0, "cell")
     assert sensor.sensitivity == pytest.approx(0.1 / 9.80665)
     assert (sensor.offset, sensor.quantity) == (0.3, "acceleration")
-    assert main(["setup", str(path)]) == 2
-    assert "--force" in capsys.readouterr().err
+    assert "--force" in command("setup", path).refusal
 
 
 def trace_file(path: Path, *drops: tuple[np.ndarray, ...]) -> Path:
@@ -75,52 +73,44 @@ def trace_file(path: Path, *drops: tuple[np.ndarray, ...]) -> Path:
     return path
 
 
-def test_the_gain_of_a_load_cell_is_printed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_gain_of_a_load_cell_is_printed(tmp_path: Path, command: Command) -> None:
+    momentum = ("--momentum", "--mass", 10, "--height", 0.7)
     path = trace_file(tmp_path / "drop.csv", fall(0.0, 1.05, 1), fall(0.0, 1.05, 2))
-    command = ["calibrate", str(path), "--momentum", "--mass", "10", "--height", "0.7"]
-    assert main([*command, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["value"] == pytest.approx(1.05, rel=5e-3)
-    assert main(command[:-2]) == 2
-    assert "--height: expected a number > 0, got none" in capsys.readouterr().err
-    assert main([*command[:1], str(trace_file(path, fall(0.0, 1.05, 1))), *command[2:]]) == 1
-    assert "expected at least two drops with a second contact, got 1" in capsys.readouterr().err
+    gain = json.loads(command("calibrate", path, *momentum, "--json").out)
+    assert gain["value"] == pytest.approx(1.05, rel=5e-3)
+    assert "--height: expected a number > 0" in command("calibrate", path, *momentum[:3]).refusal
+    trace_file(path, fall(0.0, 1.05, 1))
+    line = command("calibrate", path, *momentum).refusal
+    assert "expected at least two drops with a second contact, got 1" in line
 
 
 def test_the_gain_is_estimated_from_the_rebounds_of_a_survey(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, command: Command
 ) -> None:
-    scenario = tmp_path / "gain.toml"
+    scenario, survey = tmp_path / "gain.toml", tmp_path / "survey"
     scenario.write_text(
         'base = "damped-hammer"\n[[effects]]\nkind = "gain"\nchannel = "load"\nfactor = 1.04\n'
         '[[faults]]\nkind = "knock"\nat_s = 6.0\nload = 1000.0\n',
         encoding="utf-8",
     )
-    survey = tmp_path / "survey"
     completed = pfwd("demo", "--scenario", scenario, "--drops", "3", "--rate", "5", "-o", survey)
     assert completed.returncode == 0, completed.stderr
-    command = ["calibrate", str(survey), "--momentum", "--mass", "10", "--height", "0.7"]
-    assert main([*command, "--json"]) == 0
-    captured = capsys.readouterr()
-    gain = json.loads(captured.out)
+    printed = command("calibrate", survey, "--momentum", "--mass", 10, "--height", 0.7, "--json")
+    gain = json.loads(printed.out)
     assert gain["value"] == pytest.approx(1.04, rel=5e-3)
     assert gain["drops"] == 2
-    assert "1, drop 2: false trigger" in captured.err
+    assert "1, drop 2: false trigger" in printed.err
 
 
-def test_the_decay_of_a_geophone_is_printed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_decay_of_a_geophone_is_printed(tmp_path: Path, command: Command) -> None:
     time = np.arange(2000) * 1e-3
     values = np.exp(-0.6 * 28.3 * time) * np.cos(0.8 * 28.3 * time)
     path = tmp_path / "decay.csv"
     rows = [f"{at:.4f};{value:.8f}" for at, value in zip(time, values, strict=True)]
     path.write_text("\n".join(["t;voltage", *rows]) + "\n", encoding="utf-8")
-    command = ["calibrate", str(path), "--ring", "--column"]
-    assert main([*command, "voltage", "--json"]) == 0
-    (window,) = json.loads(capsys.readouterr().out)["windows"]
+    ring = ("calibrate", path, "--ring", "--column")
+    (window,) = json.loads(command(*ring, "voltage", "--json").out)["windows"]
     assert window["natural_frequency"] == pytest.approx(28.3 / (2 * np.pi), rel=1e-3)
     assert window["damping"] == pytest.approx(0.6, rel=1e-3)
-    assert main([*command, "current"]) == 1
-    assert "expected one of the columns t, voltage, got current" in capsys.readouterr().err
+    line = command(*ring, "current").refusal
+    assert "expected one of the columns t, voltage, got current" in line

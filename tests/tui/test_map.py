@@ -120,7 +120,7 @@ def test_the_error_of_an_unknown_text_names_both_commands(tmp_path: Path) -> Non
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
-def test_questions_are_asked_on_a_terminal(tmp_path: Path) -> None:
+def test_a_terminal_gets_questions(tmp_path: Path) -> None:
     import pty
 
     file = text_file(tmp_path / "a.csv", "A;B;C")

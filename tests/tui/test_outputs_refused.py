@@ -11,8 +11,7 @@ from pfwd_device import Drop
 from pfwd_device.jobs import Jobs
 from pfwd_device.recording import DropRecord, SurveyWriter
 from tests.pfwd.files.trace_lines import HEADER, NAMES, rows
-from tests.tui.console import pfwd
-from tui.cli import main
+from tests.tui.console import Command, pfwd
 
 JOURNAL, LEDGER, DROP = "journal/0001.pfwdj", "acknowledged.txt", "drops/drop-000001.h5"
 
@@ -48,24 +47,22 @@ COMMANDS = {
 """Commands that write one file, of any name."""
 
 
-def fill(command: tuple[str, ...], survey: Path, output: Path) -> list[str]:
+def fill(template: tuple[str, ...], survey: Path, output: Path) -> list[str]:
     """Return the words of a command with a survey, a trace file and its output."""
     trace = write_trace(survey.with_name("trace.csv"))
     places = {"{s}": str(survey), "{t}": str(trace), "{}": str(output)}
-    words = list(command)
+    words = list(template)
     for gap, text in places.items():
         words = [word.replace(gap, text) for word in words]
     return words
 
 
-def assert_refused(
-    command: tuple[str, ...], output: Path, survey: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def assert_refused(template: tuple[str, ...], output: Path, survey: Path, command: Command) -> None:
     before = content(survey)
-    assert main(fill(command, survey, output)) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert f"inside the survey {survey.resolve()}" in line
-    assert "Name a place outside of it" in line
+    printed = command(*fill(template, survey, output))
+    assert printed.status == 2
+    assert f"inside the survey {survey.resolve()}" in printed.refusal
+    assert "Name a place outside of it" in printed.refusal
     assert content(survey) == before
 
 
@@ -82,17 +79,17 @@ FOLDER_COMMANDS = (
 """Commands that write a folder."""
 
 
-@pytest.mark.parametrize("command", [*COMMANDS.values(), *FOLDER_COMMANDS])
+@pytest.mark.parametrize("template", [*COMMANDS.values(), *FOLDER_COMMANDS])
 def test_no_output_goes_into_a_survey(
-    command: tuple[str, ...], survey: Path, capsys: pytest.CaptureFixture[str]
+    template: tuple[str, ...], survey: Path, command: Command
 ) -> None:
-    files = ("captures", "new") if command in FOLDER_COMMANDS else (JOURNAL, LEDGER, DROP, "new")
+    files = ("captures", "new") if template in FOLDER_COMMANDS else (JOURNAL, LEDGER, DROP, "new")
     for name in files:
-        assert_refused(command, survey / name, survey, capsys)
+        assert_refused(template, survey / name, survey, command)
 
 
 @pytest.mark.parametrize(
-    "command",
+    "template",
     [
         ("report", "{s}", "-o", "{}.html"),
         ("report", "{s}", "-o", "{}.pdf"),
@@ -100,38 +97,34 @@ def test_no_output_goes_into_a_survey(
         ("diagnose", "{t}", "--plot", "{}.svg"),
         ("demo", "--lines", "--drops", "1", "--plot", "{}.pdf"),
     ],
-    ids=lambda command: command[0],
+    ids=lambda template: template[0],
 )
-def test_no_picture_or_report_goes_into_a_survey_though_a_link_leads_there(
-    command: tuple[str, ...], survey: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_no_picture_or_report_goes_into_a_survey_through_a_link(
+    template: tuple[str, ...], survey: Path, tmp_path: Path, command: Command
 ) -> None:
-    assert_refused(command, survey / "new", survey, capsys)
-    link = tmp_path / f"link{command[-1].removeprefix('{}')}"
+    assert_refused(template, survey / "new", survey, command)
+    link = tmp_path / f"link{template[-1].removeprefix('{}')}"
     link.symlink_to(survey / JOURNAL)
-    assert_refused((*command[:-1], str(link)), link, survey, capsys)
+    assert_refused((*template[:-1], str(link)), link, survey, command)
     assert link.is_symlink()
 
 
 @pytest.mark.posix
-@pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
+@pytest.mark.parametrize("template", COMMANDS.values(), ids=COMMANDS)
 def test_a_named_pipe_is_not_replaced_and_not_awaited(
-    command: tuple[str, ...], survey: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    template: tuple[str, ...], survey: Path, tmp_path: Path, command: Command
 ) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    assert main(fill(command, survey, pipe)) == 2
-    assert f"{pipe}: this is a named pipe and no file. Name another file" in capsys.readouterr().err
+    assert f"{pipe}: this is a named pipe" in command(*fill(template, survey, pipe)).refusal
     assert stat.S_ISFIFO(pipe.stat().st_mode)
 
 
 @pytest.mark.posix
-def test_a_device_is_refused_as_an_output(
-    survey: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_device_is_refused_as_an_output(survey: Path, tmp_path: Path, command: Command) -> None:
     link = tmp_path / "report.html"
     link.symlink_to("/dev/null")
-    assert main(["report", str(survey), "-o", str(link)]) == 2
-    assert f"{link}: this is a device and no file" in capsys.readouterr().err
+    assert f"{link}: this is a device and no file" in command("report", survey, "-o", link).refusal
     assert link.is_symlink()
 
 
@@ -143,7 +136,7 @@ def test_a_map_still_goes_to_standard_output(tmp_path: Path) -> None:
 
 
 def test_a_survey_inside_another_is_still_continued(
-    survey: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    survey: Path, tmp_path: Path, command: Command
 ) -> None:
     inner = survey / "inner"
     survey.rename(tmp_path / "moved")
@@ -153,4 +146,4 @@ def test_a_survey_inside_another_is_still_continued(
         assert writer.folder == survey
     (survey / LEDGER).touch()
     trace = write_trace(tmp_path / "trace.csv")
-    assert main(["import", str(trace), "-o", str(inner)]) == 0, capsys.readouterr().err
+    assert command("import", trace, "-o", inner).status == 0

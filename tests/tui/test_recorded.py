@@ -117,12 +117,3 @@ def test_the_demo_is_a_point_that_passes_and_names_the_next_commands(tmp_path: P
     assert measured == [52.0] * 3, "the ground is above the target as well"
     assert all(abs(float(line.rsplit(",", 1)[1].strip(" %"))) < 3 for line in truth)
     assert checked(survey)["ok"]
-
-
-def test_a_demo_of_too_few_drops_has_no_verdict(tmp_path: Path) -> None:
-    demo = pfwd("demo", "--drops", 2, "--rate", WITH_SHUNT, "-o", tmp_path / "s")
-    assert demo.returncode == 0, demo.stderr
-    assert "PASS" not in demo.stdout
-    report = pfwd("report", tmp_path / "s", "-o", tmp_path / "r.html", "--json")
-    (point,) = records(report.stdout)
-    assert (point["verdict"], point["complete"], point["target"]) == ("undecided", False, 45e6)

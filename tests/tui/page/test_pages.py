@@ -81,7 +81,7 @@ def test_a_page_runs_no_script_and_loads_from_this_server_only(browser: Browser)
     assert all(address.startswith(("/", "data:")) for address in addresses)
 
 
-def test_pictures_of_all_points_are_svg_unless_there_are_too_many(
+def test_pictures_of_all_points_are_svg_up_to_a_number_of_points(
     browser: Browser, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("map", "map-small", "profile", "profile-small"):
@@ -93,7 +93,7 @@ def test_pictures_of_all_points_are_svg_unless_there_are_too_many(
     assert ".svg" not in browser.text("/")
 
 
-def test_unknown_addresses_and_places_of_photos_are_not_found(
+def test_unknown_addresses_and_places_of_photos_are_status_404(
     browser: Browser, survey: Path
 ) -> None:
     for path in ("/x.svg", "/point/none", "/point/P%201%2F2/x", "/point"):

@@ -48,7 +48,7 @@ def test_a_malformed_request_prints_no_line(
     assert browser.lines == []
 
 
-def test_an_error_in_a_request_is_one_line_for_the_owner(
+def test_an_error_in_a_request_is_a_single_line_for_the_owner(
     browser: Browser, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     def fail() -> None:
@@ -102,14 +102,14 @@ def test_a_client_that_guesses_is_locked_out_and_reported(
     assert coded_server.let_in(CODE, "10.0.0.6") is not None
 
 
-def test_addresses_of_one_network_of_ipv6_are_one_client(coded_server: SurveyServer) -> None:
+def test_addresses_of_a_network_of_ipv6_are_a_single_client(coded_server: SurveyServer) -> None:
     for number in range(MAX_WRONG_PER_CLIENT):
         assert coded_server.let_in("00000000", f"2001:db8::{number}") is None
     assert coded_server.let_in(CODE, "2001:db8::ffff") is None
     assert coded_server.let_in(CODE, "2001:db8:0:1::1") is not None
 
 
-def test_guesses_from_many_addresses_are_limited(
+def test_guesses_from_different_addresses_are_limited(
     coded_server: SurveyServer, browser: Browser
 ) -> None:
     for number in range(MAX_WRONG_CODES):
@@ -135,7 +135,7 @@ def test_ipv6_of_this_computer_needs_no_code(survey: Path) -> None:
         assert browser.status() == 200
 
 
-def test_an_address_in_use_is_one_line(survey: Path) -> None:
+def test_an_address_in_use_is_refused(survey: Path) -> None:
     with socket.socket() as listener:
         listener.bind(("127.0.0.1", 0))
         listener.listen()

@@ -162,7 +162,7 @@ def test_the_console_without_dots_gets_ascii() -> None:
         (708, "- | # d u 2 ~ v n > * __# ."),  # which Python does not know
     ],
 )
-def test_the_console_of_windows_gets_what_its_code_page_has(
+def test_the_console_of_windows_gets_the_signs_of_its_code_page(
     page: int, shown: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tui.screen.drawing.glyphs.console_code_page", lambda: page)
@@ -176,7 +176,7 @@ def test_the_console_of_windows_gets_what_its_code_page_has(
     assert glyphs_of_terminal({"PFWD_GLYPHS": "braille"}) is BRAILLE
 
 
-def test_an_output_in_a_code_page_has_no_other_characters(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_output_in_a_code_page_has_only_its_characters(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "__stdout__", io.TextIOWrapper(io.BytesIO(), encoding="cp850"))
     assert glyphs_of_terminal({}).to_terminal("─ ν µ") == "─ v µ"
 

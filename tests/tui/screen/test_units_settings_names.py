@@ -33,13 +33,13 @@ def test_a_deviation_has_no_digits_beyond_the_spread() -> None:
     assert SI.show(Fact("density", 1990.0, deviation=1.0, spread=0.04)) == "1990 kg/m³"
 
 
-def test_an_interval_without_a_value_is_left_open() -> None:
+def test_an_interval_without_a_value_is_open() -> None:
     assert SI.show(Fact("modulus", None, (20e6, 200e6))) == "left open (20 to 200 MPa)"
     assert SI.show(Fact("modulus", None, (1.0, 1e9))) == "left open"
     assert SI.show(Fact("modulus", None)) == "-"
 
 
-def test_stored_settings_are_loaded_again(tmp_path: Path) -> None:
+def test_stored_settings_are_loaded(tmp_path: Path) -> None:
     file = tmp_path / "deep" / "screen.json"
     settings = ScreenSettings("daylight", "us", large=True, bell=False)
     assert save_settings(settings, file)

@@ -1,7 +1,6 @@
 """`pfwd open`: rows of a survey, its tabs and keys, and the page for a browser."""
 
 import dataclasses
-import json
 import re
 import shutil
 from pathlib import Path
@@ -23,8 +22,8 @@ from pfwd.units import SI
 from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.report.surveys import SETUP, write_judged_survey
 from tests.records import complete
+from tests.tui.console import Command, records
 from tests.tui.screen.scripted import terminal_text, until
-from tui.cli import main
 from tui.diagnosis_lines import diagnosis_lines, diagnosis_sentence, point_cells, survey_lines
 from tui.page.server import is_local, parse_place
 from tui.screen.drawing.glyphs import BRAILLE
@@ -226,7 +225,7 @@ async def test_filter_profile_map_drops_and_job_by_keys(app: OpenApp, pilot: Any
 @pytest.mark.parametrize(
     ("size", "place"), [((200, 60), "right"), ((120, 40), "below"), ((80, 24), "hidden")]
 )
-async def test_the_chosen_point_is_drawn_where_there_is_room(
+async def test_the_chosen_point_is_drawn_if_the_terminal_has_room(
     app: OpenApp, pilot: Any, size: tuple[int, int], place: str
 ) -> None:
     table, plot = app.query_one("#points-table"), app.query_one("#points-plot", Plot)
@@ -290,13 +289,6 @@ async def test_the_last_line_names_every_key(
     assert ("palette" in last) == (size[0] > 100)
 
 
-async def test_fast_keys_use_the_row_of_the_cursor(app: OpenApp, pilot: Any) -> None:
-    app.action_compare()
-    app.query_one("#points-table", DataTable).action_cursor_down()
-    app.action_compare()  # the message of the row has not come yet
-    assert app.marked == ["0+000", "0+020"]
-
-
 async def test_the_current_tab_is_marked_and_has_the_focus_at_once(
     app: OpenApp, pilot: Any
 ) -> None:
@@ -314,7 +306,10 @@ async def test_the_current_tab_is_marked_and_has_the_focus_at_once(
 
 
 async def test_two_points_are_compared(app: OpenApp, pilot: Any) -> None:
-    await pilot.press("c", "down", "c")
+    app.action_compare()
+    app.query_one("#points-table", DataTable).action_cursor_down()
+    app.action_compare()  # before the message of the row: quick keys use the row of the cursor
+    assert app.marked == ["0+000", "0+020"]
     await until(pilot, lambda: app.tab == "compare")
     await until(pilot, lambda: "second / first" in terminal_text(app))
     assert "0.667" in terminal_text(app)
@@ -366,14 +361,12 @@ def test_an_address_of_this_computer_is_local() -> None:
 
 
 def test_open_prints_json_and_needs_a_terminal(
-    survey: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    survey: Path, tmp_path: Path, command: Command
 ) -> None:
-    assert main(["open", str(survey), "--json"]) == 0
-    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    lines = records(command("open", survey, "--json").out)
     assert [line["verdict"] for line in lines] == ["pass", "fail", "undecided", "pass", "fail"]
-    assert main(["open", str(survey)]) == 2
-    assert "expected a terminal, got a pipe" in capsys.readouterr().err
-    assert main(["open", str(tmp_path / "none")]) == 1
+    assert "expected a terminal, got a pipe" in command("open", survey).refusal
+    assert command("open", tmp_path / "none").status == 1
 
 
 AFTER = {"modulus_pa": 81.2e6, "modulus_interval_pa": [71.6e6, 112.3e6]}
