@@ -1,7 +1,7 @@
 """No command runs code of the current folder, nor is disturbed by it.
 
-A survey may come from a stranger, and commands are given in its folder. Every module of Python's
-own library, and those of this project and what it rests on, lie in it here under their names.
+A survey may come from a stranger, and commands are typed in its folder. Here it contains a file
+with the name of every module of Python's library, of the installed packages and of this project.
 """
 
 import os
@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
@@ -17,25 +18,11 @@ from simulators.demo import demo_drops
 from simulators.instrument import serve
 from tests.tui.console import PATIENCE, PLAIN, RATE, TOP
 
-OURS = ("pfwd_device", "pfwd", "inversion", "simulators", "tui", "benchmarks")
-DEPENDENCIES = (
-    "numpy",
-    "scipy",
-    "h5py",
-    "matplotlib",
-    "jinja2",
-    "filelock",
-    "serial",
-    "pyarrow",
-    "dask",
-    "distributed",
-    "textual",
-    "rich",
-    "threadpoolctl",
-    "cobs",
-    "skfem",
-    "platformdirs",
-)
+MODULES = {
+    *(name for name in sys.stdlib_module_names if not name.startswith("_")),
+    *(name for name in packages_distributions() if name.isidentifier() and name[0] != "_"),
+    *(folder.name for folder in TOP.iterdir() if (folder / "__init__.py").is_file()),
+}
 STARTED_BY_PYTHON = ("sitecustomize", "usercustomize", "planted_backend")
 SETTINGS = """
 backend: module://planted_backend
@@ -65,8 +52,8 @@ def planted(received: Path, tmp_path: Path) -> Path:
     folder = shutil.copytree(received, tmp_path / "survey")
     marks = tmp_path / "marks"
     marks.mkdir()
-    library = [name for name in sys.stdlib_module_names if not name.startswith("_")]
-    for name in (*library, *OURS, *DEPENDENCIES, *STARTED_BY_PYTHON):
+    assert {"numpy", "textual", "pfwd_device", "tui", "benchmarks"} <= MODULES
+    for name in (*MODULES, *STARTED_BY_PYTHON):
         text = f"import os\nopen(os.path.join({str(marks)!r}, {name!r}), 'w').close()\n"
         (folder / f"{name}.py").write_text(text, encoding="utf-8")
     (folder / "matplotlibrc").write_text(SETTINGS, encoding="utf-8")

@@ -114,6 +114,14 @@ def test_a_tick_stands_where_a_curve_of_its_value_is_drawn(height: int, glyphs: 
     assert marked in ([], drawn)
 
 
+def test_a_curve_of_zeros_is_in_the_middle_of_its_plot() -> None:
+    time = np.linspace(0, 20, 500)
+    zeros = Figure("load", "kN", (Curve(time, np.zeros(500), "load", ""),), 0.0, 20.0)
+    rows = [text_of(row) for row in plot_lines(zeros, 60, 13, ASCII)][1:-1]
+    (tick,) = (number for number, row in enumerate(rows) if row.strip().startswith("0 ┤"))
+    assert tick == len(rows) // 2
+
+
 def test_the_cursor_is_a_column() -> None:
     lines = [text_of(row) for row in plot_lines(figure(), 90, 12, BRAILLE)]
     marked = [row[6:].find("│") for row in lines[2:-1]]

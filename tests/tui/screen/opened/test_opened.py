@@ -212,7 +212,9 @@ async def test_filter_profile_map_drops_and_job_by_keys(app: OpenApp, pilot: Any
     await until(
         pilot, lambda: re.search(r"0\+020: 40.* MPa .*  FAIL", terminal_text(app)) is not None
     )
-    await pilot.press("plus", "right", "m")
+    await pilot.press("plus", "left", "left")
+    assert app.chosen == "0+000", "the first point has no neighbour on the left"
+    await pilot.press("right", "right", "m")
     await until(pilot, lambda: "@ 0+100" in terminal_text(app))
     assert app.chosen == "0+100"
     await pilot.press("escape", "enter")
