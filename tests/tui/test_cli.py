@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 import textwrap
-import time
 import types
 from collections.abc import Iterator
 from dataclasses import replace
@@ -63,16 +62,25 @@ def analysis(monkeypatch: pytest.MonkeyPatch, *outcomes: FileOutcome | Exception
 # Usage
 
 
-def test_help_answers_in_under_300_ms() -> None:
-    def run() -> float:
-        start = time.perf_counter()
-        command = [sys.executable, "-c", "from tui.cli import main; main(['--help'])"]
-        text = subprocess.run(command, cwd=TOP, capture_output=True, check=True, text=True).stdout
-        assert "invert" in text
-        return time.perf_counter() - start
+HELP = """
+import atexit, sys, time
+atexit.register(lambda: print(time.process_time(), file=sys.stderr))
+from tui.cli import main
+main(["--help"])
+"""
 
-    # The first of twenty that is quick enough, for a machine that does other work meanwhile.
-    assert any(run() < 0.3 for _ in range(20))
+
+def test_help_answers_in_under_300_ms() -> None:
+    """Processor time, which other programs on the computer do not lengthen as they do the wait."""
+
+    def run() -> float:
+        help_run = subprocess.run(
+            [sys.executable, "-c", HELP], cwd=TOP, capture_output=True, text=True
+        )
+        assert "invert" in help_run.stdout
+        return float(help_run.stderr)
+
+    assert any(run() < 0.3 for _ in range(5))
 
 
 def test_the_help_of_a_command_imports_nothing_heavy() -> None:

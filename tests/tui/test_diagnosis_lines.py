@@ -129,8 +129,12 @@ def test_parameters_are_printed_in_everyday_units(
     value: float, sd: float, unit: str, text: str
 ) -> None:
     parameter = EffectParameter(name="x", value=value, sd=sd, unit=unit)
-    effect = EffectResult(name="effect", parameters=(parameter,), evidence=50.0)
-    assert text in text_of_point(diagnosis(verdict="explained", effects=(effect,)))
+    effect = EffectResult(
+        name="effect", parameters=(parameter,), evidence=50.0, alternatives=("lag",)
+    )
+    text_on_page = text_of_point(diagnosis(verdict="explained", effects=(effect,)))
+    assert text in text_on_page
+    assert "it could also be lag" in text_on_page
 
 
 @pytest.mark.parametrize(("residual", "text"), [(0.0123, "1.2 %"), (0.0996, "10 %")])
@@ -285,8 +289,11 @@ def test_a_fit_in_force_is_named_with_a_diagnosis_that_is_not_to_be_used() -> No
     point = survey()[2]
     assert point.before is not None
     before = replace(point.before, contact_residual_rms_over_peak=0.01)
-    point = judged(replace(point, before=before))
-    assert "fit without effects" in survey_lines([point, *survey()], 140)[3]
+    rough = EffectResult(name="rough_contact", scope="point")
+    point = judged(replace(point, before=before, effects=(rough,)))
+    row = survey_lines([point, *survey()], 140)[3]
+    assert "fit without effects" in row
+    assert "rough contact" in row, "an effect without a depth"
     assert use_sentence(point, facts_of_state(point.after)).startswith(
         "Use the fit without effects: 40 MPa (20 to 60). Do not use the modulus after: 5 %"
     )

@@ -43,6 +43,7 @@ def test_a_damaged_file_is_reported_and_the_archive_written(
     assert printed.status == 1
     assert "3 sources, 0 done before, 0 copies, 4 drops inverted" in printed.out
     assert printed.err.startswith(f"pfwd: {damaged}: expected a row of column names")
+    assert command("invert", drops / "two", damaged, *QUICK).status == 1
 
 
 @pytest.mark.parametrize(

@@ -89,7 +89,7 @@ def figure() -> Figure:
     return Figure("load", "kN", (curve, neighbour), 0.0, 20.0, note="peak 10.0", cursor=5.0)
 
 
-@given(st.integers(20, 150), st.integers(3, 30), st.sampled_from([ASCII, BRAILLE]))
+@given(st.integers(10, 150), st.integers(1, 30), st.sampled_from([ASCII, BRAILLE]))
 def test_a_plot_fills_just_its_place(width: int, height: int, glyphs: Glyphs) -> None:
     lines = plot_lines(figure(), width, height, glyphs)
     assert len(lines) == height

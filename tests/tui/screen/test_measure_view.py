@@ -72,6 +72,7 @@ CASES = {
     "rejected": [ready(), saved(1, status="rejected", reason="false trigger: 1.10 kN")],
     "first answer": [ready(), saved(1), analysed(1, full=False)],
     "complete": complete_point(),
+    "peaks": [JobReported(Job(procedure=find_procedure("mndot"))), *complete_point()],
     "bound": [ready(), saved(1), analysed(1, at_bound=["modulus"], explained=False)],
     "many": [event for n in range(1, 30) for event in (saved(n), analysed(n))],
     "long": [ready(), saved(1, "a very long name of a point, as long as one can be, 64 letter")],

@@ -102,17 +102,14 @@ def test_the_measure_page_follows_the_session() -> None:
     play(App(), script, SMALL)
 
 
-def test_a_safe_drop_rings_once_and_a_rejected_drop_twice() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, ready(), saved(1))
-        assert app.bells == 1
-        await deliver(app, pilot, saved(2, status="rejected", reason="false trigger"))
-        await until(pilot, lambda: app.bells == 3)
-        await pilot.press("b")
-        await deliver(app, pilot, saved(3))
-        assert app.bells == 3
-
-    app = play(App(), script)
+async def test_a_safe_drop_rings_once_and_a_rejected_drop_twice(app: App, pilot: Any) -> None:
+    await deliver(app, pilot, ready(), saved(1))
+    assert app.bells == 1
+    await deliver(app, pilot, saved(2, status="rejected", reason="false trigger"))
+    await until(pilot, lambda: app.bells == 3)
+    await pilot.press("b")
+    await deliver(app, pilot, saved(3))
+    assert app.bells == 3
     assert [settings.bell for settings in app.stored] == [False]
 
 
@@ -173,14 +170,6 @@ async def test_a_refused_move_cannot_be_undone(app: App, pilot: Any) -> None:
     assert "drop 6 is discarded" in app.text
     await pilot.press("u")
     assert app.requests == []
-
-
-async def test_the_points_page_names_all_its_keys(app: App, pilot: Any) -> None:
-    await deliver(app, pilot, *complete_point())
-    await pilot.press("2")
-    foot = " ".join(app.text.splitlines()[-2:])
-    for key, effect in PointsPage.KEYS:
-        assert f"{key} {effect}" in foot
 
 
 async def test_the_proposed_name_of_the_next_point_counts_on(app: App, pilot: Any) -> None:
@@ -281,7 +270,11 @@ async def test_keys_reach_the_session(app: App, pilot: Any) -> None:
 
 @pytest.mark.parametrize(
     ("units", "keys", "word"),
-    [("us", ["m", *"45000"], "1450.4 ksi"), ("si", ["o", *"99,11"], "degrees")],
+    [
+        ("us", ["m", *"45000"], "1450.4 ksi"),
+        ("si", ["m", "0"], "a number > 0, in MPa"),
+        ("si", ["o", *"99,11"], "degrees"),
+    ],
 )
 def test_an_impossible_entry_is_refused_while_it_is_typed(
     units: Any, keys: list[str], word: str
@@ -460,13 +453,16 @@ async def test_only_the_judged_value_has_a_verdict(
     assert " E MPa" not in titles
 
 
-async def test_the_modulus_that_is_not_judged_has_a_column(app: App, pilot: Any) -> None:
+async def test_the_points_page_names_its_columns_and_keys(app: App, pilot: Any) -> None:
     await deliver(app, pilot, *complete_point())
     await pilot.press("2")
     titles = row_of(app.text, " point  ")
     assert titles.count("MPa") == 2, "judged value and target"
     assert "E_eq MPa" in titles
     assert "modulus, not judged" in titles
+    foot = " ".join(app.text.splitlines()[-2:])
+    for key, effect in PointsPage.KEYS:
+        assert f"{key} {effect}" in foot
 
 
 def test_the_setup_page_checks_entries_and_applies_them() -> None:
@@ -621,15 +617,12 @@ async def test_the_palette_runs_the_actions_of_keys(app: App, pilot: Any) -> Non
     await until(pilot, lambda: app.settings.theme == "daylight")
 
 
-def test_theme_type_and_units_change_at_once_and_are_stored() -> None:
-    async def script(app: App, pilot: Any) -> None:
-        await deliver(app, pilot, *complete_point())
-        await pilot.press("t", "l", "i")
-        await pilot.pause()
-        assert "ksi" in app.text
-        assert app.theme == "pfwd-daylight"
-
-    app = play(App(), script)
+async def test_theme_type_and_units_change_at_once_and_are_stored(app: App, pilot: Any) -> None:
+    await deliver(app, pilot, *complete_point())
+    await pilot.press("t", "l", "i")
+    await pilot.pause()
+    assert "ksi" in app.text
+    assert app.theme == "pfwd-daylight"
     assert app.stored[-1] == ScreenSettings("daylight", "us", large=True)
 
 
