@@ -72,7 +72,6 @@ SAVED_1 = Outcome(events=saved(1), recovered=names(1))
         (Outcome(later_statuses=(0, 4)), ("status",)),
         (Outcome(output="Traceback (most recent call last):\n  ...\nOSError"), ("traceback",)),
         (Outcome(output="pfwd: log: an error nobody foresaw, please"), ("traceback",)),
-        (Outcome(output="escaped: OSError: x"), ("escaped",)),
         (Outcome(events=[WARNING], harmless=True), ("warned without need",)),
     ],
 )

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,17 +20,20 @@ import numpy as np
 
 from benchmarks.output import parse_options
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import check, read_survey, recover
-from simulators.instrument import serve
-from tests.campaigns.hasty_instrument import HASTY, RATE, hasty_instrument
+from pfwd_device.recording import check, recover
+from simulators.instrument import SimulatedInstrument, serve
 from tests.campaigns.judge import ACKNOWLEDGED, judge
 from tests.campaigns.log_process import Command, drop_names, log_command
 from tests.campaigns.replaced_files import REPLACEMENTS, impossible, trial
 
+HASTY: dict[str, Any] = {
+    "base": "default",
+    "drops": {"interval": 2.0, "bounces": [0, 0], "jitter": 0.1, "first": 1.0},
+}
+RATE = 20.0
+"""Speed of the instrument relative to real time; it makes ten drops a second."""
 START_S = 30.0
 """Time of a logger for its first drop on a busy machine, s."""
-MAX_SHIFT_SAMPLES = 300
-"""Shift of a detected trigger within the pulse, 30 ms, after a lost one."""
 
 
 @dataclass
@@ -64,6 +68,13 @@ class Tally:
         self.lost += len(lost)
         if lost:
             self.notes.append(f"{survey}: lost {sorted(lost)}")
+
+
+@contextlib.contextmanager
+def hasty_instrument(seed: int) -> Iterator[SimulatedInstrument]:
+    """Serve an instrument that makes drops without end."""
+    with serve(HASTY, seed=seed, rate=RATE, listen="tcp://127.0.0.1:0") as instrument:
+        yield instrument
 
 
 def kills(count: int, rng: np.random.Generator, folder: Path) -> Tally:
@@ -212,50 +223,6 @@ def unplugs(count: int, rng: np.random.Generator, folder: Path) -> Tally:
     return tally
 
 
-def bit_errors(count: int, rng: np.random.Generator, folder: Path) -> Tally:
-    """Flip a bit in one byte of ten thousand: intact drops are equal, all others are marked.
-
-    The instrument makes the same drops over a good cable and over a bad one.
-    """
-    tally = Tally()
-    seed = int(rng.integers(2**31))
-    surveys = {}
-    for rate in (0.0, 1e-4):
-        surveys[rate] = folder / f"errors-{rate:g}"
-        # The first drop follows the handshake and the check of the sensors, 5 s after the start.
-        drops = HASTY["drops"] | {"first": 5.0 * RATE}
-        scenario = {"base": "typical", "drops": drops, "link": {"bit_error_rate": rate}}
-        with serve(scenario, drops=count, seed=seed, rate=RATE) as instrument:
-            logger = Command(log_command(instrument.url, surveys[rate]))
-            status = logger.wait(60.0 + count)
-        tally.acknowledged += len(logger.acknowledged)
-        tally.compare(surveys[rate], logger.acknowledged)
-        if status != 0:
-            tally.unreadable += 1
-            tally.notes.append(f"the logger ended with {logger.lines[-3:]}")
-    good, bad = ([drop.read() for drop in read_survey(path).drops] for path in surveys.values())
-    for record in good:
-        trigger = _trigger(record)
-        matches = [other for other in bad if abs(_trigger(other) - trigger) < MAX_SHIFT_SAMPLES]
-        if len(matches) != 1:
-            tally.lost += not matches
-            tally.twice += len(matches) > 1
-            tally.notes.append(f"drop at {trigger}: {len(matches)} times over the bad cable")
-            continue
-        (received,) = matches
-        missing = np.isnan(received.drop.load)
-        tally.faults += bool(missing.any())
-        if missing.any() != bool(received.metadata["marks"]):
-            tally.missed += 1
-            tally.notes.append(f"drop at {trigger}: damaged {missing.any()}, marks differ")
-        if _trigger(received) == trigger and not np.array_equal(
-            record.counts[~missing], received.counts[~missing]
-        ):
-            tally.missed += 1
-            tally.notes.append(f"drop at {trigger}: wrong samples")
-    return tally
-
-
 def replaced_files(count: int, rng: np.random.Generator, folder: Path) -> Tally:
     """Replace, delete, move or damage files of a survey that `pfwd log` records.
 
@@ -286,10 +253,6 @@ def replaced_files(count: int, rng: np.random.Generator, folder: Path) -> Tally:
     return tally
 
 
-def _trigger(record: Any) -> int:
-    return int(record.metadata["key"].rsplit("/", 1)[1])
-
-
 def run(arguments: list[str]) -> int:
     """Run the whole campaign; ``--short`` for one that takes a minute or two."""
     options, report = parse_options(
@@ -307,7 +270,6 @@ def run(arguments: list[str]) -> int:
         "flipped bits": (damages, 100, 12, {"cut": False}),
         "full disks": (full_disks, 50, 4, {}),
         "unplugged": (unplugs, 100, 4, {}),
-        "bit errors": (bit_errors, 300, 40, {}),
         "replaced files": (replaced_files, 2 * len(REPLACEMENTS), 4, {}),
     }
     chosen = options.part.split(",") if options.part else list(parts)

@@ -12,11 +12,8 @@ from dataclasses import dataclass, field
 DOCUMENTED_STATUSES = (0, 1, 2, 3)
 """Exit statuses of the command line."""
 
-UNEXPECTED_ERRORS = {
-    "traceback": ("Traceback (most recent call last)", "nobody foresaw"),
-    "escaped": ("escaped: ",),
-}
-"""Marks of unexpected errors: of the command, and of the library, which has its own errors."""
+UNEXPECTED_ERRORS = ("Traceback (most recent call last)", "nobody foresaw")
+"""Marks of unexpected errors."""
 
 MAX_DROPS_BEFORE_WARNING = 1
 """Drops that may be acknowledged between a replacement and the warning: the files of this drop were
@@ -66,10 +63,8 @@ class Verdict:
 
     faults: tuple[str, ...]
     """Words: `lost`, `called complete`, `twice`, `unreadable`, `incomplete`, `traceback`,
-    `escaped`, `hang`, `status`, `warned without need`."""
+    `hang`, `status`, `warned without need`."""
     details: tuple[str, ...]
-    lost: tuple[str, ...] = ()
-    """Acknowledged drops that are missing, with or without a warning."""
 
     @property
     def good(self) -> bool:
@@ -90,7 +85,7 @@ def judge(outcome: Outcome) -> Verdict:
         faults["lost"] = f"lost without a warning: {', '.join(silent)}"
     if lost and outcome.complete:
         faults["called complete"] = f"called complete without {', '.join(lost)}"
-    twice = [name for name, count in counts.items() if count > 1 and name.startswith("drop ")]
+    twice = [name for name, count in counts.items() if count > 1]
     if twice:
         faults["twice"] = f"recorded twice: {', '.join(twice)}"
     if outcome.refusal and acknowledged and not outcome.removed:
@@ -100,9 +95,8 @@ def judge(outcome: Outcome) -> Verdict:
     warnings = [event.name for event in outcome.events if event.kind == WARNED]
     if outcome.harmless and warnings:
         faults["warned without need"] = warnings[0]
-    for word, marks in UNEXPECTED_ERRORS.items():
-        if any(mark in outcome.output for mark in marks):
-            faults[word] = _last_of_traceback(outcome.output)
+    if any(mark in outcome.output for mark in UNEXPECTED_ERRORS):
+        faults["traceback"] = _last_of_traceback(outcome.output)
     if outcome.status is None or -1 in outcome.later_statuses:
         faults["hang"] = "did not end"
     statuses = [status for status in (outcome.status, *outcome.later_statuses) if status != -1]
@@ -110,7 +104,7 @@ def judge(outcome: Outcome) -> Verdict:
         wrong = [status for status in statuses if status not in (None, *DOCUMENTED_STATUSES)]
         if wrong:
             faults["status"] = f"ended with {wrong[0]}"
-    return Verdict(tuple(faults), tuple(faults.values()), lost)
+    return Verdict(tuple(faults), tuple(faults.values()))
 
 
 def _is_warned_in_time(outcome: Outcome, name: str) -> bool:
@@ -133,7 +127,7 @@ def _is_warned(events: list[Event], max_drops: int, killed: bool) -> bool:
     for event in events:
         if event.kind == WARNED:
             return True
-        if event.kind == ACKNOWLEDGED and event.name.startswith("drop "):
+        if event.kind == ACKNOWLEDGED:
             if max_drops == 0:
                 return False
             max_drops -= 1
