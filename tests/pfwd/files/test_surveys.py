@@ -161,7 +161,11 @@ def test_later_edits_apply(survey: Path) -> None:
     assert (setup.plate_mass, setup.bedrock_depth, setup.site) == (9.5, math.inf, "by the river")
     assert (setup.point, setup.operator) == ("renamed", "A. B.")
     assert (setup.latitude, setup.longitude) == (48.1374, 11.5755)
+    with SurveyWriter.open(survey) as writer:
+        for modulus in (1.0, 2.0):
+            writer.save_result(2, {"modulus_pa": modulus})
     (view,) = survey_overview(survey)
+    assert [drop["results"] for drop in view["drops"]] == [0, 2, 0]
     assert (view["point"], view["name"], view["target_pa"]) == ("first", "renamed", 45e6)
     assert view["notes"] == ["first", "second"]
     assert view["drops"][2]["notes"] == ["of a drop"]
@@ -169,14 +173,6 @@ def test_later_edits_apply(survey: Path) -> None:
     edit_survey(survey, [Edit("note", "third")], point="renamed")
     edit_survey(survey, [Edit("note", "fourth")], point="first")
     assert read_survey(survey).drops[0].read().declared["plate_mass_kg"] == 12.0
-
-
-def test_results_are_counted(survey: Path) -> None:
-    with SurveyWriter.open(survey) as writer:
-        writer.save_result(2, {"modulus_pa": 1.0})
-        writer.save_result(2, {"modulus_pa": 2.0})
-    (point,) = survey_overview(survey)
-    assert [drop["results"] for drop in point["drops"]] == [0, 2, 0]
 
 
 def test_drops_with_a_different_setup_are_a_separate_point(

@@ -29,12 +29,14 @@ from pfwd.report.blocks import (
     Table,
     Together,
 )
+from pfwd.report.texts import load_texts
 from pfwd_device import Drop
 from pfwd_device.recording import DropRecord, SurveyWriter
 from pfwd_device.recording.layout import ResultKind
 from tests import drops
 from tests.records import complete
 
+EN = load_texts("en")
 SETUP = PointSetup(
     plate_radius=0.15, plate_mass=0.0, poisson_ratio=0.35, site="km 1", seating_drops=1
 )

@@ -23,11 +23,8 @@ from pfwd.report.content import Report
 from pfwd.report.fonts import Letters
 from pfwd.report.gathering import ReportOptions, gather
 from pfwd.report.point_facts import time_with_zone
-from pfwd.report.texts import load_texts
 from pfwd_device import Channel
-from tests.pfwd.report.surveys import SETUP, RecordedInversion, half_sine_drop
-
-EN = load_texts("en")
+from tests.pfwd.report.surveys import EN, SETUP, RecordedInversion, half_sine_drop
 
 
 def rows_of(report: Report) -> dict[str, str]:

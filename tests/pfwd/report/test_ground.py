@@ -24,6 +24,7 @@ from pfwd_device import Drop
 from pfwd_device.recording import DropRecord, SurveyWriter
 from tests.pfwd.report.surveys import (
     DECLARED,
+    EN,
     LAYERS,
     LOWER,
     UPPER,
@@ -35,7 +36,6 @@ from tests.pfwd.report.surveys import (
 )
 from tests.records import complete
 
-EN = load_texts("en")
 OFFSETS = (0.0, 0.3, -0.3, 0.6)
 
 

@@ -16,10 +16,7 @@ from pfwd.report.composing import compose
 from pfwd.report.fonts import Letters
 from pfwd.report.gathering import ReportOptions, gather
 from pfwd.report.peaks_blocks import basin_of_drop, has_only_peaks
-from pfwd.report.texts import load_texts
-from tests.pfwd.report.surveys import SETUP, drawn, flat, half_sine_drop
-
-EN = load_texts("en")
+from tests.pfwd.report.surveys import EN, SETUP, drawn, flat, half_sine_drop
 
 
 def test_peaks_have_no_empty_column_and_no_fitted_modulus(peaks: Path) -> None:

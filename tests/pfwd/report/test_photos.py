@@ -13,7 +13,7 @@ from pfwd.report.drawing import draw_photos
 from pfwd.report.gathering import ReportOptions, gather_stored
 from pfwd.report.point_blocks import photo_blocks
 from pfwd.report.report import write_report
-from pfwd.report.texts import load_texts
+from tests.pfwd.report.surveys import EN
 
 
 def photo(colour: str, orientation: int = 1) -> bytes:
@@ -40,10 +40,10 @@ def test_the_report_of_a_point_has_its_photos(survey: Path, tmp_path: Path) -> N
 
 def test_the_first_four_photos_are_drawn_and_all_counted(survey: Path) -> None:
     point = gather_stored(survey).points[0]
-    assert photo_blocks(point, str(survey), load_texts("en")) == []
+    assert photo_blocks(point, str(survey), EN) == []
     for count in range(6):
         store_photo(survey, point.name, photo(f"#{count}0{count}0{count}0"))
-    (block,) = photo_blocks(point, str(survey), load_texts("en"))
+    (block,) = photo_blocks(point, str(survey), EN)
     figure = Figure()
     block.draw(figure)
     assert len(figure.axes) == 4
@@ -65,7 +65,7 @@ def test_a_damaged_photo_is_skipped_with_a_remark(
     report = write_report(survey, tmp_path / "r.html")
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert text.count(f"The photo {damaged.name} is damaged or was changed, and is left out.") == 1
-    _, block = photo_blocks(report.points[0], str(survey), load_texts("en"))
+    _, block = photo_blocks(report.points[0], str(survey), EN)
     figure = Figure()
     block.draw(figure)
     assert len(figure.axes) == (1 if name is None else 2)

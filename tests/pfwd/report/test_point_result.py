@@ -17,14 +17,12 @@ from pfwd.report.point_blocks import point_blocks
 from pfwd.report.point_facts import all_warnings
 from pfwd.report.point_result import result_rows
 from pfwd.report.summary_blocks import common_warnings, warning_blocks
-from pfwd.report.texts import load_texts
 from pfwd_device.recording import read_survey
-from tests.pfwd.report.surveys import flat, result_of, save_results, texts_of
+from tests.pfwd.report.surveys import EN, flat, result_of, save_results, texts_of
 from tests.records import known, read
 
 pytestmark = pytest.mark.usefixtures("without_curves")
 
-EN = load_texts("en")
 
 FIT: dict[str, Any] = {
     "model": "layer",

@@ -54,6 +54,7 @@ from pfwd_device.recording import DropRecord, SurveyWriter
 from tests.pfwd.report import surveys
 from tests.pfwd.report.surveys import (
     DECLARED,
+    EN,
     LAYERS,
     LOWER,
     SETUP,
@@ -221,7 +222,7 @@ def test_a_sensitivity_has_the_unit_of_its_sensor(survey: Path) -> None:
     }
     channels = [{"name": role, "role": role, "sensitivity": 0.0004} for role in units]
     report = dataclasses.replace(gather(survey), instruments=({"channels": channels},))
-    blocks = device_blocks(report, load_texts("en"))
+    blocks = device_blocks(report, EN)
     (table,) = (block for block in blocks if isinstance(block, Table))
     for row, unit in zip(table.rows, units.values(), strict=True):
         assert f"0.0004{unit}" in row
@@ -365,7 +366,7 @@ def test_effects_of_a_diagnosis_have_values_and_alternatives(survey: Path) -> No
     result = surveys.diagnosis([2, 3, 4], basis_of(point.setup), left_out=(1,))
     record = result.to_stored() | {"effects": effects}
     diagnosed = dataclasses.replace(point, whole=None, diagnosis=read(DiagnosisResult, record))
-    blocks = diagnosis_blocks(diagnosed, load_texts("en"))
+    blocks = diagnosis_blocks(diagnosed, EN)
     (listed,) = (block for block in blocks if isinstance(block, Listing))
     assert [item.replace("\N{NO-BREAK SPACE}", " ") for item in listed.items] == [
         "geophone response: 11.00 ± 0.20 Hz (or: lag)",
@@ -441,7 +442,7 @@ def test_a_visible_dependence_on_stress_is_stated() -> None:
     for deviation, text in texts.items():
         stress = StressLaw(-0.09, deviation, (90e3, 120e3))
         point = SimpleNamespace(progress=SimpleNamespace(stress=stress))
-        assert text in _stress(point, load_texts("en"))  # type: ignore[arg-type]
+        assert text in _stress(point, EN)  # type: ignore[arg-type]
 
 
 def test_a_ladder_of_residuals_has_plain_numbers() -> None:

@@ -23,12 +23,10 @@ from pfwd.report.report import write_report
 from pfwd.report.slip_blocks import checksum_of, slip_blocks
 from pfwd.report.texts import load_texts
 from pfwd_device.recording import SurveyWriter, read_survey
-from tests.pfwd.report.surveys import drawn, half_sine_drop, result_of
+from tests.pfwd.report.surveys import EN, drawn, half_sine_drop, result_of
 from tests.records import complete
 
 pytestmark = pytest.mark.usefixtures("without_curves")
-
-EN = load_texts("en")
 
 
 def is_warning(block: Block) -> TypeGuard[Paragraph]:

@@ -113,7 +113,7 @@ def test_the_first_of_two_sensors_at_a_place_is_read(read: Reader) -> None:
     assert "a second sensor at -0.3 m is left out" in remarks(point)
 
 
-def test_accelerations_are_no_traces_but_the_stored_ones_are(read: Reader) -> None:
+def test_accelerations_are_no_traces_but_displacements_are(read: Reader) -> None:
     point, _ = read(dynz(RAW, kind=1), "a.dynz")
     assert point.drops[0].channels[0].quantity == "displacement"
     assert "accelerations" in remarks(point)
@@ -121,10 +121,7 @@ def test_accelerations_are_no_traces_but_the_stored_ones_are(read: Reader) -> No
         read(dynz(RAW, kind=1), "a.dynz", channels="raw")
     with pytest.raises(TraceError, match="got accelerations"):
         read(zipped({"database.xml": dataset(RAW, kind=1)}), "a.dynz")
-
-
-def test_raw_displacements_are_displacements(read: Reader) -> None:
-    point, _ = read(dynz(RAW, kind=3), "a.dynz")
+    point, _ = read(dynz(RAW, kind=3), "a.dynz", channels="raw")
     assert point.drops[0].channels[0].quantity == "displacement"
 
 
@@ -136,19 +133,12 @@ def test_traces_that_no_point_claims_are_not_lost(read: Reader) -> None:
     assert "a.prjz, rawdata/f0000000000000ab: no point of the database has these" in remarks(point)
 
 
-def test_no_fix_is_no_position(read: Reader) -> None:
+def test_no_fix_is_no_position_and_a_time_without_a_zone_is_local(read: Reader) -> None:
     database = acquired(HEX)
-    place = database["PVs"][0]["Points"][0]["Point"]
-    place["Latitude"] = place["Longitude"] = 0.0
+    about = {"Latitude": 0.0, "Longitude": 0.0, "Date": "2024-05-06T08:00:00"}
+    database["PVs"][0]["Points"][0]["Point"] |= about
     (point,) = read(prjz(HEX, database), "a.prjz")
-    assert (point.setup.latitude, point.setup.longitude) == (None, None)
-
-
-def test_a_time_without_a_zone_is_local(read: Reader) -> None:
-    database = acquired(HEX)
-    database["PVs"][0]["Points"][0]["Point"]["Date"] = "2024-05-06T08:00:00"
-    (point,) = read(prjz(HEX, database), "a.prjz")
-    assert point.setup.time_utc is None
+    assert (point.setup.latitude, point.setup.longitude, point.setup.time_utc) == (None,) * 3
     assert point.setup.extra["imported"]["time_local"] == "2024-05-06T08:00:00"
 
 
