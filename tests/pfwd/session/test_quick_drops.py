@@ -5,8 +5,10 @@ from pathlib import Path
 import pytest
 
 from pfwd.session.events import DropSaved, Rebounded, SessionNotice
-from pfwd.session.measure import replay
+from pfwd.session.measure import measure, replay
+from pfwd.session.plan import Ending, SessionPlan
 from pfwd_device.recording import SurveyWriter, read_survey
+from simulators.instrument import serve
 from tests.pfwd.scripted_feed import (
     Log,
     ScriptedFeed,
@@ -32,6 +34,16 @@ def test_thirty_drops_in_quick_succession_are_recorded(tmp_path: Path) -> None:
     assert {event.saved.screening.status for event in saved} <= {"measured", "seating"}
     assert log.of(Rebounded)
     assert "pulses" not in [event.kind for event in log.of(SessionNotice)]
+
+
+def test_an_instrument_at_a_port_is_measured(tmp_path: Path) -> None:
+    scenario = {"drops": {"first": 1.0, "interval": 2.0, "bounces": [0, 0]}}
+    with serve(scenario, listen="tcp://127.0.0.1:0", drops=2, rate=0) as instrument:
+        log, plan = Log(), SessionPlan(options=None)
+        assert measure(instrument.url, tmp_path / "s", log, plan) is Ending.DONE
+    # So fast the shunt may be on when a weight falls, which is reported.
+    reported = [event for event in log.of(SessionNotice) if event.kind == "pulses"]
+    assert len(read_survey(tmp_path / "s").drops) + len(reported) == 2
 
 
 def test_an_uncertain_pulse_reaches_the_screen_and_the_survey(tmp_path: Path) -> None:

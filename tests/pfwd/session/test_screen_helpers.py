@@ -86,7 +86,8 @@ def test_a_replay_is_not_edited(tmp_path: Path) -> None:
 
 def test_a_paused_replay_waits_and_steps_drop_by_drop(tmp_path: Path) -> None:
     measured(tmp_path / "s")
-    pace = Pace(paused=True)
+    pace = Pace()
+    pace.pause()
     feed = survey_feed(read_survey(tmp_path / "s"), pace, lambda _: None)
 
     def drops_before_the_pause() -> int:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from pfwd.errors import OptionError
+from pfwd.session import events
 from pfwd.session.events import (
     N_REPORTED_FIRST,
     REPEAT_INTERVAL,
@@ -349,6 +350,13 @@ def test_a_flood_of_events_does_not_hide_a_different_event(log: Log) -> None:
     count = 5000 - N_REPORTED_FIRST
     assert f"{count} more messages of the instrument about restarts were not shown" in texts
     assert len(texts) < 30
+
+
+def test_repeated_messages_have_their_count(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
+    boots = [Event(EventKind.BOOT, n) for n in range(100)]
+    wait = [lambda: monkeypatch.setattr(events, "REPEAT_INTERVAL", 0.0)]
+    run(ScriptedFeed(connected(), boots, wait, boots[:1]), log)
+    assert f"restarted ({100 - N_REPORTED_FIRST} more since" in log.texts
 
 
 def test_an_instrument_cannot_trigger_more_often_than_a_person(log: Log) -> None:

@@ -101,6 +101,13 @@ def test_a_late_answer_to_the_greeting_does_not_answer_the_rate() -> None:
     assert talk.receive(identity(rate=4000.0)) == [SampleAction.ACCEPT_NEW_SETTINGS]
 
 
+def test_an_instrument_at_rest_is_not_stopped_for_its_rate() -> None:
+    talk = Talk(Conversation(4000.0))
+    talk.sent_within()
+    talk.receive(status(sampling=False), identity(rate=2000.0))
+    assert talk.sent_within() == [Configure(4000.0)]
+
+
 def test_the_requested_rate_is_not_set_twice() -> None:
     talk = Talk(Conversation(2000.0))
     talk.sent_within()
@@ -160,7 +167,7 @@ def test_a_stopped_instrument_is_started() -> None:
 
 def test_an_instrument_at_the_end_of_its_data_is_not_restarted() -> None:
     talk = running()
-    talk.receive(Event(EventKind.END, 0))
+    talk.receive(Event(EventKind.TRIGGER, 0), Event(EventKind.END, 0))
     talk.now += 1.0
     assert talk.receive(status(sampling=False)) == []
     assert talk.sent_within(100.0) == []

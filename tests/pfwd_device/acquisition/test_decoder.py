@@ -69,10 +69,12 @@ def status(overruns: int = 0, clock: int = 0, *, sampling: bool = True) -> Statu
 def test_a_recorded_session() -> None:
     changed = identity(rate=5000.0)
     messages = [identity(), status(), changed, block(0), block(20), block(60), Refusal(4, "busy")]
+    button = Event(EventKind.TRIGGER, 0)
+    messages.append(button)
     items = feed(Decoder(BinaryDialect(), "somewhere"), encode(messages))
     assert story(items) == [
         status(), (changed, False), StreamBegan(7), (7, 0, 40, False), Refusal(4, "busy"),
-        Gap(7, 40, 20), (7, 60, 80, False),
+        button, Gap(7, 40, 20), (7, 60, 80, False),
     ]  # fmt: skip
     (connected,) = [item for item in items if isinstance(item, Connected)]
     assert connected.url == "somewhere"

@@ -33,6 +33,7 @@ from tests.pfwd_device.acquisition.scripted import (
     is_without_reader,
     of,
 )
+from tests.records import known
 
 MakeDriver = Callable[..., Driver]
 
@@ -65,8 +66,12 @@ def test_connect_and_stream(make: MakeDriver) -> None:
     assert kinds[:3] == [Connected, StreamBegan, Samples]
     assert_each_sample_once(items)
     assert driver.connected
-    assert driver.lost_since is None
+    assert driver.lost_since is driver.drift_ppm is None
+    assert driver.clock_speed is None or driver.clock_speed > 0
     assert driver.identity == instrument.identity
+    driver.open_port()  # once is enough
+    collect(driver, lambda seen: isinstance(seen[-1], Status))
+    assert known(driver.settle(0.0)).sampling, "it keeps no drops to wait for"
     assert instrument.received == [Hello(), Start()]
     driver.close()
     assert instrument.received[-1] == Stop()

@@ -42,6 +42,8 @@ def test_a_missing_port_is_tried_at_growing_intervals() -> None:
     assert ended.waits == pytest.approx([0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0, 2.0])
     lost = [queue.get(0.0) for _ in range(8)]
     assert all(isinstance(event, Lost) and not event.was_open for event in lost)
+    link.drop(object(), "a port that was closed before")  # type: ignore[arg-type]
+    assert queue.get(0.0) is None
     # Once the right instrument answered it is looked for at once.
     link.settled()
     link._stop = ended = Ended(1)  # type: ignore[assignment]

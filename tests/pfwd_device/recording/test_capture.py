@@ -48,6 +48,10 @@ def test_a_torn_end_is_reported(tmp_path: Path) -> None:
     reader = CaptureReader(path)
     assert [item.data for item in reader] == [b"start", b"\x00\xff" * 10]
     assert len(reader.damage) == 1
+    first, *_, last = data.split(magic := b"\x89PFWDJ\r\n")[1:]
+    path.write_bytes(magic + first + magic + last)
+    assert [item.data for item in reader] == [b""]
+    assert "records are missing" in reader.damage[0]
 
 
 def test_waiting_bytes_are_written_by_a_timer(

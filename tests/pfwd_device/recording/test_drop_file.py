@@ -340,6 +340,21 @@ def test_text_that_is_not_utf_8_is_refused(intact: bytes) -> None:
         drop_from_file_bytes(broken, "drop.h5")
 
 
+def test_changed_names_are_refused(intact: bytes) -> None:
+    start = 8 * intact.find(b"load\0")
+    for bit, reason in ((0, "an object in the file"), (7, "names in UTF-8")):
+        with pytest.raises(RecordingError, match=f"expected {reason}, got"):
+            drop_from_file_bytes(with_bit(intact, start + bit), "drop.h5")
+
+
+def test_values_that_are_not_packed_are_read(intact: bytes) -> None:
+    def unpack(file: Any) -> None:
+        file["load"].id.write_direct_chunk((0,), file["load"][:].tobytes(), filter_mask=0xF)
+
+    assert visible(changed(intact, unpack)) == visible(intact)
+    assert drop_from_file_bytes(changed(intact, unpack), "drop.h5")[1] == 2
+
+
 def test_values_that_do_not_unpack_are_refused(intact: bytes) -> None:
     with h5py.File(io.BytesIO(intact), "r") as file:
         start = file["load"].id.get_chunk_info(0).byte_offset

@@ -147,6 +147,12 @@ def test_a_clock_that_runs_too_fast_makes_no_gap() -> None:
     assert decoder.counters.frames_damaged == 0
 
 
+def test_late_lines_are_no_gap() -> None:
+    times = np.arange(0, 5000, STEP)
+    times[[10, 20, 21, 30]] += [80, 40, 40, 95]
+    assert [i for _, i, _ in samples(dialect().feed(lines(times)))] == list(range(50))
+
+
 @pytest.mark.parametrize("wrong", [0, 1900, 2600, 10**12])  # 1900: a time that was there
 def test_a_wrong_time_damages_its_line_only(wrong: int) -> None:
     times = list(range(1000, 3000, STEP))
