@@ -154,7 +154,7 @@ def frequency_of(ringing: Array, step: float = STEP) -> float:
 
 def test_plate_load_cell_and_rod_ring_at_their_natural_frequencies(signals: Signals) -> None:
     after = TIME > PULSE + 1e-3
-    plate = unmodelled.plate_flexure(signals, 220.0, 0.02, 0.05)
+    plate = unmodelled.plate_mode(signals, 220.0, 0.02, 0.05)
     np.testing.assert_array_equal(plate.velocity[1], signals.velocity[1])
     motion = (plate.velocity - signals.velocity)[0][after]
     assert frequency_of(motion) == pytest.approx(220, rel=0.05)
@@ -198,7 +198,7 @@ def test_a_rocking_disc_has_the_textbook_stiffness_and_damping() -> None:
 def test_a_static_tilt_is_proportional_to_the_load() -> None:
     load = np.minimum(np.maximum(TIME, 0.0) / 0.05, 1.0) * 8e3
     slow = Signals(TIME, load, np.zeros((2, TIME.size)), np.vstack([load, load]) * 1e-7)
-    tilted = unmodelled.plate_rocking(slow, 300.0, 0.7, -0.03)
+    tilted = unmodelled.plate_mode(slow, 300.0, 0.7, -0.03)
     extra = tilted.displacement - slow.displacement
     np.testing.assert_array_equal(extra[1], 0.0)
     np.testing.assert_allclose(extra[0][TIME > 0.06], -0.03 * 8e-4, rtol=1e-3)

@@ -142,7 +142,7 @@ def _saturation(scene: Scene, share: float) -> SimulatedPoint:
 def _flexure(scene: Scene, share: float) -> SimulatedPoint:
     frequency, damping = scene.device.uniform([150.0, 0.01], [300.0, 0.04])
     return undisturbed(scene).through(
-        lambda s: unmodelled.plate_flexure(s, frequency, damping, share),
+        lambda s: unmodelled.plate_mode(s, frequency, damping, share),
         share=share,
         frequency_hz=float(frequency),
     )
@@ -151,7 +151,7 @@ def _flexure(scene: Scene, share: float) -> SimulatedPoint:
 def _rocking(scene: Scene, share: float) -> SimulatedPoint:
     frequency, damping = scene.generator.uniform([20.0, 0.03], [50.0, 0.12])
     return undisturbed(scene).through(
-        lambda s: unmodelled.plate_rocking(s, frequency, damping, share),
+        lambda s: unmodelled.plate_mode(s, frequency, damping, share),
         share=share,
         frequency_hz=float(frequency),
     )

@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 from simulators.mesh import Array
 from tests.campaigns.effects.scene import Scene, SimulatedPoint, altered, undisturbed
 from tests.campaigns.effects.signals import Signals
-from tests.campaigns.effects.unmodelled import mode, plate_rocking
+from tests.campaigns.effects.unmodelled import mode, plate_mode
 
 
 def rocking_mode(
@@ -61,7 +61,7 @@ def tilted_plate(scene: Scene, product: float) -> SimulatedPoint:
     )
     share = 1.5 * product * (-1.0 if scene.generator.random() < 0.5 else 1.0)
     return undisturbed(scene).through(
-        lambda s: plate_rocking(s, frequency, damping, share),
+        lambda s: plate_mode(s, frequency, damping, share),
         share=share,
         frequency_hz=frequency,
         damping=damping,

@@ -193,7 +193,6 @@ def rough_contact(scene: Scene, share: float) -> SimulatedPoint:
         scene.signals(drops),
         scene.modulus,
         {"stiffness_factor": factor, "contact_share": share},
-        declared_radius=scene.radius,
     )
 
 

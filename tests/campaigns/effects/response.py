@@ -77,15 +77,12 @@ class GroundResponse:
         count = force.size
         require(count <= self.displacement.shape[1], "force", "no longer than the response", count)
         require(force[0] == 0, "force", "0 at the first sample", force[0])
-        shifted = [np.append(k[:, 1:count], 0 * k[:, :1], 1) for k in self._kernels]
+        kernels = self.displacement, self.velocity
+        shifted = [np.append(k[:, 1:count], 0 * k[:, :1], 1) for k in kernels]
         moved, speed = (
             fftconvolve(np.broadcast_to(force, k.shape), k, axes=1)[:, :count] for k in shifted
         )
         return moved, speed
-
-    @property
-    def _kernels(self) -> tuple[Array, Array]:
-        return self.displacement, self.velocity
 
     def rescaled(self, time: float, density: float) -> GroundResponse:
         r"""Return the response of ground with another modulus, viscosity and density, exactly.

@@ -127,10 +127,10 @@ class Scene:
         required = math.ceil((2.5 * self.hammer_pulse + 0.025) / step)
         return min(required, available)
 
-    def hammer(self, velocity: float, gravity: float = 0.0) -> Hammer:
-        """Return the hammer with its spring, at a speed (m/s) and with an acceleration (m/s2)."""
+    def hammer(self, velocity: float) -> Hammer:
+        """Return the hammer with its spring, at a speed (m/s)."""
         stiffness = self.hammer_mass * (math.pi / self.hammer_pulse) ** 2
-        return Hammer(self.hammer_mass, stiffness, velocity, gravity)
+        return Hammer(self.hammer_mass, stiffness, velocity)
 
     def velocity(self, response: GroundResponse, plate_mass: float) -> float:
         """Return the speed of the hammer that gives the intended peak load on linear ground, m/s.
@@ -153,7 +153,6 @@ class Scene:
         indentation: Callable[[int], Indentation | None] | None = None,
         weight: float = math.inf,
         pull: Pull | None = None,
-        gravity: float = 0.0,
     ) -> list[SimulatedDrop]:
         """Return the motion under each drop of the point.
 
@@ -171,8 +170,6 @@ class Scene:
             Static force between plate and ground; see `strike`.
         pull : callable, optional
             Upward force of the hammer's frame; see `strike`.
-        gravity : float, m/s2
-            Acceleration of the hammer after the first touch.
         """
         responses = responses or [self.response()] * len(self.heights)
         mass = self.plate_mass if plate_mass is None else plate_mass
@@ -181,7 +178,7 @@ class Scene:
             strike(
                 responses[n],
                 mass,
-                self.hammer(velocity * height, gravity),
+                self.hammer(velocity * height),
                 self.samples,
                 law=law() if law else None,
                 indentation=indentation(n) if indentation else None,
@@ -208,8 +205,6 @@ class SimulatedPoint:
     """True values of the effect, SI units in the names; the first is its `value`."""
     declared_depth: float | None = None
     """Wrong depth in the header, m; None: the true depth."""
-    declared_radius: float | None = None
-    """Wrong plate radius in the header, m; None: the true radius."""
 
     def through(
         self, operator: Callable[[Signals], Signals], **parameters: float | list[float]

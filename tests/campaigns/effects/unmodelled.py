@@ -59,32 +59,20 @@ def mode(force: Array, frequency: float, damping: float, time_step: float) -> tu
     return oscillator(force, 1 / omega**2, 2 * damping / omega, 1.0, time_step)
 
 
-def plate_flexure(signals: Signals, frequency: float, damping: float, share: float) -> Signals:
-    """Return the signals with the first bending mode of the plate at the centre sensor.
+def plate_mode(signals: Signals, frequency: float, damping: float, share: float) -> Signals:
+    """Return the signals with a mode of the plate at the centre sensor: bending or rocking.
 
     Parameters
     ----------
     signals : Signals
     frequency : float, Hz
-        Natural frequency of the mode, usually 150 to 300 Hz.
+        Natural frequency of the mode, usually 150 to 300 Hz for bending, 20 to 50 Hz for rocking.
     damping : float
         Damping as a fraction of critical damping.
     share : float
         Static deflection of the mode under the peak load, over the peak deflection.
     """
     moved, speed = mode(signals.load / signals.peak_load, frequency, damping, signals.time_step)
-    return _centre_moves(signals, moved, speed, share)
-
-
-def plate_rocking(signals: Signals, frequency: float, damping: float, share: float) -> Signals:
-    """Return the signals with the rocking of a tilted plate at the centre sensor.
-
-    The parameters are those of `plate_flexure`; the frequency is usually 20 to 50 Hz.
-    """
-    return plate_flexure(signals, frequency, damping, share)
-
-
-def _centre_moves(signals: Signals, moved: Array, speed: Array, share: float) -> Signals:
     size = share * float(np.max(signals.displacement[0]))
     velocity, displacement = signals.velocity.copy(), signals.displacement.copy()
     velocity[0] += size * speed
