@@ -233,7 +233,7 @@ def test_damaged_streamed_samples_are_sent_again(tmp_path: Path, played: Played)
 
 
 @pytest.mark.slow
-def test_a_trace_file_is_played(tmp_path: Path, played: Played) -> None:
+def test_a_trace_file_is_played(tmp_path: Path) -> None:
     time_s = np.arange(-100, 500) / 5000.0
     load = np.where((time_s > 0) & (time_s < 0.02), 8000 * np.sin(np.pi * time_s / 0.02), 0.0)
     records = [np.column_stack([load * scale + 100.0, load * 1e-5 * scale]) for scale in (0.9, 1.0)]

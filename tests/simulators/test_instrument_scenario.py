@@ -86,6 +86,8 @@ def test_a_crust_lies_on_the_rest() -> None:
         ({"soil": {"modulus": "45e6"}}, r"soil\.modulus: expected a number > 0, got '45e6'"),
         ({"soil": {"modulus": float("inf")}}, r"soil\.modulus: expected a number > 0"),
         ({"soil": {"crust_modulus": 1e8, "crust_thickness": 2.0}}, "soil: thickness"),
+        ({"soil": 3}, "soil: expected a table"),
+        ({"base": "nowhere"}, "base: expected a built-in scenario, got 'nowhere'"),
         ({"sole": {}}, "expected a known key, got 'sole'; did you mean soil"),
         ({"device": {"adc_bits": 25}}, r"device\.adc_bits: expected a whole number from 8 to 24"),
         ({"device": {"sampling_rate": 7e3}}, r"device\.sampling_rate: expected one of device"),

@@ -5,6 +5,7 @@ import math
 from dataclasses import replace
 from functools import partial
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -219,6 +220,32 @@ def test_drop_heights_and_times_scatter_as_stated() -> None:
     assert np.std(factors) == pytest.approx(0.05, rel=0.1)
     shifts = [line.touch(number) - (3.0 + 5.0 * (number - 1)) for number in range(1, 400)]
     assert 0.08 < max(np.abs(shifts)) <= 0.1
+
+
+def test_a_loose_sensor_rings_at_its_frequency() -> None:
+    effect = {"kind": "ringing", "channel": "load", "frequency": 120.0, "damping": 0.02}
+    response = DropResponse(scenario(effects=[effect]), half_sine(0.006))
+    time = np.arange(0.02, 0.12, UNIT_DROP_STEP_S)  # after the pulse
+    ringing = response.at(time)[:, 0]
+    assert np.max(np.abs(ringing)) > 0.05 * 8e3
+    spectrum = np.abs(np.fft.rfft(ringing * np.hanning(ringing.size), 10_000))
+    assert np.argmax(spectrum) * 0.5 == pytest.approx(120.0, abs=2.0)
+
+
+def test_a_random_knock_is_smaller_than_a_drop() -> None:
+    chosen = scenario(drops={**QUIET["drops"], "knock_probability": 1.0, "knock_load": 500.0})
+    load = timeline(chosen).counts(30_000, 80_000)[:, 0] * VOLTS_PER_COUNT / 4e-4
+    assert 9e3 < np.max(load[:1000]) < 10.5e3
+    assert 0.7 * 500 - 1 < np.max(load[10_000:]) <= 500 + 1
+
+
+def test_an_error_of_the_finite_elements_is_raised_in_the_caller(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(units, "compute_unit_drop", Mock(side_effect=MemoryError("grid")))
+    chosen = scenario(soil={"modulus": 1e7})
+    with pytest.raises(MemoryError, match="grid"):
+        UnitDrops(chosen, (1.0,)).get(1.0)
 
 
 def test_values_beyond_the_converter_are_clipped() -> None:
