@@ -223,6 +223,17 @@ def test_skipped_labjack_scans_without_a_position_end_the_run(scenario: Scenario
     assert (wrong_samples(host)[0], len(host.stops), len(logger.started)) == (0, 1, 2)
 
 
+def test_a_labjack_receives_the_number_of_registers_of_each_write(scenario: Scenario) -> None:
+    class Checking(LabjackLogger):
+        def _answer(self, function: int, body: bytes) -> tuple[int, bytes]:
+            if function == 16:
+                _, count, size = struct.unpack_from(">HHB", body)
+                assert 2 * count == size == len(body) - 5
+            return super()._answer(function, body)
+
+    assert run_host(Checking(scenario), 0.5).blocks
+
+
 def test_an_unplugged_labjack_is_restarted(scenario: Scenario) -> None:
     faults = [LoggerFault(time, "unplug") for time in (2.0, 4.0, 4.5, 7.0)]
     host = run_host(LabjackLogger(scenario, 6, faults=faults), 10.0, 6)
