@@ -76,6 +76,7 @@ def test_waypoints(tmp_path: Path) -> None:
         ("name\n1\n1\n", "s.csv", r"every station once, got '1' twice"),
         ("name,lat\n1,91\n", "s.csv", r"line 2, latitude: expected a number, got '91'"),
         ("name,target\n1,-3\n", "s.csv", r"line 2, target: expected a number > 0, in MPa"),
+        ("name\n" + "x" * 65 + "\n", "s.csv", "a name of 1 to 64 letters"),
         ("<gpx><wpt", "s.gpx", r"s.gpx: expected GPX, got invalid XML"),
         ("<!DOCTYPE x><gpx/>", "s.gpx", r"GPX without DOCTYPE and ENTITY"),
         ('<gpx><wpt lat="x" lon="1"/></gpx>', "s.gpx", r"waypoint 1: expected numbers as lat"),
