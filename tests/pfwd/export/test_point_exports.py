@@ -22,7 +22,7 @@ from inversion.notices import text_of
 from pfwd.analysis.result_store import basis_of, store_diagnoses
 from pfwd.analysis.results import DropResult
 from pfwd.errors import OptionError, SurveyError
-from pfwd.export import export, geopackage
+from pfwd.export import export, geopackage, workbook
 from pfwd.export.export import export_survey
 from pfwd.export.tables import cell
 from pfwd.files.photos import store_photo
@@ -223,6 +223,12 @@ def test_a_workbook_has_filters_frozen_heads_formats_and_a_chart(
     assert titles == [f"Modulus in force{kind} (MPa)" for kind in kinds]
     assert {series.cat.numRef.f for series in chart.series} == {"'points'!$A$2:$A$3"}
     assert chart.hiLowLines is not None
+
+
+def test_cells_of_deflections_and_surface_moduli_have_engineering_units() -> None:
+    row = {"value": 0.00042, "unit": "m", "surface_moduli_pa": ["0.3: 4.5e+07"]}
+    cells = {name: workbook._in_unit(row, name, None)[0] for name in row}
+    assert cells == {"value": pytest.approx(0.42), "unit": "mm", "surface_moduli_pa": ["0.3: 45"]}
 
 
 def test_a_geopackage_has_a_feature_a_point(judged: Path, tmp_path: Path) -> None:

@@ -97,7 +97,8 @@ def test_the_layers_of_every_drop_stand_in_a_table(layered: Path) -> None:
 def test_an_open_modulus_is_dotted_and_has_no_value(survey: Path, write: Write) -> None:
     open_lower = layer(45e6, 40e6, 410e6)
     unknown = {"modulus_pa": None, "modulus_interval_pa": None}
-    write(offsets=(0.0,), layers=[UPPER, open_lower], **unknown)
+    for number in (1, 2):
+        write(number, offsets=(0.0,), layers=[UPPER, open_lower], density_sd_kg_m3=None, **unknown)
     text = text_of_report(survey, "L")
     assert "2, subgrade left open (40 – 410)" in text
     assert "2, subgrade 45" not in text
@@ -174,9 +175,11 @@ def test_the_bowl_is_drawn_without_layers(layered: Path, write: Write) -> None:
 
 def test_an_excluded_sensor_is_named(survey: Path, write: Write) -> None:
     write(loose=True)
-    text = text_of_report(survey, "L")
+    text = text_of_report(survey)
     assert "0.6 m: left out – – – –" in text
     assert re.search(r"-0\.3 m \d", text)
+    assert EN["lot"] in text, "three points, without targets and plate load tests"
+    assert EN["plate_load"] not in text
 
 
 def test_the_modulus_is_that_of_the_lowest_medium(layered: Path) -> None:

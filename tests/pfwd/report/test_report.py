@@ -174,6 +174,9 @@ def test_sensors_are_named_by_side_and_excluded_ones_are_marked(
     names = [text.get_text() for text in figure.axes[1].get_legend().get_texts()]
     assert [name for name in names if "0,3 m" in name] == ["0,3 m", "-0,3 m"]
     assert names[-1] == load_texts("de").say("left_out", offset="-0,6")
+    without_traces = Figure()
+    draw_point(without_traces, point, [], EN)
+    assert len(without_traces.axes) == len(figure.axes) - 3
 
 
 @pytest.mark.parametrize(
