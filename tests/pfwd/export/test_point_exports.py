@@ -213,6 +213,7 @@ def test_a_workbook_has_filters_frozen_heads_formats_and_a_chart(
     points, drops = book["points"], book["drops"]
     assert (points.freeze_panes, drops.freeze_panes) == ("B2", "B2")
     assert (points.auto_filter.ref, drops.auto_filter.ref[:3]) == ("A1:AM3", "A1:")
+    assert points.column_dimensions["A"].width > len("north, end")
     formats = {cell.value: points.cell(2, cell.column).number_format for cell in points[1]}
     assert formats["Latitude (°)"] == "0.0000000"
     assert formats["Fitted modulus (MPa)"] == formats["Value"] == "#,##0.0"
