@@ -118,6 +118,8 @@ def test_a_drop_file_is_read_like_the_survey(survey: Path) -> None:
     (point,) = read_points(survey / "drops" / "drop-000002.h5")
     assert [drop.number for drop in point.drops] == [2]
     assert point.setup.plate_mass == 12.0
+    report, _ = check_survey(survey / "drops" / "drop-000002.h5")
+    assert (report["drops_acknowledged"], report["drops_published"], report["ok"]) == (1, 1, True)
     np.testing.assert_array_equal(point.drops[0].load, read_points(survey)[0].drops[1].load)
 
 
