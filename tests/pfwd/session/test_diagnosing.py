@@ -20,6 +20,7 @@ from pfwd.judging import drop_from_traces
 from pfwd.session import diagnosing
 from pfwd.session.diagnosing import MAX_POINTS, PointDiagnoses
 from pfwd.session.events import DiagnosisAwaited, PointDiagnosed, SavedDrop, SessionNotice
+from pfwd_device import Drop
 from tests.pfwd.report.surveys import SETUP, half_sine_drop
 
 
@@ -188,11 +189,16 @@ def test_a_fault_is_reported(session: Session) -> None:
     assert not session.diagnosed
 
 
+def every_second_sample(drop: Drop) -> Drop:
+    channels = [replace(each, values=each.values[::2]) for each in drop.channels]
+    return Drop(drop.number, drop.time[::2], drop.load[::2], tuple(channels))
+
+
 def test_the_process_diagnoses_a_point(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(structures, "candidate_structures", lambda contexts: [frozenset()])
     without = functools.partial(diagnose_point, compare_declarations=False)
     monkeypatch.setattr("pfwd.analysis.diagnosis.shared_device.diagnose_point", without)
-    drops = tuple(half_sine_drop(n, 8000.0) for n in (1, 2))
+    drops = tuple(every_second_sample(half_sine_drop(n, 8000.0)) for n in (1, 2))
     diagnosis = diagnose_single(TracePoint("A", SETUP, drops), AnalysisOptions(), {})
     assert (diagnosis.left_out, diagnosis.drops) == ((1,), (2,))  # one seats
     assert diagnosis.basis

@@ -2,7 +2,7 @@
 
 A pulse is recorded if a record contains the sample of its peak, and reported if a report names a
 sample of its rise. So no two pulses share a report. The number of cases is that of the
-environment's PFWD_PULSE_CASES, else 60.
+environment's PFWD_PULSE_CASES, else 50.
 """
 
 import dataclasses
@@ -233,7 +233,7 @@ def is_visible(case: Case, at: float, peak: float, load: NDArray[np.float64]) ->
 
 
 @settings(
-    max_examples=int(os.environ.get("PFWD_PULSE_CASES", "60")),
+    max_examples=int(os.environ.get("PFWD_PULSE_CASES", "50")),
     deadline=None,
     phases=[Phase.generate],  # to shrink a case takes minutes
 )

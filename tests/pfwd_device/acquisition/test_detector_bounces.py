@@ -120,7 +120,7 @@ GAPS = st.one_of(
 )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(weights(), st.lists(GAPS, max_size=6), st.data())
 def test_no_drop_is_lost_and_no_bounce_is_a_drop_without_a_report(weight, places, data):
     pulses, seconds = weight

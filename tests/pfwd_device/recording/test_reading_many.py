@@ -57,9 +57,9 @@ def test_a_survey_is_read_at_the_same_cost_for_each_drop(tmp_path: Path) -> None
         index = build_index(layout)
         return lambda: Survey(layout, index)
 
-    assert growth(indexing, 50) < FLAT
-    assert growth(quickly, 50) < FLAT
-    assert growth(joining, 50) < FLAT
+    assert growth(indexing, 25) < FLAT
+    assert growth(quickly, 25) < FLAT
+    assert growth(joining, 25) < FLAT
 
 
 def content(point: SurveyPoint) -> tuple[Any, ...]:

@@ -47,7 +47,7 @@ def point() -> DiagnosisPoint:
     """Return two drops of one device on the same ground."""
     ground = SoilProfile.uniform(60e6, 5e4, 1900.0, 0.35, np.inf)
     hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
-    drop = simulate_drop(ground, Plate(RADIUS, MASS), hammer, duration=0.05, time_step=STEP)
+    drop = simulate_drop(ground, Plate(RADIUS, MASS), hammer, duration=0.04, time_step=STEP)
     records = []
     for number, height in ((1, 1.0), (2, 0.9)):
         rng = np.random.default_rng(number)
