@@ -93,7 +93,7 @@ def run_clean(planted: Path, *arguments: object, script: str = COMMAND) -> str:
 
 
 QUICK = ("--method", "posterior", "--sensors", "centre", "--bedrock-depth", "1.2")
-DEMO = ("demo", "--drops", "1", "--rate", "5", "--json")
+TRACES = ("traces/p1.csv", "traces/p2.csv")
 
 
 @pytest.mark.parametrize(
@@ -108,18 +108,17 @@ DEMO = ("demo", "--drops", "1", "--rate", "5", "--json")
             ("bench", "--help"),
         ],
         [("import", "traces/p1.csv", "-o", "."), ("replay", ".", "-o", "../again", "--no-invert")],
-        [("invert", "traces/p1.csv", "traces/p2.csv", "--jobs", "2", *QUICK)],
+        [("invert", *TRACES, "--jobs", "2", "--plot", "../p.png", *QUICK)],
         [("invert", "traces", "--archive", "../out", "--jobs", "2", *QUICK)],
-        [("invert", "traces/p1.csv", "--plot", "../plot.png", *QUICK)],
-        [("report", ".", "-o", "../report.pdf"), ("report", ".", "-o", "../report.html")],
+        [("report", ".", "-o", "../report.pdf")],
         [
             ("export", ".", "--format", "parquet", "-o", "../out.parquet"),
             ("export", ".", "--format", "h5", "-o", "../out.h5"),
             ("export", ".", "--format", "csv", "-o", "../out"),
         ],
-        [(*DEMO, "-o", "../demo", "--plot", "../plot.png")],
+        [("demo", "--drops", "1", "--rate", "5", "--json", "-o", "../demo")],
         pytest.param(
-            [("diagnose", "traces/p1.csv", "traces/p2.csv", "--jobs", "2", "--plot", "../p.png")],
+            [("diagnose", *TRACES, "--jobs", "2", "--plot", "../p.png")],
             marks=pytest.mark.slow,
         ),
     ],
@@ -153,7 +152,7 @@ for outcome in analyse_files(sys.argv[1:], options, jobs=2):
 
 
 def test_a_script_that_inverts_by_processes_runs_no_module_of_the_folder(planted: Path) -> None:
-    output = run_clean(planted, "traces/p1.csv", "traces/p2.csv", script=SCRIPT)
+    output = run_clean(planted, *TRACES, script=SCRIPT)
     assert len(output.splitlines()) == 2
 
 
