@@ -36,8 +36,8 @@ def test_the_next_drop_is_predicted_by_the_other_points(
     complete: bool, max_error: float, points: list[PointRecords], library: SurrogateLibrary
 ) -> None:
     """The other points are complete, or have two drops like the point itself."""
-    known = points if complete else [without_held_out(point, "next", 0) for point in points]
-    summaries = [summarise_point(point, STRUCTURE, {}, library) for point in known]
+    peers = points if complete else [without_held_out(point, "next", 0) for point in points]
+    summaries = [summarise_point(point, STRUCTURE, {}, library) for point in peers]
     parts = [
         held_out_error(
             *(point, STRUCTURE, summaries[:place] + summaries[place + 1 :], "next", 0),
