@@ -56,7 +56,7 @@ def words_of(name: str) -> set[str]:
     return {word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)}
 
 
-@pytest.mark.parametrize("package", PACKAGES)
+@pytest.mark.parametrize("package", [*PACKAGES, "tests"])
 def test_names_are_of_plain_words(package: str) -> None:
     names = [name for tree in parse_package(package).values() for name in assigned_names(tree)]
     hits = Counter(
@@ -66,7 +66,7 @@ def test_names_are_of_plain_words(package: str) -> None:
     assert hits.total() <= limit, f"most frequent: {hits.most_common(20)}"
 
 
-@pytest.mark.parametrize("package", PACKAGES)
+@pytest.mark.parametrize("package", [*PACKAGES, "tests"])
 def test_docstrings_begin_with_a_subject_or_a_verb(package: str) -> None:
     texts = [text for tree in parse_package(package).values() for text in docstrings(tree)]
     fragments = [text for text in texts if re.split(r"\W", text.strip())[0] in FRAGMENTS]
