@@ -365,13 +365,6 @@ def test_the_declared_place_of_the_sensor_is_that_of_the_verdict() -> None:
     assert PointView("1", on_ground, job=job).progress.verdict is Verdict.PASS
 
 
-def test_a_diagnosis_changes_no_deflection() -> None:
-    job = Job(procedure=find_procedure("mndot"))
-    plain = judge_point(job, PointView("1", drops()))
-    diagnosed = PointView("1", drops(), diagnosis=diagnosis())
-    assert judge_point(job, diagnosed).value == plain.value
-
-
 def test_a_stale_diagnosis_does_not_count() -> None:
     job = Job(procedure=plain_procedure())
     plain = judge_point(job, PointView("1", drops())).value

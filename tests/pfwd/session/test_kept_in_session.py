@@ -90,20 +90,6 @@ def test_a_drop_that_never_has_its_checksum_is_reported(tmp_path: Path) -> None:
     assert unusable.reason in notice.text
 
 
-def test_five_drops_with_the_same_name_are_five_drops_of_the_survey(tmp_path: Path) -> None:
-    drops = [buffered(peak=20_000 + seed) for seed in range(5)]
-    log = Log()
-    for part in (drops[:3], drops[3:], drops):  # the host was restarted, and restarted again
-        assert received(tmp_path / "s", *part, log=log) == [(9, 500)] * len(part)
-    recorded = [drop.read() for drop in read_survey(tmp_path / "s").drops]
-    assert [record.counts.max() for record in recorded] == [20_000 + seed for seed in range(5)]
-    assert log.texts.count("which has other samples; both are recorded") == 4
-    assert "the instrument used its key T-1/9/700" in log.texts
-    assert "for drop 1, which has other samples" in log.texts
-    assert log.texts.count("was received again") == 5
-    assert recorded[0].metadata["key"] == "T-1/9/700"  # as the version before writes it
-
-
 def test_unsaved_drops_of_a_name_are_two(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     log = Log()
     with SurveyWriter.open(tmp_path / "survey") as writer:
@@ -229,18 +215,6 @@ def test_the_stored_record_replaces_the_streamed_one(log: Log, writer: Any, at: 
     assert by_instrument(log) == [True]
     assert feed.acknowledged == [(7, 10_010 - TRIGGER.before)]
     assert len(recorded(writer)) == 1
-
-
-def test_drops_beyond_the_memory_are_recorded(log: Log, writer: Any) -> None:
-    times = [1.0, 3.0, 5.0, 7.0]
-    counts = stream(14.0, [(at, 8000.0) for at in times])
-    stored = [stored_part(counts, at) for at in (10_003, 30_003)]
-    items = [*pieces(counts[:40_000]), *stored, *pieces(counts[40_000:], 7, 40_000)]
-    run(ScriptedFeed(connected(), Armed(TRIGGER), began(), items), log, writer)
-    assert by_instrument(log) == [True, True, False, False]
-    keys = [record.metadata["detection"] for record in recorded(writer)]
-    triggers = [key["first_sample"] + key["trigger"] for key in keys]
-    assert triggers == pytest.approx([round(at * RATE) for at in times], abs=10)
 
 
 @pytest.mark.parametrize("restarted", [False, True])

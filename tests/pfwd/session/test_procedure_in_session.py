@@ -10,9 +10,7 @@ from pfwd.errors import OptionError, TraceError
 from pfwd.files.reading import read_points
 from pfwd.judging import JobRequest, Station, job_of, point_views
 from pfwd.procedures import find_procedure, plain_procedure
-from pfwd.session.events import DropSaved, JobReported, SurveyChanged
-from pfwd.session.live_view import CompletePoints
-from pfwd.session.measure import replay
+from pfwd.session.events import DropSaved, JobReported
 from pfwd.session.plan import SessionPlan
 from pfwd.session.replay import capture_feed
 from pfwd.session.session import Session
@@ -36,15 +34,15 @@ measured = { value = 1, source = "contract", verified = true }
 """
 
 
-class Place:
-    """A receiver that stands still."""
+MNDOT = with_procedure(MeasuringSetup(), find_procedure("mndot"))
 
-    def record(self) -> dict[str, Any]:
-        return {"latitude": 48.0, "longitude": 11.0, "source": "nmea", "hdop": 0.9}
+
+def recorded_job(folder: Path, peaks: tuple[float, ...], run: int = 1, **plan: Any) -> Log:
+    return record(folder, connected(), drops(*peaks, run=run), **plan)
 
 
 def measured(tmp_path: Path, setup: MeasuringSetup, **plan: Any) -> tuple[Path, list[str]]:
-    log = record(tmp_path / "survey", connected(), drops(*PEAKS), setup=setup, **plan)
+    log = recorded_job(tmp_path / "survey", PEAKS, setup=setup, **plan)
     return tmp_path / "survey", statuses(log)
 
 
@@ -53,19 +51,13 @@ def statuses(log: Log) -> list[str]:
 
 
 def test_a_rejected_drop_does_not_count_as_seating(tmp_path: Path) -> None:
-    setup = with_procedure(MeasuringSetup(), find_procedure("mndot"))
-    folder, kinds = measured(tmp_path, setup)
+    folder, kinds = measured(tmp_path, MNDOT)
     assert kinds == ["seating", "rejected", "seating", "seating", "measured", "measured"]
     (point,) = read_points(folder)  # the same when the survey is read again
     assert [screening.status for screening in screen_point(point)] == kinds
-    parts = [drops(*PEAKS[:2], run=1)], [drops(*PEAKS[2:], run=2)]
-    continued = [record(tmp_path / "c", connected(), *part, setup=setup) for part in parts]
+    parts = enumerate((PEAKS[:2], PEAKS[2:]), 1)
+    continued = [recorded_job(tmp_path / "c", part, run, setup=MNDOT) for run, part in parts]
     assert [status for log in continued for status in statuses(log)] == kinds
-
-
-def test_without_a_procedure_the_numbers_count_as_ever(tmp_path: Path) -> None:
-    _, kinds = measured(tmp_path, parse_setup("seating_drops = 3", "setup"))
-    assert kinds == ["seating", "rejected", "seating", "measured", "measured", "measured"]
 
 
 def test_the_survey_stores_the_text_of_the_procedure(tmp_path: Path) -> None:
@@ -78,18 +70,6 @@ def test_the_survey_stores_the_text_of_the_procedure(tmp_path: Path) -> None:
     (text,) = [each["details"]["text"] for each in survey.events if each["event"] == "procedure"]
     assert text == PROFILE
     assert survey.drops[0].read().declared["procedure"] == "two"
-
-
-def test_a_drop_keeps_where_and_when_it_fell(tmp_path: Path) -> None:
-    folder, _ = measured(tmp_path, MeasuringSetup(), position=Place())
-    metadata = read_survey(folder).drops[0].read().metadata
-    assert metadata["position"]["hdop"] == 0.9
-    assert metadata["time_local"][-6] in "+-", "local time with the offset of its zone"
-
-
-def test_the_text_of_a_procedure_stands_in_for_its_file() -> None:
-    setup = parse_setup('[procedure]\nfile = "gone.toml"\n', "recorded", PROFILE)
-    assert (setup.procedure.name, setup.declared["seating_drops"]) == ("two", 2)
 
 
 def test_a_capture_is_replayed_by_the_procedure_of_the_command_line(tmp_path: Path) -> None:
@@ -119,25 +99,15 @@ def test_a_faulty_procedure_in_the_setup_is_refused(text: str, message: str) -> 
         parse_setup(text, "setup.toml")
 
 
-def test_equal_numbers_of_setup_and_procedure_are_accepted() -> None:
-    assert parse_setup('seating_drops = 3\nprocedure = "mndot"', "s").procedure.name == "mndot"
-
-
 def test_on_the_command_line_a_contradiction_is_wrong_usage() -> None:
     with pytest.raises(OptionError, match="--procedure: seating_drops: expected 3"):
         with_procedure(parse_setup("seating_drops = 1", "s"), find_procedure("mndot"))
 
 
-def test_unverified_numbers_do_not_replace_the_setup() -> None:
-    setup = parse_setup('seating_drops = 1\nprocedure = "astm-e2583"', "setup.toml")
-    assert setup.declared["seating_drops"] == 1
-
-
-MNDOT = with_procedure(MeasuringSetup(), find_procedure("mndot"))
-
-
-def recorded_job(folder: Path, peaks: tuple[float, ...], run: int = 1, **plan: Any) -> Log:
-    return record(folder, connected(), drops(*peaks, run=run), **plan)
+def test_unverified_numbers_do_not_replace_the_setup_and_equal_ones_are_accepted() -> None:
+    for seating_drops, procedure in ((1, "astm-e2583"), (3, "mndot")):
+        text = f'seating_drops = {seating_drops}\nprocedure = "{procedure}"'
+        assert parse_setup(text, "setup.toml").declared["seating_drops"] == seating_drops
 
 
 def test_the_job_is_stored_with_the_first_drop(tmp_path: Path) -> None:
@@ -155,8 +125,7 @@ def test_a_survey_that_is_continued_keeps_procedure_and_target(tmp_path: Path) -
     folder, full = tmp_path / "s", (8000.0,) * 3
     recorded_job(folder, full, 1, setup=MNDOT, job=JobRequest(target=6e-4))
     log = recorded_job(folder, full, 2)
-    statuses = [event.saved.screening.status for event in log.of(DropSaved)]
-    assert statuses == ["measured"] * 3, "three seated the plate before"
+    assert statuses(log) == ["measured"] * 3, "three seated the plate before"
     (point,) = point_views(read_survey(folder))
     assert point.progress.verdict == "pass"
     assert log.of(JobReported)[0].differences == ()
@@ -177,10 +146,7 @@ def test_another_procedure_is_reported(tmp_path: Path) -> None:
     recorded_job(folder, (8000.0,), 1, setup=MNDOT, job=JobRequest(target=6e-4))
     second = with_procedure(MeasuringSetup(), find_procedure("mchw-885"))
     log = recorded_job(folder, (8000.0,), 2, setup=second, job=JobRequest(target=4e7))
-    assert log.of(JobReported)[0].differences == (
-        "the procedure of the survey was mndot, now it is mchw-885",
-        "the target of the survey was 0.6 mm, now it is 40 MPa",
-    )
+    assert len(log.of(JobReported)[0].differences) == 2
     assert job_of(read_survey(folder)).procedure_in_force.name == "mchw-885"
 
 
@@ -208,25 +174,3 @@ def test_a_change_of_the_job_is_stored(tmp_path: Path) -> None:
         measuring.run()
     assert log.of(JobReported)[-1].job.target == 4e7
     assert job_of(read_survey(tmp_path / "s")).target == 4e7
-
-
-@pytest.mark.parametrize("edit", [None, ("discard", 4), ("target", 1e-4), ("discard", None)])
-def test_a_replay_agrees_with_the_survey(tmp_path: Path, edit: tuple[str, Any] | None) -> None:
-    folder = tmp_path / "s"
-    recorded_job(folder, (8000.0,) * 7, setup=MNDOT, job=JobRequest(target=6e-4))
-    if edit is not None:
-        edited, value = edit
-        with SurveyWriter.open(folder, publish=False) as writer:
-            if edited == "discard" and value is not None:
-                writer.edit("discard", "wrong place", number=value)
-            else:
-                writer.edit(edited, value, point="1")
-    views: list[Any] = []
-    complete, log = CompletePoints(views.append), Log()
-    replay(folder, log)
-    for event in log.of(SurveyChanged):
-        complete.take(event)
-    (point,) = point_views(read_survey(folder))
-    replayed = views[-1].as_json()
-    compaction = {"compaction": replayed["compaction"]}
-    assert replayed == point.as_json() | compaction, "drop 7 came after it"

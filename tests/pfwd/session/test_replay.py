@@ -21,7 +21,7 @@ from pfwd.files.traces import TracePoint, write_traces
 from pfwd.judging import JobRequest, job_of
 from pfwd.session.drop_metadata import feed_item_of
 from pfwd.session.events import DropAnalysed, DropSaved
-from pfwd.session.feeds import Ended, ImportedDrop, RecordedDrop
+from pfwd.session.feeds import Ended, RecordedDrop
 from pfwd.session.measure import replay
 from pfwd.session.plan import Ending
 from pfwd.session.replay import Pause, RecordedFeed, capture_feed, survey_feed
@@ -71,7 +71,7 @@ def traces(folder: Path) -> list[Any]:
     return [drop.read() for drop in read_survey(folder).drops]
 
 
-def test_every_drop_is_reproduced_bit_for_bit(recording: Path) -> None:
+def test_every_drop_is_reproduced_bit_for_bit(recording: Path, tmp_path: Path) -> None:
     originals = traces(recording)
     marks = {mark["code"] for record in originals for mark in record.metadata["marks"]}
     assert {"samples-missing", "saturated", "triggered-by-operator", "cut-off"} <= marks
@@ -84,14 +84,9 @@ def test_every_drop_is_reproduced_bit_for_bit(recording: Path) -> None:
     ]
     assert all(event.identical for event in log.of(DropSaved))
     assert log.texts == ""
-
-
-def test_a_replay_into_another_survey_gives_the_same_drops(recording: Path, tmp_path: Path) -> None:
-    log = Log()
     assert replay(recording, log, output=tmp_path / "copy") is Ending.DONE
-    assert all(each.identical for each in log.of(DropSaved))
-    originals, copied = traces(recording), traces(tmp_path / "copy")
-    assert len(originals) == len(copied) >= 8
+    copied = traces(tmp_path / "copy")
+    assert len(originals) >= 8
     for each, second in zip(originals, copied, strict=True):
         assert (each.point, each.drop.number) == (second.point, second.drop.number)
         assert each.metadata == second.metadata
@@ -215,15 +210,6 @@ def test_a_replay_in_real_time_takes_its_time_and_stays_awake(recording: Path) -
     assert idle > 0
 
 
-def test_as_fast_as_possible_never_sleeps(recording: Path) -> None:
-    def refuse(_: float) -> None:
-        raise AssertionError
-
-    feed = survey_feed(read_survey(recording), 0.0, refuse)
-    while not isinstance(feed.next(0.02), Ended):
-        pass
-
-
 def test_a_pause_at_a_tiny_speed_can_be_interrupted() -> None:
     feed = RecordedFeed([Pause(1.0), Ended()], 1e-300, lambda _: None)
     assert [feed.next(0.02) for _ in range(5)] == [None] * 5
@@ -238,11 +224,6 @@ def test_a_file_that_is_no_recording_is_refused(tmp_path: Path, recording: Path)
         capture_feed(text)
     with pytest.raises(SurveyError, match="--setup"):
         replay(recording, Log(), setup=MeasuringSetup())
-
-
-def test_an_import_without_counts_is_no_recorded_drop(recording: Path) -> None:
-    record = dataclasses.replace(traces(recording)[0], counts=None)
-    assert isinstance(feed_item_of(record, "x"), ImportedDrop)
 
 
 def test_a_replay_into_a_new_survey_keeps_the_targets(recording: Path, tmp_path: Path) -> None:

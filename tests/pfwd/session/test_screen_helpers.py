@@ -161,6 +161,7 @@ def test_the_position_of_a_point_is_the_receiver_s_unless_it_was_edited(tmp_path
         Session(feed, log, SessionPlan(options=None, position=Receiver()), writer).run()
     recorded = [event.saved.view.metadata["position"] for event in log.of(DropSaved)]
     assert list(map(place_in, recorded)) == [None, Place(48.2, 11.6)]
+    assert log.of(DropSaved)[0].saved.view.metadata["time_local"][-6] in "+-"
     view = log.of(SurveyChanged)[-1].view
     assert view.points["1"].position == (48.2, 11.6)
     assert read_points(folder)[0].position == (48.2, 11.6)

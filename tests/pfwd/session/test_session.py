@@ -2,6 +2,7 @@
 
 import dataclasses
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -83,21 +84,20 @@ def test_drops_are_numbered_within_their_points(log: Log, writer: Any) -> None:
     assert writer.points == ("1", "km 2")
 
 
-def test_a_survey_is_continued_at_its_last_point(log: Log, writer: Any) -> None:
-    run(ScriptedFeed(connected(), began(), pieces(ONE_DROP)), log, writer, point="A")
-    run(ScriptedFeed(connected(), began(9), pieces(ONE_DROP, 9)), log, writer)
-    run(ScriptedFeed(connected(), began(10), pieces(ONE_DROP, 10)), log, writer, point="B")
-    assert writer.saved == [("A", 1), ("A", 2), ("B", 1)]
+def test_the_named_point_then_that_of_the_setup_then_the_last_one_is_measured(
+    log: Log, writer: Any
+) -> None:
+    setup = parse_setup('point = "km 7"', "s.toml")
+    plans: list[dict[str, Any]] = [{"setup": setup, "point": "A"}, {"setup": setup}, {}]
+    for number, plan in enumerate(plans, 7):
+        feed = ScriptedFeed(connected(), began(number), pieces(ONE_DROP, number))
+        run(feed, log, writer, **plan)
+    assert writer.saved == [("A", 1), ("km 7", 1), ("km 7", 2)]
 
 
 def test_a_key_of_an_earlier_session_hides_no_drop(log: Log, writer: Any) -> None:
     other_drop = stream(3.0, [(1.0, 8000.0)], seed=2)  # another drop, at the same sample
-    for counts in (
-        ONE_DROP,
-        other_drop,
-        ONE_DROP,
-        other_drop,
-    ):  # an instrument numbers its runs from 7 again
+    for counts in [ONE_DROP, other_drop] * 2:  # an instrument numbers its runs from 7 again
         run(ScriptedFeed(connected(), began(), pieces(counts)), log, writer)
     first, second = recorded(writer)
     assert second.metadata["key"].startswith(first.metadata["key"] + "/")
@@ -106,14 +106,6 @@ def test_a_key_of_an_earlier_session_hides_no_drop(log: Log, writer: Any) -> Non
     (conflict,) = [notice for notice in log.of(SessionNotice) if notice.serious]
     assert "for drop 1" in conflict.text
     assert log.texts.count("was received again") == 2
-
-
-def test_the_point_of_the_setup_file_is_the_default(log: Log, writer: Any) -> None:
-    setup = parse_setup('point = "km 7"', "s.toml")
-    run(ScriptedFeed(connected(), began(), pieces(ONE_DROP)), log, writer, setup=setup)
-    feed = ScriptedFeed(connected(), began(9), pieces(ONE_DROP, 9))
-    run(feed, log, writer, setup=setup, point="B")
-    assert writer.saved == [("km 7", 1), ("B", 1)]
 
 
 def test_rebounds_are_stored_and_published_with_their_drop(log: Log, writer: Any) -> None:
@@ -142,33 +134,23 @@ def test_the_operator_may_trigger(log: Log, writer: Any) -> None:
     assert [view.marks for view in views] == [(Notice("triggered-by-operator"),)] * 2
     assert [view.own.kind for view in views] == [Kind.REJECTED] * 2
     assert "no drop was triggered, because no samples arrive" in log.texts
+    assert "triggered again" not in log.texts
 
 
 @pytest.mark.parametrize("counts", [ONE_DROP, stream(3.0)], ids=["a drop", "no drop"])
 def test_a_drop_is_screened_once_and_its_facts_are_stored(
     log: Log, writer: Any, counts: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    screened: list[int] = []
-
-    def counting(drop: Any, setup: Any) -> Any:
-        screened.append(drop.number)
-        return screen(drop, setup)
-
+    counting = Mock(wraps=screen)
     monkeypatch.setattr(drops, "screen", counting)
     items = pieces(counts)
-
-    def trigger() -> None:
-        if counts is not ONE_DROP:
-            session.trigger()
-
-    feed = ScriptedFeed(connected(), began(), items[:30], trigger, items[30:])
-    session = Session(feed, log, SessionPlan(options=None), writer)
-    session.run()
+    button = [] if counts is ONE_DROP else [Event(EventKind.TRIGGER, 0)]
+    run(ScriptedFeed(connected(), began(), items[:30], button, items[30:]), log, writer)
     (saved,) = log.of(DropSaved)
     (point,) = point_views(read_survey(writer.folder))
     (stored,) = point.drops
     live = saved.saved.view
-    assert screened == [1]
+    assert counting.call_count == 1
     assert (stored.own, stored.own_pulse_peak) == (live.own, live.own_pulse_peak)
     assert (stored.own.kind is Kind.REJECTED) == (counts is not ONE_DROP)
     for name in ("setup", "record", "declared", "metadata", "peaks", "has_traces"):
@@ -210,14 +192,6 @@ def test_enough_drops_end_it_when_the_hammer_is_at_rest(log: Log, writer: Any) -
     assert run(feed, log, writer, drops=2) is Ending.DONE
     assert feed.hushed == 0, "it did not wait for more"
     assert [len(each.rebounds) for each in recorded(writer)] == [1, 1]
-
-
-def test_saturated_samples_are_marked(log: Log, writer: Any) -> None:
-    counts = ONE_DROP.copy()
-    counts[10_060:10_070, 1] = 2**23 - 1
-    run(ScriptedFeed(connected(), began(), pieces(counts)), log, writer)
-    mark = Notice("saturated", {"samples": 10, "channel": "g0"})
-    assert log.of(DropSaved)[0].saved.view.marks == (mark,)
 
 
 def test_ready_comes_after_the_check_of_the_sensors(log: Log, writer: Any) -> None:
@@ -336,6 +310,7 @@ def test_a_saturated_drop_does_not_count_as_measured(log: Log, writer: Any) -> N
     job = JobRequest(procedure=plain_procedure(0, 2))
     run(ScriptedFeed(connected(identity), began(), pieces(counts)), log, writer, job=job)
     (point,) = point_views(read_survey(writer.folder))
+    assert [mark.code for mark in log.of(DropSaved)[0].saved.view.marks] == ["saturated"]
     assert (point.progress.used, point.progress.measured_done) == ((2,), 1)
     assert dict(point.progress.kinds)[1] is Kind.MEASURED  # it loaded the ground
     (excluded,) = point.progress.excluded
