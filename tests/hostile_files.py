@@ -27,8 +27,6 @@ class Attack:
     """Commands of ``pfwd`` that must reject the file."""
     slow: bool = False
     """True if it takes seconds to make or to reject the file."""
-    several: bool = False
-    """True if the rejection has a line for each drop."""
     arguments: tuple[str, ...] = ()
     """Arguments after the file, with its folder as ``{folder}``."""
 

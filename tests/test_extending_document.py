@@ -145,15 +145,6 @@ def lines_of_an_instrument() -> bytes:
     return "".join(lines).encode()
 
 
-def test_the_files_that_the_document_names_exist() -> None:
-    rows = re.findall(r"^\| [^|]+ \| ([^|]+) \| ([^|]+) \|[^|]*\|$", TEXT, re.M)[1:]
-    assert len(rows) == 7
-    for place, entry in rows:
-        for name in re.findall(r"`([\w/]+(?:\.py)?)`", place + entry):
-            if "/" in name:
-                assert (TOP / name).exists(), name
-
-
 def test_the_arguments_of_a_stage_agree_with_the_table() -> None:
     rows = dict(re.findall(r"^\| `(\w+)` \| `([\w, ]+)` \|", TEXT, re.M))
     stages = {"ground", "compliance", "nonlinear_stiffness", "motion", "record"}

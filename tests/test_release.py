@@ -62,11 +62,6 @@ def manifest(path: Path) -> Any:
     return YAML(typ="safe").load(path)
 
 
-def test_a_complete_project_lacks_only_the_installer(project: Any) -> None:
-    assert project.missing(finished=False) == []
-    assert project.missing(finished=True) == [project.installer.name]
-
-
 @pytest.mark.parametrize(
     ("file", "text", "name"),
     [

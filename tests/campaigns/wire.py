@@ -121,7 +121,19 @@ def pulled(reporter: Reporter, drops: int, seed: int) -> bool:
             pulling.join()
             recorded = Recorded(folder / "survey", played)
             stored = len(log.read_text().splitlines())
-        return _report(reporter, "pulled", drops, stored, recorded, cuts=link.cuts, seconds=seconds)
+        lost = drops - len(recorded.intact)
+        reporter.record(
+            part="pulled",
+            drops=drops,
+            kept=stored,
+            whole=len(recorded.intact),
+            lost=lost,
+            twice=recorded.twice,
+            damaged_unmarked=len(recorded.wrong),
+            cuts=link.cuts,
+            seconds=seconds,
+        )
+        return not (lost or recorded.twice or recorded.wrong)
 
 
 def _pull(link: BadLink, stop: threading.Event, seed: int, drops: int) -> None:
@@ -305,25 +317,3 @@ def _measure(url: str, folder: Path, drops: int, timeout: float) -> None:
         return nullcontext()
 
     measure(url, folder, lambda event: None, SessionPlan(drops=drops), control=control)
-
-
-def _report(
-    reporter: Reporter,
-    part: str,
-    drops: int,
-    stored: int,
-    recorded: Recorded,
-    **more: float,
-) -> bool:
-    lost = drops - len(recorded.intact)
-    reporter.record(
-        part=part,
-        drops=drops,
-        kept=stored,
-        whole=len(recorded.intact),
-        lost=lost,
-        twice=recorded.twice,
-        damaged_unmarked=len(recorded.wrong),
-        **more,
-    )
-    return not (lost or recorded.twice or recorded.wrong)

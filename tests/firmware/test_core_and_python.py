@@ -5,7 +5,6 @@ import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TypeVar
 
 import pytest
 from hypothesis import HealthCheck, example, given, settings
@@ -43,7 +42,6 @@ from tests.firmware.stepping import Steps, build_steps
 from tests.simulators.instrument_wire import of_kind
 
 pytestmark = needs_compiler
-_T = TypeVar("_T")
 U16, U32, U64 = (st.integers(0, 2**bits - 1) for bits in (16, 32, 64))
 SHARED = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 STORED_BYTES = 96

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from pfwd_device.conformance import conform
 from pfwd_device.conformance.storing import calibration_of, store_calibration
 from pfwd_device.errors import DeviceRefused
 from pfwd_device.transport.opening import open_transport
@@ -13,7 +14,6 @@ from simulators.firmware import BoardOptions, HostBoard, Played, play_scenario
 from simulators.instrument import serve
 from tests.firmware.compiled import needs_compiler
 from tests.firmware.test_host_board import QUICK
-from tests.tui.console import pfwd, records
 
 
 @pytest.fixture(scope="module")
@@ -47,9 +47,8 @@ def test_a_calibration_survives_the_process_and_the_conformance_test(
     with HostBoard(played, options) as board:
         port = partial(open_transport, board.url)
         assert store_calibration(port, []) == stored
-        run = pfwd("conform", board.url, "--only", "P-40,P-41")
-        assert run.returncode == 0, run.stdout
-        assert "P-40  passed" in run.stdout
+        results = [each.result for each in conform(port, only=("P-40", "P-41"))]
+        assert set(results) == {"passed"}
         assert store_calibration(port, []) == stored  # restored after the test
 
 
@@ -60,10 +59,8 @@ def test_an_instrument_without_permanent_memory_refuses_a_calibration(played: Pl
         calibration = calibration_of(store_calibration(port, []), 0)
         with pytest.raises(DeviceRefused, match=r"keeps no calibration; the instrument has no"):
             store_calibration(port, [calibration])
-        run = pfwd("conform", board.url, "--only", "P-40", "--json")
-    assert [each["result"] for each in records(run.stdout) if each["requirement"] == "P-40"] == [
-        "not-offered"
-    ]
+        results = {each.requirement: each.result for each in conform(port, only=("P-40",))}
+    assert results["P-40"] == "not-offered"
 
 
 def test_the_simulator_refuses_an_invalid_calibration() -> None:

@@ -41,9 +41,6 @@ offset_m = 0.0
 [text]
 names = false
 """
-DATABASE = b"""{"ParamsAcqu": {"FreqAcqu": 10000, "PreTrig": 0.001},
-"ParamsBearing": {"DPlate": 0.3},
-"PVs": [{"PV": {"Name": "a"}, "Points": [{"Point": {"ID": "1", "Number": 1}}]}]}"""
 STORED = bytes.fromhex("01000000 0f") + b"ISAANSIMPLEFILE" + bytes.fromhex("5573938d 01000000")
 XML = b'<MDDataSet xmlns="http://tempuri.org/MDDataSet.xsd">'
 JILS = b"""Weight/spring: 3
@@ -121,7 +118,7 @@ def _check_peaks(drop: Drop) -> None:
     basin_of(peaks, 0.15, 0.35)
 
 
-def project(database: bytes = DATABASE, traces: bytes = TRACES) -> bytes:
+def project(database: bytes = ACQUIRED, traces: bytes = TRACES) -> bytes:
     """A project with stored traces."""
     return zipped({"database.json": database, "rawdata/1": traces})
 

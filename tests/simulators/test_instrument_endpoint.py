@@ -15,11 +15,7 @@ import pytest
 from pfwd_device.wire.binary import BinaryDialect
 from pfwd_device.wire.messages import Event, EventKind, Hello, SampleBlock, Start
 from simulators.instrument.device import PortlessInstrument
-from simulators.instrument.endpoint import (
-    Endpoint,
-    EndpointError,
-    TcpEndpoint,
-)
+from simulators.instrument.endpoint import Endpoint, EndpointError, TcpEndpoint
 from simulators.instrument.run import open_endpoint
 from simulators.instrument.scenario import load_scenario
 from simulators.instrument.server import Server
@@ -273,20 +269,6 @@ def test_the_status_is_sent_while_idle(served: Serve) -> None:
         while len(messages) < 2:  # the kernel divides the bytes
             messages += host.feed(reader.read())
     assert time.monotonic() - begin < 5.0
-
-
-def test_ascii_sampling_starts_with_the_connection(served: Serve) -> None:
-    url, instrument = served({**BRIEF, "base": "ascii"}, 10.0, drops=1)
-    time.sleep(0.1)
-    assert not instrument.sampling
-    with closing(Reader(url)) as reader:
-        text = reader.read_to_end().decode("ascii")
-    note, *lines = text.splitlines()
-    rows = [line.split(",") for line in lines]
-    assert note == "# not in real time"  # at ten times the speed
-    assert {len(row) for row in rows} == {3}
-    assert len(rows) == pytest.approx(6000, abs=600)
-    assert text.endswith("\n")
 
 
 def test_sampling_stops_at_disconnection_and_continues_with_the_next_reader(served: Serve) -> None:

@@ -140,20 +140,16 @@ def _saturation(scene: Scene, share: float) -> SimulatedPoint:
 
 
 def _flexure(scene: Scene, share: float) -> SimulatedPoint:
-    frequency, damping = scene.device.uniform([150.0, 0.01], [300.0, 0.04])
-    return undisturbed(scene).through(
-        lambda s: unmodelled.plate_mode(s, frequency, damping, share),
-        share=share,
-        frequency_hz=float(frequency),
+    frequency, damping = scene.device.uniform([150.0, 0.01], [300.0, 0.04]).tolist()
+    return altered(
+        scene, unmodelled.plate_mode, frequency_hz=frequency, damping=damping, share=share
     )
 
 
 def _rocking(scene: Scene, share: float) -> SimulatedPoint:
-    frequency, damping = scene.generator.uniform([20.0, 0.03], [50.0, 0.12])
-    return undisturbed(scene).through(
-        lambda s: unmodelled.plate_mode(s, frequency, damping, share),
-        share=share,
-        frequency_hz=float(frequency),
+    frequency, damping = scene.generator.uniform([20.0, 0.03], [50.0, 0.12]).tolist()
+    return altered(
+        scene, unmodelled.plate_mode, frequency_hz=frequency, damping=damping, share=share
     )
 
 
@@ -168,9 +164,7 @@ def _clock(scene: Scene, error: float) -> SimulatedPoint:
 
 def _glitch(scene: Scene, share: float) -> SimulatedPoint:
     time = float(scene.generator.uniform(0.3, 1.2)) * scene.hammer_pulse
-    return undisturbed(scene).through(
-        lambda s: unmodelled.gain_glitch(s, time, share), share=share, time_s=time
-    )
+    return altered(scene, unmodelled.gain_glitch, time_s=time, share=share)
 
 
 def _traffic(scene: Scene, share: float) -> SimulatedPoint:

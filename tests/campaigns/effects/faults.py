@@ -60,12 +60,7 @@ def tilted_plate(scene: Scene, product: float) -> SimulatedPoint:
         scene.modulus, soil.density, soil.poisson_ratio, scene.radius, inertia
     )
     share = 1.5 * product * (-1.0 if scene.generator.random() < 0.5 else 1.0)
-    return undisturbed(scene).through(
-        lambda s: plate_mode(s, frequency, damping, share),
-        share=share,
-        frequency_hz=frequency,
-        damping=damping,
-    )
+    return altered(scene, plate_mode, frequency_hz=frequency, damping=damping, share=share)
 
 
 def creep(signals: Signals, gains: Sequence[float], times: Sequence[float]) -> Signals:
