@@ -116,6 +116,7 @@ class ScriptedFeed:
         self.acknowledged: list[tuple[int, int]] = []
         self.last_status: Status | None = None
         self.closed = False
+        self.session: Any = None
         self.hushed = 0
         self._forever = forever
         self._items: list[Any] = []
@@ -211,8 +212,9 @@ class SpyWriter:
 def run(
     feed: ScriptedFeed, log: Log, writer: Any = None, *, options: Any = None, **plan: Any
 ) -> Ending:
-    """The ending of a session without inversion."""
-    return Session(feed, log, SessionPlan(options=options, **plan), writer).run()
+    """The ending of a session without inversion; what the feed calls may use its `session`."""
+    feed.session = Session(feed, log, SessionPlan(options=options, **plan), writer)
+    return feed.session.run()
 
 
 ONE_DROP = stream(3.0, [(1.0, 8000.0)])

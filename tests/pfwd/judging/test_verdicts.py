@@ -19,10 +19,8 @@ from pfwd.files.header import PointSetup
 from pfwd.files.importing import import_files
 from pfwd.files.traces import TracePoint, write_traces
 from pfwd.judging import DropView, Job, PointView, Station, drop_from_traces, point_views
-from pfwd.judging.drops import classify_drops
 from pfwd.judging.verdicts import fit_before_diagnosis, modulus_in_force
 from pfwd.procedures import (
-    Kind,
     PointProgress,
     ReasonCode,
     SourcedNumber,
@@ -60,21 +58,9 @@ def test_the_nearest_target_counts() -> None:
     elsewhere = dataclasses.replace(point, name="13")
     judged = [judge_point(job, each) for each in (of_point, point, elsewhere)]
     assert [progress.target for progress in judged] == [60e6, 30e6, 50e6]
-    verdicts = [progress.verdict for progress in judged]
-    assert verdicts == [Verdict.FAIL, Verdict.PASS, Verdict.FAIL]
-    assert text_of(judge_point(job, of_point).target_source) == "of the point"
     bare = Job(procedure=plain_procedure())
     last = judge_point(bare, elsewhere, fallback=(20e6, Notice("target-of-report")))
     assert (text_of(last.target_source), last.verdict) == ("given with the report", Verdict.PASS)
-
-
-def test_a_target_of_another_quantity_gives_way_or_is_noted() -> None:
-    job = Job(procedure=find_procedure("mndot"), target=6e-4)
-    point = PointView("1", drops(), target=45e6)
-    assert judge_point(job, point).target == 6e-4
-    alone = judge_point(dataclasses.replace(job, target=None), point)
-    assert alone.verdict is Verdict.NONE
-    assert any("not compared" in text_of(note) for note in alone.notes)
 
 
 def test_a_discarded_point_has_no_verdict() -> None:
@@ -90,29 +76,6 @@ def test_drops_under_two_plates_are_no_point() -> None:
     progress = judge_point(Job(procedure=plain_procedure(), target=30e6), PointView("1", mixed))
     assert progress.verdict is Verdict.UNDECIDED
     assert known(progress.verdict_reason).values == {"smallest_m": 0.1, "largest_m": 0.15}
-
-
-def test_a_drop_is_a_rebound_of_a_larger_drop() -> None:
-    low = drop_from_traces(half_sine_drop(1, 1700.0), SETUP)
-    full = drop_from_traces(half_sine_drop(2, 9900.0), SETUP)
-    assert [fact.kind for fact in classify_drops([low])] == [Kind.MEASURED]
-    first, second = classify_drops([low, full])
-    assert (first.kind, second.kind) == (Kind.REJECTED, Kind.MEASURED)
-    assert "17% of the largest" in text_of(first.reason)
-
-
-def test_a_rejected_drop_does_not_seat_where_a_procedure_counts() -> None:
-    by_number = dataclasses.replace(SETUP, seating_drops=2)
-    by_procedure = dataclasses.replace(by_number, procedure="ours")
-    for setup, kinds in (
-        (by_number, ["rejected", "seating", "measured"]),
-        (by_procedure, ["rejected", "seating", "seating"]),
-    ):
-        some = [
-            drop_from_traces(half_sine_drop(n, p), setup)
-            for n, p in ((1, 900.0), (2, 8e3), (3, 8e3))
-        ]
-        assert [fact.kind.value for fact in classify_drops(some)] == kinds
 
 
 def diagnosis(
@@ -224,13 +187,6 @@ def test_a_diagnosis_explains_to_its_discrepancy_or_residual() -> None:
     assert DiagnosisResult(after=unknown).explained_to == 0.05
     assert DiagnosisResult().explained_to is None
     assert DiagnosisResult().use == "do-not-use"
-
-
-def test_the_json_of_a_diagnosis_has_its_use_and_reads_it_back() -> None:
-    result = diagnosis()
-    written = result.to_json()
-    assert [written[key] for key in ("use", "explained_to")] == ["design", result.explained_to]
-    assert read(DiagnosisResult, result.to_stored()) == result
 
 
 UNSUPPORTED = [

@@ -9,10 +9,17 @@ import pytest
 from pfwd.errors import OptionError
 from pfwd.session.calibration_change import calibration_changes
 from pfwd.session.events import CalibrationChanged, DropSaved, InstrumentReady
-from pfwd.session.plan import SessionPlan
-from pfwd.session.session import Session
 from pfwd_device.recording import SurveyWriter, read_survey
-from tests.pfwd.scripted_feed import GEOPHONE, IDENTITY, LOAD, Log, ScriptedFeed, connected, lost
+from tests.pfwd.scripted_feed import (
+    GEOPHONE,
+    IDENTITY,
+    LOAD,
+    Log,
+    ScriptedFeed,
+    connected,
+    lost,
+    run,
+)
 from tests.pfwd.session.measured import drops, record
 from tests.pfwd.session.test_kept_in_session import armed, buffered
 
@@ -70,14 +77,13 @@ def test_no_sample_is_recorded_until_the_operator_accepts_a_change(survey: Path)
             sure.append(len(log.of(DropSaved)))
             assert writer.drops_acknowledged == 1
             (event,) = log.of(CalibrationChanged)
-            measuring.ask(lambda session: session.accept_calibration(event))
+            feed.session.ask(lambda session: session.accept_calibration(event))
 
         feed = ScriptedFeed(
             connected(TURNED), LATER, armed(), buffered(), accept, lost(),
             connected(TURNED, again=True), armed(), buffered(first=9000),
         )  # fmt: skip
-        measuring = Session(feed, log, SessionPlan(options=None, changed_calibration="ask"), writer)
-        measuring.run()
+        run(feed, log, writer, changed_calibration="ask")
     assert sure == [0]
     assert feed.acknowledged == [(9, 500), (9, 9000)]
     identities = [drop.read().metadata["identity"] for drop in read_survey(survey).drops]

@@ -122,12 +122,8 @@ def test_an_older_question_that_waits_is_dropped(session: Session) -> None:
     assert session.diagnoses.n_pending == 2
 
 
-def test_a_rejected_drop_requests_no_diagnosis(session: Session) -> None:
-    session.drop("A", 1, 11, "rejected")
-    assert not session.jobs.open
-
-
 def test_no_diagnosis_is_requested_before_a_drop_is_measured(session: Session) -> None:
+    session.drop("B", 1, 10, "rejected")
     session.drop("A", 1, 11, "seating")
     assert not session.jobs.open, "there is nothing to diagnose: it would be called unexplained"
     session.drop("A", 2, 12)

@@ -9,7 +9,7 @@ from pfwd.session.events import PointBegan, Rebounded, SurveyChanged, SurveyRead
 from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
 from pfwd_device.recording import SurveyWriter, read_survey
-from tests.pfwd.scripted_feed import Log, Publisher, ScriptedFeed, connected
+from tests.pfwd.scripted_feed import Log, Publisher, ScriptedFeed, connected, run
 from tests.pfwd.session.measured import drops
 from tests.records import read
 
@@ -49,11 +49,10 @@ def test_a_session_continues_the_survey_of_the_previous_session(tmp_path: Path) 
 def test_a_requested_diagnosis_is_stored_by_the_session_that_writes(tmp_path: Path) -> None:
     diagnosis = read(DiagnosisResult, {"drops": [1], "verdict": "clean"})
     log = Log()
+    feed = ScriptedFeed(connected(), drops(8000.0))
     with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
-        feed = ScriptedFeed(connected(), drops(8000.0))
-        session = Session(feed, log, SessionPlan(options=None, point="1"), writer)
-        session.run()
-        session.keep_diagnosis(1, diagnosis)
+        run(feed, log, writer, point="1")
+        feed.session.keep_diagnosis(1, diagnosis)
     assert log.of(SurveyChanged)[-1].view.points["1"].diagnosis is diagnosis
     (point,) = read_survey(tmp_path / "s").points
     stored = last_diagnosis(point)

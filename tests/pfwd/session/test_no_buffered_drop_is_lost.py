@@ -15,20 +15,20 @@ from pathlib import Path
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from pfwd.session.buffered_drops import trigger_for
 from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
 from pfwd_device.acquisition.drop_transfers import DropTransfers
 from pfwd_device.acquisition.items import BufferedDrop, Counters, UnusableDrop
-from pfwd_device.recording import SurveyWriter, read_survey
+from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from pfwd_device.wire.fields import pack_int24
 from pfwd_device.wire.messages import Acknowledge, Armed, DropBlock, DropOffer, Fetch, Released
 from simulators.instrument.memory import DropBuffer, WaitingDrop
 from tests.pfwd import scripted_feed
 from tests.pfwd.judging.stories import UnsyncedStorage
 from tests.pfwd.scripted_feed import IDENTITY, Log, ScriptedFeed
+from tests.records import known
 
 TICK = 0.1
 """s."""
@@ -248,7 +248,7 @@ def test_each_erased_drop_is_in_the_survey_once(
             pass_time(10)
         pass_time(50 + 10 * len(everything))  # each of those that stay is offered
         host.end()
-        recorded = Counter(map(_facts_of_record, _records(survey)))
+        recorded = Counter(_facts_of_record(drop.read()) for drop in read_survey(survey).drops)
         erased = Counter(_facts(waiting) for waiting in instrument.erased)
         # Two drops that are alike in everything, name included, are one.
         assert set(erased) <= set(recorded)
@@ -273,17 +273,7 @@ def _facts(waiting: WaitingDrop) -> Facts:
     return offer.first_sample, offer.trigger, offer.sampling_rate, waiting.data
 
 
-def _records(survey: Path) -> list[tuple[dict[str, object], NDArray[np.int32]]]:
-    records = []
-    for drop in read_survey(survey).drops:
-        record = drop.read()
-        assert record.counts is not None
-        records.append((dict(record.metadata), record.counts))
-    return records
-
-
-def _facts_of_record(record: tuple[dict[str, object], NDArray[np.int32]]) -> Facts:
-    metadata, counts = record
-    detection, identity = metadata["detection"], metadata["identity"]
+def _facts_of_record(record: DropRecord) -> Facts:
+    detection, identity = record.metadata["detection"], record.metadata["identity"]
     cut = detection["first_sample"], detection["trigger"]
-    return *cut, identity["sampling_rate"], pack_int24(counts)
+    return *cut, identity["sampling_rate"], pack_int24(known(record.counts))

@@ -33,20 +33,16 @@ def test_the_helper_computes_the_published_checksum() -> None:
     assert sentence(EXAMPLE[1:-5].decode()) == EXAMPLE
 
 
-def test_a_position_with_its_quality() -> None:
-    (fix,) = NmeaParser(lambda: 7.0).feed(EXAMPLE)
+def test_a_position_has_its_quality_and_is_negative_in_south_and_west() -> None:
+    fix, other = NmeaParser(lambda: 7.0).feed(EXAMPLE + SOUTH_WEST)
     assert fix.latitude == pytest.approx(48 + 7.038 / 60)
     assert fix.longitude == pytest.approx(11 + 31.0 / 60)
     assert (fix.quality, fix.satellites, fix.hdop, fix.altitude) == (1, 8, 0.9, 545.4)
     assert fix.time_utc == "12:35:19+00:00"
     assert fix.received == 7.0
-
-
-def test_south_and_west_are_negative() -> None:
-    (fix,) = NmeaParser().feed(SOUTH_WEST)
-    assert fix.latitude == pytest.approx(-(33 + 51.65 / 60))
-    assert fix.longitude == pytest.approx(-(70 + 40.2 / 60))
-    assert fix.quality == 4
+    assert other.latitude == pytest.approx(-(33 + 51.65 / 60))
+    assert other.longitude == pytest.approx(-(70 + 40.2 / 60))
+    assert other.quality == 4
 
 
 # Some receivers go on naming the last place when they have lost the satellites.

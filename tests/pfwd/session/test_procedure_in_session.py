@@ -11,12 +11,10 @@ from pfwd.files.reading import read_points
 from pfwd.judging import JobRequest, Station, job_of, point_views
 from pfwd.procedures import find_procedure, plain_procedure
 from pfwd.session.events import DropSaved, JobReported
-from pfwd.session.plan import SessionPlan
 from pfwd.session.replay import capture_feed
-from pfwd.session.session import Session
 from pfwd.session.setup_file import MeasuringSetup, parse_setup, read_setup_file, with_procedure
 from pfwd_device.recording import SurveyWriter, read_survey
-from tests.pfwd.scripted_feed import Log, ScriptedFeed, connected
+from tests.pfwd.scripted_feed import Log, ScriptedFeed, connected, run
 from tests.pfwd.session.measured import drops, record
 
 PEAKS = (8000.0, 900.0, 8000.0, 8000.0, 8000.0, 8000.0)
@@ -166,11 +164,10 @@ def test_the_default_procedure_is_for_new_surveys(tmp_path: Path) -> None:
 
 
 def test_a_change_of_the_job_is_stored(tmp_path: Path) -> None:
-    log = Log()
+    request = JobRequest(target=4e7)
+    act = [lambda: feed.session.ask(lambda session: session.change_job(request))]
+    feed, log = ScriptedFeed(act, connected(), drops(8000.0)), Log()
     with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
-        feed = ScriptedFeed(connected(), drops(8000.0))
-        measuring = Session(feed, log, SessionPlan(options=None), writer)
-        measuring.ask(lambda it: it.change_job(JobRequest(target=4e7)))
-        measuring.run()
+        run(feed, log, writer)
     assert log.of(JobReported)[-1].job.target == 4e7
     assert job_of(read_survey(tmp_path / "s")).target == 4e7

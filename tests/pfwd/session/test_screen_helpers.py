@@ -1,6 +1,8 @@
 """Services of a session for a screen: requests, the pace of a replay, the content of a survey."""
 
+import contextlib
 import threading
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,29 +17,26 @@ from pfwd.judging.view import read_points
 from pfwd.session.events import DropSaved, Edited, PointBegan, SessionNotice, SurveyChanged
 from pfwd.session.feeds import Ended, RecordedDrop
 from pfwd.session.measure import replay
-from pfwd.session.plan import SessionPlan
 from pfwd.session.replay import Pace, Pause, RecordedFeed, survey_feed
 from pfwd.session.session import Session
 from pfwd.session.stored_drops import add_result, recorded_drop, stored_results
 from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.report.surveys import result_of
-from tests.pfwd.scripted_feed import Log, ScriptedFeed, connected
-from tests.pfwd.session.measured import drops
+from tests.pfwd.scripted_feed import Log, ScriptedFeed, connected, run
+from tests.pfwd.session.measured import drops, record
 from tests.records import read
 
 TWO_DROPS = [drops(8000.0, run=7), drops(7000.0, run=8)]
 
 
-def measured(folder: Path, *between: Any, options: Any = None) -> tuple[Log, Session]:
+def measured(folder: Path, *between: Any) -> Log:
     """A survey of two drops; `between` is called between them with the session."""
     log = Log()
+    steps = [lambda act=act: feed.session.ask(act) for act in between]
+    feed = ScriptedFeed(connected(), TWO_DROPS[0], steps, TWO_DROPS[1])
     with SurveyWriter.open(folder, publish=False) as writer:
-        holder: list[Session] = []
-        steps = [lambda act=act: holder[0].ask(act) for act in between]
-        feed = ScriptedFeed(connected(), TWO_DROPS[0], steps, TWO_DROPS[1])
-        holder.append(Session(feed, log, SessionPlan(options=options), writer))
-        holder[0].run()
-    return log, holder[0]
+        run(feed, log, writer)
+    return log
 
 
 def test_requests_run_in_the_thread_of_the_session(tmp_path: Path) -> None:
@@ -49,7 +48,7 @@ def test_requests_run_in_the_thread_of_the_session(tmp_path: Path) -> None:
         session.edit(Edit("target", 45e6), point="1")
         session.set_point("P 2")
 
-    log, _ = measured(tmp_path / "s", act)
+    log = measured(tmp_path / "s", act)
     assert threads == [threading.get_ident()]
     assert log.of(PointBegan) == [PointBegan("P 2")]
     assert [(each.what, each.number, each.point) for each in log.of(Edited)] == [
@@ -63,7 +62,7 @@ def test_requests_run_in_the_thread_of_the_session(tmp_path: Path) -> None:
 
 
 def test_a_refused_request_is_reported_and_the_session_continues(tmp_path: Path) -> None:
-    log, _ = measured(tmp_path / "s", lambda session: session.edit(Edit("note", "x"), point="no"))
+    log = measured(tmp_path / "s", lambda session: session.edit(Edit("note", "x"), point="no"))
     assert any("expected one of the survey's points" in each.text for each in log.of(SessionNotice))
     assert len(log.of(DropSaved)) == 2
 
@@ -72,15 +71,12 @@ def test_a_replay_is_not_edited(tmp_path: Path) -> None:
     measured(tmp_path / "s")
     log = Log()
 
-    class Asking:
-        def __init__(self, session: Session) -> None:
-            session.ask(lambda it: it.edit(Edit("note", "x"), point="1"))
+    @contextlib.contextmanager
+    def asking(session: Session) -> Iterator[None]:
+        session.ask(lambda it: it.edit(Edit("note", "x"), point="1"))
+        yield
 
-        def __enter__(self) -> None: ...
-
-        def __exit__(self, *_: object) -> None: ...
-
-    replay(tmp_path / "s", log, control=Asking)
+    replay(tmp_path / "s", log, control=asking)
     assert any("got a replay" in each.text for each in log.of(SessionNotice))
 
 
@@ -155,10 +151,7 @@ def test_the_position_of_a_point_is_the_receiver_s_unless_it_was_edited(tmp_path
         def record(self) -> dict[str, Any]:
             return positions.pop(0)
 
-    log = Log()
-    with SurveyWriter.open(folder, publish=False) as writer:
-        feed = ScriptedFeed(connected(), *TWO_DROPS)
-        Session(feed, log, SessionPlan(options=None, position=Receiver()), writer).run()
+    log = record(folder, connected(), *TWO_DROPS, position=Receiver())
     recorded = [event.saved.view.metadata["position"] for event in log.of(DropSaved)]
     assert list(map(place_in, recorded)) == [None, Place(48.2, 11.6)]
     assert log.of(DropSaved)[0].saved.view.metadata["time_local"][-6] in "+-"

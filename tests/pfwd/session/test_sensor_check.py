@@ -75,20 +75,24 @@ def test_a_sound_instrument() -> None:
     assert not bench.due
 
 
-def test_the_span_is_not_checked_without_a_shunt() -> None:
-    bench = Bench(IDENTITY)
-    bench.run(stream(1.0))
-    ((details, faults),) = bench.checks
-    assert (details["span_ratio"], faults, bench.requests) == (None, (), [])
-
-
-def test_a_zero_that_is_off() -> None:
+@pytest.mark.parametrize(
+    ("channel", "factor", "offset", "fault"),
+    [
+        (0, 1, 0, ()),
+        # One percent of 8 V over 8 V / 2^23 per newton is far more than the floor of 150 N.
+        (0, 1, 90_000, ("zero-too-large",)),
+        (1, 0, 17, ("channel-constant",)),
+    ],
+)
+def test_each_channel_is_checked_but_no_span_without_a_shunt(
+    channel: int, factor: int, offset: int, fault: tuple[str, ...]
+) -> None:
     counts = stream(1.0)
-    # One percent of 8 V over 8 V / 2^23 per newton is far more than the floor of 150 N.
-    counts[:, 0] += 90_000
+    counts[:, channel] = counts[:, channel] * factor + offset
     bench = Bench(IDENTITY)
     bench.run(counts)
-    assert bench.checks[0][1] == ("zero-too-large",)
+    ((details, faults),) = bench.checks
+    assert (details["span_ratio"], faults, bench.requests) == (None, fault, [])
 
 
 @pytest.mark.parametrize(("span", "sound"), [(1.015, True), (0.97, False), (0.0, False)])
@@ -98,14 +102,6 @@ def test_span(span: float, sound: bool) -> None:
     ((details, faults),) = bench.checks
     assert details["span_ratio"] == pytest.approx(span, abs=2e-3)
     assert (faults == ()) is sound
-
-
-def test_a_dead_channel() -> None:
-    counts = stream(1.0)
-    counts[:, 1] = 17
-    bench = Bench(IDENTITY)
-    bench.run(counts)
-    assert bench.checks[0][1] == ("channel-constant",)
 
 
 def test_a_shunt_that_does_not_respond_is_switched_off() -> None:

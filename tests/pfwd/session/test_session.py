@@ -25,8 +25,7 @@ from pfwd.session.events import (
     SessionNotice,
     SurveyChanged,
 )
-from pfwd.session.plan import Ending, SessionPlan
-from pfwd.session.session import Session
+from pfwd.session.plan import Ending
 from pfwd.session.setup_file import parse_setup
 from pfwd_device.acquisition.items import RateDeviation
 from pfwd_device.identity import ChannelIdentity
@@ -75,10 +74,9 @@ def test_drops_are_numbered_within_their_points(log: Log, writer: Any) -> None:
     counts = stream(12.0, [(1.0, 8000.0), (4.0, 8000.0), (7.0, 7000.0), (10.0, 7000.0)])
     items = pieces(counts)
     parts = items[:110], items[110:170], items[170:]  # to 5.5 s, to 8.5 s
-    moves = (lambda: session.set_point("  km 2 ")), (lambda: session.set_point("1"))
+    moves = (lambda: feed.session.set_point("  km 2 ")), (lambda: feed.session.set_point("1"))
     feed = ScriptedFeed(connected(), began(), parts[0], moves[0], parts[1], moves[1], parts[2])
-    session = Session(feed, log, SessionPlan(options=None), writer)
-    session.run()
+    run(feed, log, writer)
     assert writer.saved == [("1", 1), ("1", 2), ("km 2", 1), ("1", 3)]
     assert [event.saved.record for event in log.of(DropSaved)] == [1, 2, 3, 4]
     assert writer.points == ("1", "km 2")
@@ -124,12 +122,11 @@ def test_the_operator_may_trigger(log: Log, writer: Any) -> None:
     button = Event(EventKind.TRIGGER, 0, "button")
 
     def trigger() -> None:
-        session.trigger()
+        feed.session.trigger()
 
     before = [trigger, connected(), began()]  # too early: nothing comes yet
     feed = ScriptedFeed(before, items[:30], trigger, items[30:45], button, items[45:])
-    session = Session(feed, log, SessionPlan(options=None), writer)
-    session.run()
+    run(feed, log, writer)
     views = [event.saved.view for event in log.of(DropSaved)]
     assert [view.marks for view in views] == [(Notice("triggered-by-operator"),)] * 2
     assert [view.own.kind for view in views] == [Kind.REJECTED] * 2
@@ -169,11 +166,9 @@ def test_a_stored_rejection_holds_for_the_declared_geophone_only() -> None:
 
 def test_stop_finishes_the_drop_in_hand(log: Log, writer: Any) -> None:
     items = pieces(ONE_DROP)
-    feed = ScriptedFeed(
-        connected(), began(), items[:21], lambda: session.stop(), items[21:], forever=True
-    )
-    session = Session(feed, log, SessionPlan(options=None), writer)
-    assert session.run() is Ending.DONE
+    stop = [lambda: feed.session.stop()]
+    feed = ScriptedFeed(connected(), began(), items[:21], stop, items[21:], forever=True)
+    assert run(feed, log, writer) is Ending.DONE
     (event,) = log.of(DropSaved)
     assert event.saved.view.marks == ()
     assert feed.closed
@@ -257,15 +252,14 @@ def test_earlier_drops_that_count_are_read_from_the_survey(log: Log, writer: Any
     two = stream(6.0, [(1.0, 8000.0), (4.0, 7900.0)])
     run(ScriptedFeed(connected(), began(7), pieces(two, 7)), log, writer)
     feed = ScriptedFeed(connected(), began(8), pieces(two, 8))
-    session = Session(feed, log, SessionPlan(options=None), writer)
-    session.run()
-    session.edit(Edit("discard", "wet"), number=1)
-    earlier = session._pipeline._earlier_drops("1", 4)
+    run(feed, log, writer)
+    feed.session.edit(Edit("discard", "wet"), number=1)
+    earlier = feed.session._pipeline._earlier_drops("1", 4)
     assert [(drop.number, drop.record) for drop in earlier] == [(2, 2), (3, 3)]
     stored = recorded(writer)
     for drop in earlier:
         np.testing.assert_array_equal(drop.drop.load, stored[drop.number - 1].drop.load)
-    assert session._pipeline._earlier_drops("2", 4) == []
+    assert feed.session._pipeline._earlier_drops("2", 4) == []
 
 
 def test_drops_at_a_wrong_sampling_rate_get_no_verdict_now_and_later(log: Log, writer: Any) -> None:

@@ -79,10 +79,9 @@ def test_an_unsaved_drop_is_saved_at_the_end_or_reported(
     log: Log, writer: Any, forever: bool, failures: int, ending: Ending
 ) -> None:
     writer.failures = failures
-    stop = [lambda: session.stop()] if forever else []
+    stop = [lambda: feed.session.stop()] if forever else []
     feed = ScriptedFeed(connected(), began(), pieces(ONE_DROP), stop, forever=forever)
-    session = Session(feed, log, SessionPlan(options=None), writer)
-    assert session.run() is ending
+    assert run(feed, log, writer) is ending
     assert len(log.of(DropNotSaved)) == 1
     assert len(log.of(DropSaved)) == (ending is Ending.DONE)
 
@@ -242,7 +241,7 @@ def test_a_listener_that_fails_costs_no_drop(log: Log, writer: Any) -> None:
 
     feed = ScriptedFeed(connected(), began(), pieces(ONE_DROP))
     with pytest.raises(BrokenPipeError):
-        Session(feed, listener, SessionPlan(options=None), writer).run()
+        run(feed, listener, writer)  # type: ignore[arg-type]
     assert writer.saved == [("1", 1)]
 
 
@@ -376,10 +375,9 @@ def test_an_instrument_cannot_trigger_more_often_than_a_person(log: Log) -> None
 def test_a_stopped_session_accepts_no_trigger(log: Log, writer: Any) -> None:
     blocks = pieces(QUIET)
     items = [item for block in blocks[30:] for item in (block, TRIGGER)]
-    stop = [lambda: session.stop()]
+    stop = [lambda: feed.session.stop()]
     feed = ScriptedFeed(connected(), began(), blocks[:30], stop, items, forever=True)
-    session = Session(feed, log, SessionPlan(options=None), writer)
-    assert session.run() is Ending.DONE
+    assert run(feed, log, writer) is Ending.DONE
     assert writer.saved == []
 
 
@@ -388,12 +386,9 @@ def test_missing_samples_do_not_delay_the_end(
 ) -> None:
     monkeypatch.setattr("pfwd.session.session.STOPPED_DROP", 0.05)
     blocks = pieces(QUIET[:20_500])
-    feed = ScriptedFeed(
-        connected(), began(), blocks[:-1], TRIGGER, blocks[-1:], lambda: session.stop(),
-        forever=True,
-    )  # fmt: skip
-    session = Session(feed, log, SessionPlan(options=None), writer)
-    assert session.run() is Ending.DONE
+    items = [*blocks[:-1], TRIGGER, blocks[-1], lambda: feed.session.stop()]
+    feed = ScriptedFeed(connected(), began(), items, forever=True)
+    assert run(feed, log, writer) is Ending.DONE
     (event,) = log.of(DropSaved)
     assert "cut-off" in [mark.code for mark in event.saved.view.marks]
 

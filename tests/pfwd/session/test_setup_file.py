@@ -60,23 +60,16 @@ resolution = 0.5
         (f'point = "{"x" * 65}"', "point"),
         ("[link]\nbaud_rate = 10", "baud_rate"),
         ('[link]\ndialect = "morse"', "dialect"),
-        ("[instrument]\nadc_bits = 7", "adc_bits"),
-        ("[instrument]\nadc_range_v = -5.0", "adc_range_v"),
         ('[instrument]\nmodel = "a\\u001b[2J"', "model"),
         ("channels = [1]", r"channels\[1\]: expected a table"),
         ('[[channels]]\nrole = "load"', r"channels\[1\].name: expected text"),
         ('[[channels]]\nname = "a"\nrole = "nose"', "role"),
-        ('[[channels]]\nname = "a"\ncolumn = 0', "column"),
-        ('[[channels]]\nname = "a"\nsensitivity = 0', "sensitivity"),
         ('[[channels]]\nname = "a"\nzero_v = inf', "zero_v"),
         (
             '[[channels]]\nname = "a"\nnatural_frequency_hz = 0',
             "natural_frequency_hz: .*write geophone_natural_frequency_hz = 0.0",
         ),
-        ('[[channels]]\nname = "a"\ndamping = nan', "damping"),
-        ('[[channels]]\nname = "a"\nshunt_n = 0', "shunt_n"),
         ('[[channels]]\nname = "a"\ndue = 2026-01-01T00:00:00', "due"),
-        ('[[channels]]\nname = "a"\nresolution = 0', "resolution"),
         ('[[channels]]\nname = "a"\n[[channels]]\nname = "a"', "name.*'a' twice"),
         (
             '[[channels]]\nname = "a"\ncolumn = 1\n[[channels]]\nname = "b"\ncolumn = 1',
@@ -87,6 +80,10 @@ resolution = 0.5
         ("[detection]\npost_trigger_s = 60", "10 s"),
         ("plate_radius_m = 0,15", "TOML"),
         ("a = " + "[" * 5000, "TOML"),
+        ("plate_radius = 0.15", r"did you mean plate_radius_m\?"),
+        ('[[channels]]\nname = "a"\nsensitivty = 1.0', r"did you mean sensitivity\?"),
+        ("zzzzz = 1", "known are plate_radius_m, plate_mass_kg"),
+        ("[link]\nzzzzz = 1", "known are dialect, baud_rate"),
     ],
 )
 def test_the_key_at_fault_is_named_with_its_file(text: str, key: str) -> None:
@@ -97,51 +94,25 @@ def test_the_key_at_fault_is_named_with_its_file(text: str, key: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "suggestion"),
+    ("line", "replacement", "message"),
     [
-        ("plate_radius = 0.15", "plate_radius_m"),
-        ('[[channels]]\nname = "a"\nsensitivty = 1.0', "sensitivity"),
-        ("[detection]\nthreshold = 300", "threshold_n"),
+        ("sampling_rate_hz = 5000.0", "", "sampling_rate_hz"),
+        ("adc_bits = 16", "", "adc_bits"),
+        ("adc_range_v = 5.0", "", "adc_range_v"),
+        ("column = 2", "", "'g0': column"),
+        ('role = "geophone"', "", "'g0': role"),
+        ("sensitivity = 28.8", "", "'g0': sensitivity"),
+        ("damping = 0.6", "", "natural_frequency and damping together"),
+        ('role = "load"', 'role = "unused"', "role load"),
+        ('role = "geophone"', 'role = "unused"', "role geophone"),
     ],
 )
-def test_a_key_that_is_unknown_comes_with_a_suggestion(text: str, suggestion: str) -> None:
-    message = rf"field.toml.*did you mean {suggestion}\?"
-    with pytest.raises((SurveyError, DeviceError), match=message):
-        parse_setup(text, "field.toml")
-
-
-def test_a_key_without_a_similar_key_lists_the_accepted_keys() -> None:
-    with pytest.raises(SurveyError, match="known are plate_radius_m, plate_mass_kg"):
-        parse_setup("zzzzz = 1", "f")
-    with pytest.raises(SetupError, match="known are dialect, baud_rate"):
-        parse_setup("[link]\nzzzzz = 1", "f")
-
-
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("sampling_rate_hz = 5000.0", "sampling_rate_hz"),
-        ("adc_bits = 16", "adc_bits"),
-        ("adc_range_v = 5.0", "adc_range_v"),
-        ("column = 2", "'g0': column"),
-        ('role = "geophone"', "'g0': role"),
-        ("sensitivity = 28.8", "'g0': sensitivity"),
-        ("damping = 0.6", "natural_frequency and damping together"),
-        ('role = "load"', "'load': role"),
-    ],
-)
-def test_lines_need_everything_that_they_do_not_say(line: str, message: str) -> None:
+def test_lines_need_everything_that_they_do_not_report(
+    line: str, replacement: str, message: str
+) -> None:
     assert ASCII.count(line) == 1
     with pytest.raises(SetupError, match=f"field.toml: .*{message}"):
-        parse_setup(ASCII.replace(line, ""), "field.toml")
-
-
-@pytest.mark.parametrize(
-    ("role", "message"), [("load", "role load"), ("geophone", "role geophone")]
-)
-def test_lines_need_a_load_and_a_sensor(role: str, message: str) -> None:
-    with pytest.raises(SetupError, match=message):
-        parse_setup(ASCII.replace(f'role = "{role}"', 'role = "unused"'), "f")
+        parse_setup(ASCII.replace(line, replacement), "field.toml")
 
 
 def test_lines_that_are_declared_completely() -> None:

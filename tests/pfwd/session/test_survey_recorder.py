@@ -4,7 +4,6 @@ import errno
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,26 +14,21 @@ from pfwd.session.survey_recorder import SurveyRecorder
 from pfwd_device.jobs import Jobs
 from pfwd_device.recording import DropRecord, SpareFolder, Storage, SurveyWriter
 from tests.campaigns.power_loss import make_record
+from tests.pfwd.scripted_feed import Log
 from tests.pfwd_device.recording.records import Refusing
 
 
-class Reports:
+class Reports(Log):
     """Everything that a recorder reports, in order."""
 
-    def __init__(self) -> None:
-        self.events: list[Any] = []
-
     def saved(self, record: object, number: int, spare: Path | None) -> None:
-        self.events.append((number, spare))
+        self.append((number, spare))  # type: ignore[arg-type]
 
     def kinds(self) -> list[str]:
-        return [type(event).__name__ for event in self.events]
-
-    def of(self, kind: type) -> list[Any]:
-        return [event for event in self.events if isinstance(event, kind)]
+        return [type(event).__name__ for event in self]
 
     def recorder(self, writer: SurveyWriter) -> SurveyRecorder:
-        return SurveyRecorder(writer, self.saved, self.events.append)
+        return SurveyRecorder(writer, self.saved, self)
 
 
 def drop(number: int) -> DropRecord:
@@ -67,7 +61,7 @@ def test_a_lost_survey_is_reported_first(
     shutil.rmtree(survey)
     recorder.keep(drop(2))
     assert reports.kinds() == ["tuple", "SurveyFilesChanged", "tuple"]
-    assert "NOT SAFE" in reports.events[1].text
+    assert "NOT SAFE" in reports[1].text
 
 
 @pytest.mark.posix
@@ -117,9 +111,9 @@ def test_a_drop_names_its_spare_folder(survey: Path, tmp_path: Path, reports: Re
         assert recorder.held == 0
         part = writer.spare_folder_of(2)
         assert part is not None
-        assert reports.events[-1] == (2, part)
+        assert reports[-1] == (2, part)
         recorder.finish(lambda: True)
-        assert f"pfwd recover {survey}" in reports.events[-1].text
+        assert f"pfwd recover {survey}" in reports[-1].text
 
 
 def test_a_drop_that_no_place_takes_is_held_and_named(survey: Path, reports: Reports) -> None:
@@ -130,7 +124,7 @@ def test_a_drop_that_no_place_takes_is_held_and_named(survey: Path, reports: Rep
         recorder.keep(drop(1))
         assert reports.kinds() == ["DropNotSaved"]
         recorder.finish(lambda: True)
-        assert reports.events[-1].text.startswith("LOST: drop P 1/1")
+        assert reports[-1].text.startswith("LOST: drop P 1/1")
         disk.refuse(False)
 
 
@@ -145,7 +139,7 @@ def test_a_drop_file_that_cannot_be_written_is_reported(survey: Path, reports: R
         recorder = reports.recorder(writer)
         recorder.keep(drop(1))
         writer.publish(1)
-        while not reports.events[1:]:
+        while not reports[1:]:
             recorder.retry()
         (event,) = reports.of(DropNotPublished)
         assert (event.point, event.number) == ("P 1", 1)
