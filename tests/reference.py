@@ -27,14 +27,10 @@ def shear_modulus(modulus: float, poisson_ratio: float) -> float:
     return modulus / (2 * (1 + poisson_ratio))
 
 
-def lame_parameter(modulus: float, poisson_ratio: float) -> float:
-    """lambda = nu E / ((1 + nu) (1 - 2 nu))."""
-    return poisson_ratio * modulus / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
-
-
 def p_wave_velocity(modulus: float, poisson_ratio: float, density: float) -> float:
-    """cp = sqrt((lambda + 2 G) / rho)."""
-    stiffness = lame_parameter(modulus, poisson_ratio) + 2 * shear_modulus(modulus, poisson_ratio)
+    """cp = sqrt(M / rho) with M = E (1 - nu) / ((1 + nu) (1 - 2 nu))."""
+    nu = poisson_ratio
+    stiffness = modulus * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
     return math.sqrt(stiffness / density)
 
 

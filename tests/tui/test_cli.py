@@ -96,40 +96,6 @@ def test_the_help_of_a_command_imports_nothing_heavy() -> None:
     subprocess.run([sys.executable, "-c", code], cwd=TOP, check=True)
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["invert"],
-        ["invert", "a.csv", "--model", "sand"],
-        ["invert", "a.csv", "--bedrock-depth", "deep"],
-        ["invert", "a.csv", "--jobs", "0"],
-        ["invert", "a.csv", "--plot", "a.xyz"],
-        ["invert", "a.csv", "--publ"],
-    ],
-)
-def test_wrong_usage_is_status_2(arguments: list[str], command: Command) -> None:
-    printed = command(*arguments)
-    assert (printed.status, printed.out) == (2, "")
-    assert "error:" in printed.err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--model", "half-space", "--bedrock-depth", "1"], "expected one of the two, got both"),
-        (["--published", "--plate", "rigid-rough"], "--published and --plate rigid-rough"),
-        (["--poisson-ratio", "0.5"], "--poisson-ratio"),
-        (["--header", "no-such.toml"], "--header no-such.toml: expected a TOML file"),
-    ],
-)
-def test_contradictions_and_ranges_are_status_2(
-    arguments: list[str], message: str, command: Command
-) -> None:
-    printed = command("invert", "a.csv", *arguments)
-    assert printed.status == 2
-    assert message in printed.refusal
-
-
 def test_every_option_reaches_the_analysis(tmp_path: Path) -> None:
     header = tmp_path / "setup.toml"
     header.write_text("")

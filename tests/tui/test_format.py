@@ -44,11 +44,9 @@ def cell(drop_result: DropResult, column: str) -> str:
         ({"modulus_sd_pa": None}, "E MPa", "47.3"),
         ({"bedrock_depth_m": None}, "bedrock m", "-"),
         ({"viscosity_pa_s": float("nan")}, "η kPa s", "-"),
-        ({"viscosity_pa_s": float("inf")}, "η kPa s", "-"),
         ({"density_sd_kg_m3": 500.0}, "ρ kg/m³", "2000 ± 500"),
         # No more digits than the interval and the residual of the fit support.
         ({"modulus_interval_pa": (46.1e6, 48.4e6)}, "ρ kg/m³", "1980 ± 10"),
-        (UNEXPLAINED, "ρ kg/m³", "1980 ± 10"),
         (UNEXPLAINED | {"viscosity_sd_pa_s": 1.0}, "η kPa s", "54.0"),
         ({"density_sd_kg_m3": 1e-3, "modulus_interval_pa": (47.2e6, 47.4e6)}, "ρ kg/m³", "1983"),
     ],

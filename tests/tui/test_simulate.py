@@ -10,7 +10,7 @@ import pytest
 
 from pfwd_device.wire.binary import BinaryDialect
 from pfwd_device.wire.messages import Start
-from tests.tui.console import Command, running
+from tests.tui.console import running
 
 TCP = ("--listen", "tcp://127.0.0.1:0")
 
@@ -69,18 +69,3 @@ def test_a_signal_ends_the_simulation(
         assert process.stderr is not None
         assert "Traceback" not in process.stderr.read()
     assert json.loads(truth.read_text(encoding="utf-8")) == []
-
-
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        (["--scenario", "nowhere"], "expected an existing file or one of ascii"),
-        (["--listen", "morse"], "expected pty or tcp://HOST:PORT"),
-        (["--drops", "0"], "from 1"),
-        (["--rate", "-1"], "rate"),
-    ],
-)
-def test_wrong_usage_has_status_2(arguments: list[str], reason: str, command: Command) -> None:
-    printed = command("simulate", *arguments)
-    assert (printed.status, printed.out) == (2, "")
-    assert reason in printed.err

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from simulators.instrument import serve
-from tests.tui.console import PLAIN, TOP, pfwd
+from tests.tui.console import PLAIN, TOP
 
 if os.name != "posix":
     pytest.skip("needs a pseudo-terminal", allow_module_level=True)
@@ -129,15 +129,6 @@ def test_the_demo_has_the_screen_on_a_terminal_and_ends_by_sigterm(tmp_path: Pat
         assert ended(program) == 0
     assert "simulated moduli, which the measurement" in text(program)
     assert drops_of(survey) >= 1
-
-
-@pytest.mark.parametrize("command", [["live", "/dev/x", "-o", "s"], ["replay", "s", "--live"]])
-def test_without_a_terminal_the_error_is_a_single_line(command: list[str]) -> None:
-    completed = pfwd(*command)
-    assert completed.returncode == 2
-    assert completed.stdout == ""
-    assert len(completed.stderr.strip().splitlines()) == 1
-    assert "expected a terminal" in completed.stderr
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ from tests.pfwd.report.surveys import SETUP, write_judged_survey
 from tests.records import complete
 from tests.tui.console import Command, records
 from tests.tui.screen.scripted import terminal_text, until
-from tui.diagnosis_lines import diagnosis_lines, diagnosis_sentence, point_cells, survey_lines
+from tui.diagnosis_lines import diagnosis_sentence, point_cells, survey_lines
 from tui.page.server import is_local, parse_place
 from tui.screen.drawing.glyphs import BRAILLE
 from tui.screen.drawing.lines import text_of
@@ -339,10 +339,8 @@ async def test_keys_sort_and_export(app: OpenApp, pilot: Any, tmp_path: Path) ->
     [
         ("", ("127.0.0.1", 8765)),
         ("9000", ("127.0.0.1", 9000)),
-        ("0.0.0.0", ("0.0.0.0", 8765)),
         ("0.0.0.0:80", ("0.0.0.0", 80)),
         ("[::1]:80", ("::1", 80)),
-        ("[::1]", ("::1", 8765)),
         ("::1", ("::1", 8765)),
         (":9000", ("127.0.0.1", 9000)),
     ],
@@ -422,10 +420,6 @@ def test_screen_and_diagnose_print_the_same_modulus_and_unexplained_part(
     assert (page_row[3], page_row[4]) == (cells.modulus, cells.use) == ("none", "do not use")
     sentence = diagnosis_sentence(result, SI)
     assert "81 MPa (72 to 112), use with care; 1.4 % of the peak unexplained" in sentence
-    assert "1.4 % of the peak unexplained" in diagnosis_sentence(result)
-    (text_on_page,) = (text for text in diagnosis_lines(result) if "Use with care" in text)
-    assert "81 MPa (72 to 112)" in text_on_page
-    assert "1.4 % of the peak is unexplained" in text_on_page
 
 
 async def test_names_in_cells_are_not_read_as_markup(app: OpenApp, pilot: Any) -> None:
