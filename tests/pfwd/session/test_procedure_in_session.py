@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from pfwd.analysis.screening.drops import screen_point
-from pfwd.errors import OptionError, TraceError
+from pfwd.errors import OptionError
 from pfwd.files.reading import read_points
 from pfwd.judging import JobRequest, Station, job_of, point_views
 from pfwd.procedures import find_procedure, plain_procedure
@@ -39,19 +39,14 @@ def recorded_job(folder: Path, peaks: tuple[float, ...], run: int = 1, **plan: A
     return record(folder, connected(), drops(*peaks, run=run), **plan)
 
 
-def measured(tmp_path: Path, setup: MeasuringSetup, **plan: Any) -> tuple[Path, list[str]]:
-    log = recorded_job(tmp_path / "survey", PEAKS, setup=setup, **plan)
-    return tmp_path / "survey", statuses(log)
-
-
 def statuses(log: Log) -> list[str]:
     return [event.saved.screening.status for event in log.of(DropSaved)]
 
 
 def test_a_rejected_drop_does_not_count_as_seating(tmp_path: Path) -> None:
-    folder, kinds = measured(tmp_path, MNDOT)
+    kinds = statuses(recorded_job(tmp_path / "s", PEAKS, setup=MNDOT))
     assert kinds == ["seating", "rejected", "seating", "seating", "measured", "measured"]
-    (point,) = read_points(folder)  # the same when the survey is read again
+    (point,) = read_points(tmp_path / "s")  # the same when the survey is read again
     assert [screening.status for screening in screen_point(point)] == kinds
     parts = enumerate((PEAKS[:2], PEAKS[2:]), 1)
     continued = [recorded_job(tmp_path / "c", part, run, setup=MNDOT) for run, part in parts]
@@ -62,9 +57,9 @@ def test_the_survey_stores_the_text_of_the_procedure(tmp_path: Path) -> None:
     (tmp_path / "two.toml").write_text(PROFILE, encoding="utf-8")
     (tmp_path / "setup.toml").write_text('[procedure]\nfile = "two.toml"\n', encoding="utf-8")
     setup = read_setup_file(tmp_path / "setup.toml")
-    folder, kinds = measured(tmp_path, setup)
+    kinds = statuses(recorded_job(tmp_path / "s", PEAKS, setup=setup))
     assert kinds[:4] == ["seating", "rejected", "seating", "measured"]
-    survey = read_survey(folder)
+    survey = read_survey(tmp_path / "s")
     (text,) = [each["details"]["text"] for each in survey.events if each["event"] == "procedure"]
     assert text == PROFILE
     assert survey.drops[0].read().declared["procedure"] == "two"
@@ -77,24 +72,6 @@ def test_a_capture_is_replayed_by_the_procedure_of_the_command_line(tmp_path: Pa
         # Nothing came: what counts is how it would be read.
     _, setup, _ = capture_feed(path)
     assert (setup.procedure.name, setup.declared["seating_drops"]) == ("two", 2)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ('[procedure]\nname = "mndott"', "procedure: expected one of astm-e2583"),
-        ('[procedure]\nname = "mndot"\nfile = "x.toml"', "got name and file"),
-        ("[procedure]\n", "either name or file, got none"),
-        ('[procedure]\nnmae = "mndot"', "a known key, got 'nmae'; did you mean name"),
-        ('[procedure]\nname = "mndot"\nenforce_unverified = 1', "true or false, got 1"),
-        ("procedure = 3", "a name or a table .procedure., got 3"),
-        ('seating_drops = 2\nprocedure = "mndot"', "seating_drops: expected 3, .* got 2"),
-        ('[procedure]\nfile = "no-such.toml"', "a readable TOML file"),
-    ],
-)
-def test_a_faulty_procedure_in_the_setup_is_refused(text: str, message: str) -> None:
-    with pytest.raises(TraceError, match=message):
-        parse_setup(text, "setup.toml")
 
 
 def test_on_the_command_line_a_contradiction_is_wrong_usage() -> None:

@@ -1,10 +1,10 @@
 """Replays of recordings: the same samples give the same results."""
 
-import copy
+import contextlib
 import dataclasses
 import itertools
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +20,12 @@ from pfwd.files.importing import import_files
 from pfwd.files.traces import TracePoint, write_traces
 from pfwd.judging import JobRequest, job_of
 from pfwd.session.drop_metadata import feed_item_of
-from pfwd.session.events import DropAnalysed, DropSaved
+from pfwd.session.events import DropAnalysed, DropSaved, SessionNotice
 from pfwd.session.feeds import Ended, RecordedDrop
 from pfwd.session.measure import replay
 from pfwd.session.plan import Ending
-from pfwd.session.replay import Pause, RecordedFeed, capture_feed, survey_feed
+from pfwd.session.replay import Pace, Pause, RecordedFeed, capture_feed, survey_feed
+from pfwd.session.session import Session
 from pfwd.session.setup_file import MeasuringSetup
 from pfwd_device import Drop
 from pfwd_device.acquisition.items import Gap
@@ -165,24 +166,21 @@ def test_different_traces_are_not_identical(recording: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("part", "value"),
+    ("of_drop", "of_detection"),
     [
-        (("missing",), None),
-        (("missing",), [["a", 1]]),
-        (("identity",), {}),
-        (("detection", "stream"), "x"),
-        (("detection", "settings"), {"unheard_of": 1}),
-        (("detection", "settings"), {"hysteresis": 2.0}),
-        (("detection", "at_rest"), {}),
+        ({"missing": None}, {}),
+        ({"missing": [["a", 1]]}, {}),
+        ({"identity": {}}, {}),
+        ({}, {"stream": "x"}),
+        ({}, {"settings": {"unheard_of": 1}}),
+        ({}, {"settings": {"hysteresis": 2.0}}),
+        ({}, {"at_rest": {}}),
     ],
 )
-def test_incomplete_metadata_is_refused(recording: Path, part: tuple[str, ...], value: Any) -> None:
+def test_incomplete_metadata_is_refused(recording: Path, of_drop: Any, of_detection: Any) -> None:
     record = traces(recording)[0]
-    metadata: Any = copy.deepcopy(dict(record.metadata))
-    inner = metadata
-    for key in part[:-1]:
-        inner = inner[key]
-    inner[part[-1]] = value
+    detection = record.metadata["detection"] | of_detection
+    metadata = record.metadata | {"detection": detection} | of_drop
     with pytest.raises(DeviceError):
         feed_item_of(dataclasses.replace(record, metadata=metadata), "x")
 
@@ -208,6 +206,48 @@ def test_a_replay_in_real_time_takes_its_time_and_stays_awake(recording: Path) -
     expected = (1.0 + sum(min(10.0, pause) for pause in pauses) + samples / 10_000) / 2
     assert sum(slept) == pytest.approx(expected, rel=1e-3)
     assert idle > 0
+
+
+def test_a_paused_replay_waits_and_steps_drop_by_drop(tmp_path: Path) -> None:
+    record(tmp_path / "s", connected(), drops(8000.0, 7000.0))
+    pace = Pace()
+    pace.pause()
+    feed = survey_feed(read_survey(tmp_path / "s"), pace, lambda _: None)
+
+    def drops_before_the_pause() -> int:
+        items: list[Any] = []
+        while (item := feed.next(0.01)) is not None and not isinstance(item, Ended):
+            items.append(item)
+        return sum(isinstance(item, RecordedDrop) for item in items)
+
+    assert drops_before_the_pause() == 0
+    pace.step()
+    assert drops_before_the_pause() == 1
+    pace.go_on()
+    assert drops_before_the_pause() == 1
+
+
+def test_the_pace_is_changed_on_the_way() -> None:
+    slept: list[float] = []
+    pace = Pace(2.0)
+    feed = RecordedFeed([Pause(1.0), Ended()], pace, slept.append)
+    assert feed.next(0.25) is None  # half of the recorded second
+    pace.speed = 0.5
+    assert feed.next(0.5) is None  # a quarter
+    pace.speed = 0.0
+    assert isinstance(feed.next(0.1), Ended)
+    assert slept == [0.25, 0.5]
+
+
+def test_a_replay_is_not_edited(recording: Path) -> None:
+    @contextlib.contextmanager
+    def asking(session: Session) -> Iterator[None]:
+        session.ask(lambda it: it.edit(Edit("note", "x"), point="1"))
+        yield
+
+    log = Log()
+    replay(recording, log, control=asking)
+    assert any("got a replay" in each.text for each in log.of(SessionNotice))
 
 
 def test_a_pause_at_a_tiny_speed_can_be_interrupted() -> None:

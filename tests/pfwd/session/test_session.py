@@ -1,6 +1,7 @@
 """A session against scripted samples: what is saved, told and when."""
 
 import dataclasses
+import threading
 from typing import Any
 from unittest.mock import Mock
 
@@ -17,8 +18,10 @@ from pfwd.judging import JobRequest, drops, point_views
 from pfwd.procedures import Kind, PointDrop, plain_procedure
 from pfwd.session.events import (
     DropSaved,
+    Edited,
     LiveSamples,
     NotReady,
+    PointBegan,
     Ready,
     Rebounded,
     SensorCheck,
@@ -26,6 +29,7 @@ from pfwd.session.events import (
     SurveyChanged,
 )
 from pfwd.session.plan import Ending
+from pfwd.session.session import Session
 from pfwd.session.setup_file import parse_setup
 from pfwd_device.acquisition.items import RateDeviation
 from pfwd_device.identity import ChannelIdentity
@@ -162,6 +166,36 @@ def test_a_stored_rejection_holds_for_the_declared_geophone_only() -> None:
     assert stored_facts(1, setup, metadata, None) == (rejected, 0.0)
     corrected = dataclasses.replace(setup, geophone_natural_frequency=4.5, geophone_damping=0.6)
     assert stored_facts(1, corrected, metadata, None) is None
+
+
+def test_requests_run_in_the_thread_of_the_session(log: Log, writer: Any) -> None:
+    threads: list[int] = []
+
+    def act(session: Session) -> None:
+        threads.append(threading.get_ident())
+        session.edit(Edit("discard", "by hand"), number=1)
+        session.edit(Edit("target", 45e6), point="1")
+        session.set_point("P 2")
+
+    acts = [
+        lambda: feed.session.ask(act),
+        lambda: feed.session.ask(lambda session: session.edit(Edit("note", "x"), point="no")),
+    ]
+    feed = ScriptedFeed(
+        connected(), began(), pieces(ONE_DROP), acts, began(8), pieces(ONE_DROP[::-1], 8)
+    )
+    run(feed, log, writer)
+    assert threads == [threading.get_ident()]
+    assert log.of(PointBegan) == [PointBegan("P 2")]
+    assert [(each.what, each.number, each.point) for each in log.of(Edited)] == [
+        ("discard", 1, None),
+        ("target", None, "1"),
+    ]
+    survey = read_survey(writer.folder)
+    assert [drop.discarded for drop in survey.drops] == [True, False]
+    assert [drop.point for drop in survey.drops] == ["1", "P 2"]
+    assert survey.points[0].target == 45e6
+    assert "expected one of the survey's points" in log.texts  # and the session continued
 
 
 def test_stop_finishes_the_drop_in_hand(log: Log, writer: Any) -> None:

@@ -84,6 +84,11 @@ resolution = 0.5
         ('[[channels]]\nname = "a"\nsensitivty = 1.0', r"did you mean sensitivity\?"),
         ("zzzzz = 1", "known are plate_radius_m, plate_mass_kg"),
         ("[link]\nzzzzz = 1", "known are dialect, baud_rate"),
+        ('[procedure]\nname = "mndot"\nfile = "x.toml"', "got name and file"),
+        ("[procedure]\n", "either name or file, got none"),
+        ('[procedure]\nnmae = "mndot"', "a known key, got 'nmae'; did you mean name"),
+        ("procedure = 3", "a name or a table .procedure., got 3"),
+        ('seating_drops = 2\nprocedure = "mndot"', "seating_drops: expected 3, .* got 2"),
     ],
 )
 def test_the_key_at_fault_is_named_with_its_file(text: str, key: str) -> None:
@@ -209,6 +214,9 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     for path in (tmp_path / "none.toml", tmp_path):
         with pytest.raises(SurveyError, match="expected a readable TOML file"):
             read_setup_file(path)
+    for procedure in ('file = "none.toml"', 'name = "none"'):
+        with pytest.raises(SurveyError, match=r"expected (a readable TOML file|one of astm-e2583)"):
+            parse_setup(f"[procedure]\n{procedure}", "field.toml")
     odd = tmp_path / "odd.toml"
     odd.write_bytes(b"site = '\xff\xfe'")
     with pytest.raises(SurveyError, match="UTF-8"):
