@@ -10,13 +10,8 @@ from pfwd_device import Channel, Drop
 from pfwd_device.drop import Peaks
 
 
-def a_drop() -> Drop:
-    time = np.arange(-10, 90) / 1000
-    return Drop(1, time, np.ones(100), (Channel(0.0, "velocity", np.zeros(100)),))
-
-
 def test_sampling_rate_is_samples_per_second() -> None:
-    assert a_drop().sampling_rate == pytest.approx(1000.0, rel=1e-12)
+    assert measured_drop().sampling_rate == pytest.approx(1000.0, rel=1e-12)
 
 
 def test_arrays_become_read_only_copies_of_floats() -> None:

@@ -39,7 +39,8 @@ DATA = pack_int24(COUNTS)
 EACH = 10
 NAME = 7, 1000
 OFFER = DropOffer(*NAME, 2_000_000, 20, 95, COUNTS.shape[1], EACH, zlib.crc32(DATA), 2000.0)
-WRONG = dataclasses.replace(OFFER, crc=1)
+OTHER = dataclasses.replace(OFFER, crc=1)
+"""Offer of another drop under the same name, or with a wrong checksum."""
 TRIGGER = Trigger(True, 0, 400, 3, 20, 75, 1000)
 
 
@@ -92,15 +93,6 @@ def fetch(transfers: DropTransfers) -> None:
         transfers.take(block(number), 0.1, None)
 
 
-def with_same_name(seed: int) -> tuple[DropOffer, list[DropBlock]]:
-    """Another drop under the same name: its Offer and its blocks."""
-    data = pack_int24(COUNTS + seed)
-    offer = dataclasses.replace(OFFER, crc=zlib.crc32(data))
-    size = 3 * COUNTS.shape[1] * EACH
-    blocks = [DropBlock(*NAME, number, data[number * size :][:size]) for number in range(10)]
-    return offer, blocks
-
-
 def test_no_second_acknowledge_erases_the_next_drop_of_the_name(transfers: DropTransfers) -> None:
     """Released was lost: only an Offer shows which drop the instrument has under the name."""
     fetch(transfers)
@@ -109,8 +101,7 @@ def test_no_second_acknowledge_erases_the_next_drop_of_the_name(transfers: DropT
     for tenth in range(3, 30):
         transfers.tick(tenth / 10)
     assert sent_by(transfers) == []
-    second, _ = with_same_name(1)
-    transfers.take(second, 3.0, None)
+    transfers.take(OTHER, 3.0, None)
     assert sent_by(transfers) == [Fetch(*NAME, 0, 10)]
     assert transfers.unreleased == 0  # the other Offer shows that the first drop is erased
 
@@ -120,8 +111,7 @@ def test_a_late_acknowledge_erases_no_other_drop(transfers: DropTransfers) -> No
     transfers.cut()
     sent_by(transfers)
     transfers.acknowledge(OFFER, 5.0)  # nobody knows what the instrument has now
-    second, _ = with_same_name(1)
-    transfers.take(second, 6.0, None)
+    transfers.take(OTHER, 6.0, None)
     transfers.acknowledge(OFFER, 6.1)
     transfers.take(OFFER, 7.0, None)
     assert sent_by(transfers) == [
@@ -160,27 +150,20 @@ def test_missing_blocks_are_requested_also_after_a_cut(transfers: DropTransfers)
     assert isinstance(transfers.take(block(8), 6.2, None), BufferedDrop)
 
 
-def test_a_drop_with_a_wrong_crc_is_refetched(transfers: DropTransfers) -> None:
-    transfers.take(WRONG, 0.0, None)
-    sent_by(transfers)
-    assert [transfers.take(block(number), 0.1, None) for number in range(10)] == [None] * 10
-    assert sent_by(transfers) == [Fetch(*NAME, 0, 10)]
-
-
 def test_a_drop_with_no_crc_is_reported_once(transfers: DropTransfers, counters: Counters) -> None:
     items: list[object] = []
     fetched = 0
     for tenth in range(1000):
         now = tenth / 10
         if tenth % 4 == 0:  # an Offer with every Status
-            transfers.take(WRONG, now, None)
+            transfers.take(OTHER, now, None)
         transfers.tick(now)
         for _ in [each for each in sent_by(transfers) if isinstance(each, Fetch)]:
             fetched += 1
             items += [transfers.take(block(number), now, None) for number in range(10)]
     (unusable,) = [each for each in items if each is not None]
     assert isinstance(unusable, UnusableDrop)
-    assert unusable.offer == WRONG
+    assert unusable.offer == OTHER
     assert f"got another checksum in {N_UNSOUND_BEFORE_REPORT} transfers" in unusable.reason
     assert fetched == N_UNSOUND_BEFORE_REPORT + int(100 / UNSOUND_RETRY_S)
     assert counters.blocks_refused == 10 * fetched

@@ -205,7 +205,6 @@ def padded(padding: int) -> Callable[[Any], None]:
     return change
 
 
-OUTSIDE = [("elsewhere.bin", 0, 192)]
 ELSEWHERE: dict[str, Callable[[Any], Any]] = {
     "external link": put("load", h5py.ExternalLink("a.h5", "load")),
     "soft link": put("load", h5py.SoftLink("/time")),

@@ -1,7 +1,6 @@
 """Reading a survey costs each drop the same, and gives what a plain look at all of them gives."""
 
 import shutil
-from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -44,22 +43,11 @@ def record(folder: Path, drops: int, *, publish: bool = False, per_point: int = 
 
 
 def test_a_survey_is_read_at_the_same_cost_for_each_drop(tmp_path: Path) -> None:
-    def indexing(drops: int) -> Callable[[], object]:
-        layout = Layout(record(tmp_path / str(drops), drops))
-        return lambda: build_index(layout)
-
-    def quickly(drops: int) -> Callable[[], object]:
-        layout = Layout(tmp_path / str(drops))
-        return lambda: read_index(layout)
-
-    def joining(drops: int) -> Callable[[], object]:
-        layout = Layout(tmp_path / str(drops))
-        index = build_index(layout)
-        return lambda: Survey(layout, index)
-
-    assert growth(indexing, 25) < FLAT
-    assert growth(quickly, 25) < FLAT
-    assert growth(joining, 25) < FLAT
+    layouts = {drops: Layout(record(tmp_path / str(drops), drops)) for drops in (25, 50, 200)}
+    for read in (build_index, read_index):
+        assert growth(lambda drops, read=read: lambda: read(layouts[drops]), 25) < FLAT
+    indices = {drops: build_index(layout) for drops, layout in layouts.items()}
+    assert growth(lambda drops: lambda: Survey(layouts[drops], indices[drops]), 25) < FLAT
 
 
 def content(point: SurveyPoint) -> tuple[Any, ...]:

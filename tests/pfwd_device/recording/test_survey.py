@@ -9,24 +9,18 @@ from pfwd_device.jobs import Jobs
 from pfwd_device.recording import (
     DropRecord,
     Storage,
-    SurveyWriter,
     check,
     read_drop_file,
     read_survey,
     recover,
 )
 from pfwd_device.recording.drop_file import drop_digest
-from tests.pfwd_device.recording.records import a_rebound, record_of
-
-
-def opened(folder: Path, **options: object) -> SurveyWriter:
-    options = {"jobs": Jobs(0), "reserve_bytes": 4096} | options
-    return SurveyWriter.open(folder, **options)  # type: ignore[arg-type]
+from tests.pfwd_device.recording.records import a_rebound, open_survey, record_of
 
 
 def test_everything_comes_back(tmp_path: Path) -> None:
     folder = tmp_path / "deep" / "er" / "survey ü"
-    with opened(folder) as writer:
+    with open_survey(folder, publish=True) as writer:
         assert writer.add_point("P 1", {"plate_radius_m": 0.15}) == "P 1"
         assert writer.next_number("P 1") == 1
         numbers = [writer.save_drop(record_of(n)) for n in (1, 2, 11)]
@@ -74,7 +68,7 @@ def test_everything_comes_back(tmp_path: Path) -> None:
 
 def test_a_survey_is_continued(tmp_path: Path) -> None:
     for number in range(1, 5):
-        with opened(tmp_path) as writer:
+        with open_survey(tmp_path, publish=True) as writer:
             assert writer.points == (() if number == 1 else ("P 1",))
             assert writer.next_number("P 1") == number
             assert writer.save_drop(record_of(number)) == number
@@ -87,11 +81,11 @@ def test_a_survey_is_continued(tmp_path: Path) -> None:
 
 
 def test_a_drop_is_never_recorded_twice(tmp_path: Path) -> None:
-    with opened(tmp_path) as writer:
+    with open_survey(tmp_path, publish=True) as writer:
         assert writer.save_drop(record_of(1)) == 1
         assert writer.save_drop(record_of(1)) == 1
         assert writer.find_key("7/1/1") == 1
-    with opened(tmp_path) as writer:
+    with open_survey(tmp_path, publish=True) as writer:
         assert writer.save_drop(record_of(1)) == 1
         assert writer.drops_acknowledged == 1
         same_number = DropRecord("P 1", record_of(1).drop)
@@ -103,10 +97,10 @@ def test_a_drop_is_never_recorded_twice(tmp_path: Path) -> None:
 
 
 def test_a_rebound_after_publication_is_read(tmp_path: Path) -> None:
-    with opened(tmp_path) as writer:
+    with open_survey(tmp_path, publish=True) as writer:
         writer.save_drop(record_of(1))
         writer.save_rebound(1, a_rebound(7000))
-    with opened(tmp_path) as writer:
+    with open_survey(tmp_path, publish=True) as writer:
         writer.save_rebound(1, a_rebound(9000))
     drop = read_survey(tmp_path).drops[0]
     assert drop.file is not None
@@ -117,7 +111,7 @@ def test_a_rebound_after_publication_is_read(tmp_path: Path) -> None:
 
 
 def test_missing_drops_and_points_are_refused(tmp_path: Path) -> None:
-    with opened(tmp_path) as writer:
+    with open_survey(tmp_path, publish=True) as writer:
         writer.save_drop(record_of(1))
         with pytest.raises(RecordingError, match="recorded drop, got 9"):
             writer.save_rebound(9, a_rebound(1))
@@ -140,10 +134,10 @@ def test_missing_drops_and_points_are_refused(tmp_path: Path) -> None:
 
 def test_a_newer_survey_is_not_touched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pfwd_device.recording.recovery.FORMAT_VERSION", 3)
-    with opened(tmp_path) as writer:
+    with open_survey(tmp_path, publish=True) as writer:
         writer.save_drop(record_of(1))
     before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file() and p.suffix}
-    for action in (read_survey, check, recover, opened):
+    for action in (read_survey, check, recover, open_survey):
         with pytest.raises(RecordingError, match=r"format version 2, got 3"):
             action(tmp_path)
     assert {p: p.read_bytes() for p in before if p.name != "writer.txt"} == {
@@ -161,7 +155,7 @@ class SmallDisk(Storage):
 def test_a_filling_disk_is_announced_then_refused(tmp_path: Path) -> None:
     disk = SmallDisk()
     disk.free = 10**9
-    with opened(tmp_path, storage=disk) as writer:
+    with open_survey(tmp_path, publish=True, storage=disk) as writer:
         writer.save_drop(record_of(1, 32))  # takes 4096 bytes in all
         assert writer.scarce_drops() is None
         writer.check_room()
@@ -173,7 +167,7 @@ def test_a_filling_disk_is_announced_then_refused(tmp_path: Path) -> None:
 
 
 def test_the_reserve_is_of_real_blocks(tmp_path: Path) -> None:
-    with opened(tmp_path, reserve_bytes=2**20):
+    with open_survey(tmp_path, reserve_bytes=2**20):
         status = (tmp_path / "reserve").stat()
         assert status.st_size == 2**20
         if hasattr(status, "st_blocks"):

@@ -301,13 +301,6 @@ def test_bytes_before_the_open_are_discarded(pty: Pty) -> None:
         assert read_all(transport, 5) == b"later"
 
 
-def test_loop_url() -> None:
-    with contextlib.closing(open_transport("loop://")) as transport:
-        transport.write(b"hello")
-        assert read_all(transport, 5) == b"hello"
-        assert transport.read(0.01) == b""
-
-
 def test_an_open_port_is_used_unchanged() -> None:
     with contextlib.closing(serial.serial_for_url("loop://")) as port:
         transport = open_transport(port)

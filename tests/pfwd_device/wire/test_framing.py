@@ -105,13 +105,6 @@ def test_the_length_of_a_payload_is_limited() -> None:
         encode_frame(1, 0, b"\0" * 8001)
 
 
-def test_the_counter_wraps() -> None:
-    stream = b"".join(encode_frame(1, at, b"") for at in range(65_534, 65_539))
-    packets, counters, _ = deframe(stream)
-    assert [packet.counter for packet in packets] == [65_534, 65_535, 0, 1, 2]
-    assert counters.frames_lost == 0
-
-
 @pytest.mark.parametrize(
     ("numbers", "lost"),
     [
@@ -146,12 +139,3 @@ def test_a_piece_of_the_longest_length_is_accepted() -> None:
     counters = LinkCounters()
     assert Cutter(b"\n", 4, counters).feed(b"abcd\n\nabcde\n") == [b"abcd", b""]
     assert (counters.frames_damaged, counters.bytes_discarded) == (1, 6)
-
-
-def test_reset_discards_an_incomplete_piece_and_counts_it() -> None:
-    counters = LinkCounters()
-    cutter = Cutter(b";", 4, counters)
-    assert cutter.feed(b"ab") == []
-    cutter.reset()
-    assert counters.bytes_discarded == 2
-    assert cutter.feed(b"c;") == [b"c"]

@@ -1,7 +1,6 @@
 """Messages: round trips at the extremes, what is refused, what a newer instrument may send."""
 
 import dataclasses
-import datetime
 import math
 import string
 from typing import Any
@@ -16,7 +15,7 @@ from pfwd_device.identity import FASTEST_SAMPLING, ChannelIdentity, Identity
 from pfwd_device.text import clean
 from pfwd_device.wire import messages
 from pfwd_device.wire.binary import BinaryDialect, BinaryInstrumentEnd, encode_message
-from pfwd_device.wire.fields import day, day_of, pack_int24, unpack_int24
+from pfwd_device.wire.fields import pack_int24, unpack_int24
 from pfwd_plugins.quantities import Measurand
 from tests.pfwd_device.wire import by_hand
 from tests.pfwd_device.wire.test_protocol_document import STATED
@@ -290,15 +289,6 @@ def test_hostile_texts_come_out_harmless() -> None:
     for text in (event_received.text, identity_received.serial_number):
         assert text.isprintable()
         assert "\N{REPLACEMENT CHARACTER}" in text
-
-
-def test_days_are_decimal_numbers() -> None:
-    assert day(datetime.date(1, 1, 1)) == 10101
-    assert day_of(99991231) == datetime.date(9999, 12, 31)
-    assert day(None) == 0
-    assert day_of(0) is None
-    with pytest.raises(ValueError, match="month must be in"):
-        day_of(20261301)
 
 
 def test_the_host_ends_a_frame_of_noise() -> None:
