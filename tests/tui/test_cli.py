@@ -163,25 +163,6 @@ def test_a_plot_is_drawn_of_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path:
     assert drawn == [(outcomes, "out.PNG")]
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("invert", "a.csv", "--plot", "{}/none/p.png"),
-        ("diagnose", "a.csv", "--plot", "{}/none/p.png"),
-        ("diagnose", "a.csv", "--write-device", "{}/none/d.toml"),
-        ("report", "survey", "-o", "{}/none/r.pdf"),
-        ("export", "survey", "--format", "csv", "-o", "{}/none/folder"),
-    ],
-)
-def test_an_impossible_output_is_refused_before_the_work(
-    arguments: tuple[str, ...], tmp_path: Path, command: Command
-) -> None:
-    # The input files are missing too: they would be refused with 1.
-    printed = command(*(part.format(tmp_path) for part in arguments))
-    assert printed.status == 2
-    assert "expected the folder" in printed.refusal
-
-
 def test_an_unforeseen_error_is_a_single_line_after_the_end_of_the_analysis(
     monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:

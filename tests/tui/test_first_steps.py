@@ -1,4 +1,4 @@
-"""First steps: ``pfwd`` without a command, a mistyped word, a port without rights."""
+"""First steps: ``pfwd`` without a command, and a port without rights."""
 
 import os
 from pathlib import Path
@@ -14,22 +14,6 @@ def test_pfwd_without_a_command_prints_first_steps(command: Command) -> None:
     printed = command()
     assert (printed.status, printed.err) == (0, "")
     assert "pfwd demo" in printed.out
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["lvie", "x"], "'lvie' is not a command; did you mean live?"),
-        (["log", "x", "-o", "y", "--procedur", "mndot"], "did you mean --procedure?"),
-        (["log", "x", "-o", "y", "--targett=4"], "did you mean --target?"),
-        (["invert", "x", "--plate", "rigid-rouhg"], "did you mean rigid-rough?"),
-        (["qqq"], "'qqq' is not a command; pfwd help --all"),
-        (["edit", "x", "--zzz"], "unrecognized arguments: --zzz\n"),
-    ],
-)
-def test_a_mistyped_word_has_a_suggestion(words: list[str], message: str, command: Command) -> None:
-    printed = command(*words)
-    assert (printed.status, message in printed.err) == (2, True)
 
 
 @pytest.fixture
