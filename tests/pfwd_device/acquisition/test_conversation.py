@@ -156,9 +156,7 @@ def test_an_unexpected_stream_causes_a_greeting() -> None:
 
 def test_a_stopped_instrument_is_started() -> None:
     talk = running()
-    talk.now += 0.1
-    assert talk.receive(status(sampling=False)) == []  # older than the last block
-    talk.now += 1.0
+    talk.now += 1.1
     assert talk.receive(status(sampling=False)) == [SampleAction.SUSPEND]
     assert talk.sent_within() == [Hello()]
     talk.receive(identity())
@@ -293,9 +291,6 @@ def test_an_unanswered_request_is_repeated_after_a_second() -> None:
     talk.receive(identity(rate=2000.0))
     assert talk.sent_within(0.95) == [Stop(), Configure(4000.0)]
     assert talk.sent_within(0.1) == [Stop(), Configure(4000.0)]
-    talk.receive(identity(rate=4000.0))
-    assert talk.sent_within(0.95) == [Start()]
-    assert talk.sent_within(0.1) == [Start()]
 
 
 @pytest.mark.parametrize(("since", "stopped"), [(0.28, False), (0.32, True)])

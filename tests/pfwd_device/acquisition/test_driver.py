@@ -238,19 +238,14 @@ def test_a_failing_capture_does_not_end_the_stream(make: MakeDriver) -> None:
     assert driver.counters.capture_failures > 3
 
 
-class Lines:
-    """A dialect without a word for anything, as lines of numbers."""
+class Lines(BinaryDialect):
+    """A dialect without commands, as lines of numbers."""
 
     name = "lines"
-    counts_samples, outgoing = True, b""
-
-    def __init__(self) -> None:
-        self._inner = BinaryDialect()
-        self.counters = self._inner.counters
-        self._is_introduced = False
+    _is_introduced = False
 
     def feed(self, data: bytes) -> list[Any]:
-        blocks = [each for each in self._inner.feed(data) if hasattr(each, "counts")]
+        blocks = [each for each in super().feed(data) if hasattr(each, "counts")]
         if blocks and not self._is_introduced:
             self._is_introduced = True
             return [identity(), *blocks]
@@ -261,7 +256,7 @@ class Lines:
 
     def reset(self) -> None:
         self._is_introduced = False
-        self._inner.reset()
+        super().reset()
 
 
 def test_an_instrument_that_only_sends_lines() -> None:
