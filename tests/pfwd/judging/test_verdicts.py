@@ -51,16 +51,16 @@ def drops(setup: PointSetup = SETUP, last: Any = None, **values: Any) -> list[Dr
     ]
 
 
-def test_the_nearest_target_counts() -> None:
-    job = Job(procedure=plain_procedure(), target=50e6, stations=(Station("12", target=30e6),))
-    point = PointView("12", drops())
-    of_point = dataclasses.replace(point, target=60e6)
-    elsewhere = dataclasses.replace(point, name="13")
-    judged = [judge_point(job, each) for each in (of_point, point, elsewhere)]
-    assert [progress.target for progress in judged] == [60e6, 30e6, 50e6]
-    bare = Job(procedure=plain_procedure())
-    last = judge_point(bare, elsewhere, fallback=(20e6, Notice("target-of-report")))
-    assert (text_of(last.target_source), last.verdict) == ("given with the report", Verdict.PASS)
+def test_the_target_of_a_report_comes_last() -> None:
+    point, fallback = PointView("12", drops()), (20e6, Notice("target-of-report"))
+    for stations, target, verdict in (
+        ((), 20e6, "pass"),
+        ((Station("12", target=60e6),), 60e6, "fail"),
+    ):
+        job = Job(procedure=plain_procedure(), stations=stations)
+        progress = judge_point(job, point, fallback)
+        assert (progress.target, progress.verdict) == (target, verdict)
+        assert (progress.target_source == fallback[1]) == (not stations)
 
 
 def test_a_discarded_point_has_no_verdict() -> None:
@@ -333,10 +333,6 @@ def test_a_stale_diagnosis_does_not_count() -> None:
     ):
         other = dataclasses.replace(diagnosis(), **stale)  # type: ignore[arg-type]
         assert judge_point(job, PointView("1", drops(), diagnosis=other)).value == plain
-    # A rebound after it takes no part.
-    rebound = drop_from_traces(half_sine_drop(7, 1500.0), SETUP)
-    point = PointView("1", [*drops(), rebound], diagnosis=diagnosis())
-    assert known(judge_point(job, point).value).value == pytest.approx(38e6)
     some = dataclasses.replace(diagnosis(), drops=tuple(numbers), left_out=(first,))
     judged = known(judge_point(job, PointView("1", drops(), diagnosis=some)).value)
     assert judged.value == pytest.approx(38e6)

@@ -3,14 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from pfwd_device.acquisition.decoder import Decoder
-from pfwd_device.acquisition.items import Item
 from pfwd_device.recording import SurveyWriter
-from pfwd_device.wire.binary import BinaryDialect, encode_message
-from pfwd_device.wire.messages import Hello, Start
-from simulators.instrument.device import PortlessInstrument
-from simulators.instrument.scenario import load_scenario
-from tests.pfwd.scripted_feed import NOW, Log, ScriptedFeed, began, pieces, run, stream
+from tests.pfwd.scripted_feed import Log, ScriptedFeed, began, pieces, run, stream
 
 
 def record(folder: Path, *parts: Any, log: Log | None = None, **plan: Any) -> Log:
@@ -19,24 +13,6 @@ def record(folder: Path, *parts: Any, log: Log | None = None, **plan: Any) -> Lo
     with SurveyWriter.open(folder, publish=False) as writer:
         run(ScriptedFeed(*parts), log, writer, **plan)
     return log
-
-
-def simulated(
-    scenario: dict[str, Any], *seconds: float, drops: int, step: float = 10.0
-) -> tuple[list[Item], PortlessInstrument, Decoder]:
-    """Let a simulated instrument run as often as seconds are given, each time asked to start."""
-    instrument = PortlessInstrument(load_scenario(scenario), drops=drops, overruns=False)
-    decoder = Decoder(BinaryDialect())
-    items: list[Item] = []
-    for duration in seconds:
-        for command in (Hello(), Start()):
-            instrument.receive(encode_message(command, 0))
-        while duration > 0:
-            instrument.advance(min(step, duration))
-            duration -= step
-            items += decoder.feed(bytes(instrument.output), instrument.time, NOW)
-            instrument.output.clear()
-    return items, instrument, decoder
 
 
 def drops(*peaks: float, run: int = 1) -> list[Any]:
