@@ -41,9 +41,7 @@ def test_hello_is_answered_by_the_identity() -> None:
     assert len(frame.payload) == 204
     assert frame.payload.startswith(b"\x02\x09PFWD-0042\x0eSimulated PFWD\x051.0.0")
     assert struct.unpack("<dBddd", frame.payload[32:65]) == (10e3, 18, 5.0, 0.15, 10.6)
-
-
-def test_a_host_with_several_versions_gets_the_identity() -> None:
+    # A host with several versions, and an instrument that stores drops.
     (frame,) = frames(send(PortlessInstrument(load_scenario("buffered")), Hello(1, 9)))
     assert frame.payload[0] == 2
     # ring, longest drop, drops that may wait, lasting without a stream
