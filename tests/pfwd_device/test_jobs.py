@@ -239,12 +239,3 @@ def test_an_interrupt_ends_workers_that_are_busy() -> None:
     assert all(task.done() and task.is_stopped for task in requested)
     jobs.close()  # twice is once
     assert jobs.submit(abs, 1).cancelled()
-
-
-@pytest.mark.posix
-def test_an_interrupt_while_a_worker_starts_does_not_end_it() -> None:
-    with Jobs() as jobs:
-        task = jobs.submit(os.getpid)
-        wait_until(lambda: jobs.processes)
-        assert os.getpgid(jobs.processes[0].pid) != os.getpgid(0), "Ctrl+C does not reach it"
-        assert task.result(PATIENCE) == jobs.processes[0].pid

@@ -3,7 +3,6 @@
 import contextlib
 import socket
 import threading
-import time
 from collections.abc import Iterator
 from types import SimpleNamespace
 
@@ -11,8 +10,9 @@ import pytest
 import serial
 import serial.rfc2217
 
-from pfwd_device.errors import DeviceLost, PortError
+from pfwd_device.errors import PortError
 from pfwd_device.transport.opening import open_transport
+from tests.pfwd_device.transport.test_serial_port import assert_close_ends_a_read, read_all
 
 # Names that Python gives up, in pyserial itself.
 pytestmark = pytest.mark.filterwarnings("ignore:set(Daemon|Name):DeprecationWarning")
@@ -53,15 +53,8 @@ def test_bytes_go_both_ways_and_close_ends_a_read(lender: str) -> None:
     """It knows neither a timeout for writing nor how to interrupt a read."""
     transport = open_transport(lender)
     transport.write(b"hello\0\xff\xff")
-    data, end = b"", time.monotonic() + 10
-    while len(data) < 8 and time.monotonic() < end:
-        data += transport.read(0.5)
-    assert data == b"hello\0\xff\xff"
-    timer = threading.Timer(0.1, transport.close)
-    timer.start()
-    with pytest.raises(DeviceLost, match="this program closed"):
-        transport.read(10)
-    timer.join()
+    assert read_all(transport, 8) == b"hello\0\xff\xff"
+    assert_close_ends_a_read(transport)
 
 
 def test_nobody_lends(lender: str) -> None:

@@ -66,7 +66,7 @@ def assert_close_ends_a_read(transport: Transport) -> None:
     closing = threading.Timer(0.05, transport.close)
     closing.start()
     began = time.monotonic()
-    with pytest.raises(DeviceLost):
+    with pytest.raises(DeviceLost, match="this program closed"):
         transport.read(LONG)
     assert time.monotonic() - began < 5.0
     closing.join()
