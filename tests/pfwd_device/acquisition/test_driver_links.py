@@ -8,7 +8,6 @@ import contextlib
 import random
 import time
 from collections.abc import Iterator
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,6 +15,7 @@ import pytest
 from pfwd_device.acquisition.driver import Driver
 from pfwd_device.acquisition.items import Connected, Disconnected, Gap, Item, Samples
 from pfwd_device.transport import ports
+from pfwd_device.transport.ports import Adapter
 from pfwd_device.wire.binary import BinaryDialect
 from pfwd_device.wire.messages import Start
 from simulators.instrument.endpoint import TcpEndpoint
@@ -27,6 +27,7 @@ from tests.pfwd_device.acquisition.scripted import (
     collect,
     is_without_reader,
 )
+from tests.pfwd_device.transport.test_ports import usb
 
 
 @pytest.fixture(autouse=True)
@@ -75,14 +76,9 @@ def test_an_adapter_may_change_its_name(monkeypatch: pytest.MonkeyPatch) -> None
     plugged: list[Any] = []
     monkeypatch.setattr(ports._serial_ports, "comports", lambda: list(plugged))
 
-    def usb(host: Host, number: str) -> Any:
-        return SimpleNamespace(
-            device=host.url, description="USB", vid=0x0403, pid=0x6001, serial_number=number
-        )
-
     instrument, stranger = Instrument(), Instrument("STRANGER")
     with Host(instrument, open_endpoint("pty")) as first, contextlib.ExitStack() as stack:
-        plugged[:] = [usb(first, "A1")]
+        plugged[:] = [usb(first.url)]
         driver = stack.enter_context(Driver(first.url, BinaryDialect()))
         items = collect(driver, sampled)
         plugged[:] = []
@@ -90,7 +86,7 @@ def test_an_adapter_may_change_its_name(monkeypatch: pytest.MonkeyPatch) -> None
         items += collect(driver, lost)
         first.plug(stranger)
         second = stack.enter_context(Host(instrument, open_endpoint("pty")))
-        plugged[:] = [usb(first, "B2"), usb(second, "A1")]
+        plugged[:] = [usb(first.url, Adapter(0x0403, 0x6001, "B2")), usb(second.url)]
         items += collect(driver, sampled)
         assert driver.url == second.url
         driver.close()

@@ -32,6 +32,7 @@ from pfwd_device.recording.drop_payload import (
 from pfwd_device.recording.payload import encode_payload
 from pfwd_device.signals import trace_peaks
 from tests.pfwd_device.recording.records import open_survey
+from tests.records import known
 
 TIME = np.arange(-8, 24) / 1024
 
@@ -45,11 +46,12 @@ def a_drop(**changed: Any) -> Drop:
     return Drop(**{**parts, **changed})
 
 
+STORED = known(peaks_data(a_drop()))
+
+
 def record_data(**changed: Any) -> dict[str, Any]:
-    peaks = peaks_data(a_drop())
-    assert peaks is not None
     sensors = [[-0.0, "velocity"], [-0.5, "displacement"]]
-    return {"sensors": sensors, "peaks": {**peaks, **changed}}
+    return {"sensors": sensors, "peaks": {**STORED, **changed}}
 
 
 def test_peaks_change_only_with_the_version() -> None:
@@ -105,11 +107,9 @@ def payload(drop: Drop, stored: dict[str, Any] | None) -> bytes:
 
 
 def test_peaks_are_compared_with_the_traces() -> None:
-    stored = peaks_data(a_drop())
-    assert stored is not None
-    assert peaks_problem(payload(a_drop(), stored)) is None
+    assert peaks_problem(payload(a_drop(), STORED)) is None
     assert peaks_problem(payload(a_drop(), None)) is None
-    assert peaks_problem(payload(a_drop(), {**stored, "version": 2, "load": 1.0})) is None
+    assert peaks_problem(payload(a_drop(), {**STORED, "version": 2, "load": 1.0})) is None
 
 
 @pytest.mark.parametrize(
@@ -123,23 +123,19 @@ def test_peaks_are_compared_with_the_traces() -> None:
     ],
 )
 def test_peaks_unlike_the_traces_are_reported(changed: dict[str, Any], problem: str) -> None:
-    stored = peaks_data(a_drop())
-    assert stored is not None
-    assert re.search(problem, str(peaks_problem(payload(a_drop(), {**stored, **changed}))))
+    assert re.search(problem, str(peaks_problem(payload(a_drop(), {**STORED, **changed}))))
 
 
 def test_another_processor_may_add_up_in_another_order() -> None:
-    stored = peaks_data(a_drop())
     for factor in (1 - 5e-10, 1 + 5e-10):
-        similar = {**stored, "load": stored["load"] * factor}
+        similar = {**STORED, "load": STORED["load"] * factor}
         assert peaks_problem(payload(a_drop(), similar)) is None
 
 
 def test_peaks_of_missing_samples_are_reported() -> None:
     values = a_drop().load.copy()
     values[-1] = np.nan
-    stored = peaks_data(a_drop())
-    assert "traces are missing" in str(peaks_problem(payload(a_drop(load=values), stored)))
+    assert "traces are missing" in str(peaks_problem(payload(a_drop(load=values), STORED)))
 
 
 def test_a_check_compares_recorded_peaks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
