@@ -15,7 +15,6 @@ from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
 from pfwd_device.acquisition.detection import DetectionSettings
 from pfwd_device.acquisition.items import BufferedDrop, UnusableDrop
-from pfwd_device.errors import StorageFull
 from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_device.wire.fields import pack_int24
 from pfwd_device.wire.messages import Armed, DropOffer, Event, EventKind, Status
@@ -63,22 +62,13 @@ def received(folder: Path, *parts: object, log: Log | None = None) -> list[tuple
     return feed.acknowledged
 
 
-def test_a_drop_is_acknowledged_when_it_is_safe(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with SurveyWriter.open(tmp_path / "survey") as writer:
-        feed = ScriptedFeed(connected(), armed(), buffered())
-        save, before = writer.save_drop, list[list[tuple[int, int]]]()
-
-        def saving(record: object) -> int:
-            before.append(list(feed.acknowledged))
-            return save(record)  # type: ignore[arg-type]
-
-        monkeypatch.setattr(writer, "save_drop", saving)
-        run(feed, Log(), writer)
-    assert before == [[]]
-    assert feed.acknowledged == [(9, 500)]
-    assert len(read_survey(tmp_path / "survey").drops) == 1
+def test_a_drop_is_acknowledged_when_it_is_safe(log: Log, writer: Any) -> None:
+    feed = ScriptedFeed(connected(), armed(), buffered())
+    saved_before: list[tuple[int, int]] = []
+    feed.acknowledge = lambda offer: saved_before.append((offer.first_sample, len(writer.saved)))  # type: ignore[method-assign]
+    run(feed, log, writer)
+    assert saved_before == [(500, 1)]
+    assert len(recorded(writer)) == 1
 
 
 def test_a_drop_that_never_has_its_checksum_is_reported(tmp_path: Path) -> None:
@@ -90,23 +80,17 @@ def test_a_drop_that_never_has_its_checksum_is_reported(tmp_path: Path) -> None:
     assert unusable.reason in notice.text
 
 
-def test_unsaved_drops_of_a_name_are_two(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    log = Log()
-    with SurveyWriter.open(tmp_path / "survey") as writer:
-        feed = ScriptedFeed(forever=True)
-        session = Session(feed, log, SessionPlan(options=None), writer)
-        with monkeypatch.context() as full:
-
-            def refuse(record: object) -> int:
-                raise StorageFull("full")
-
-            full.setattr(writer, "save_drop", refuse)
-            for item in (connected(), armed(), buffered(), buffered(peak=9), buffered()):
-                session._take(item)
-        assert feed.acknowledged == []
-        session._save_the_rest(lambda: True)
+def test_unsaved_drops_of_a_name_are_two(log: Log, writer: Any) -> None:
+    writer.failures = 10**6
+    feed = ScriptedFeed(forever=True)
+    session = Session(feed, log, SessionPlan(options=None), writer)
+    for item in (connected(), armed(), buffered(), buffered(peak=9), buffered()):
+        session._take(item)
+    assert feed.acknowledged == []
+    writer.failures = 0
+    session._save_the_rest(lambda: True)
     assert feed.acknowledged == [(9, 500)] * 2
-    assert len(read_survey(tmp_path / "survey").drops) == 2
+    assert len(recorded(writer)) == 2
 
 
 @pytest.mark.parametrize(
