@@ -34,4 +34,4 @@ def test_the_page_lists_every_warning() -> None:
     if os.environ.get("PFWD_NEW_EXAMPLES"):
         PAGE.write_text(TABLE.sub(lambda _: table(), page), "utf-8")
         page = PAGE.read_text("utf-8")
-    assert table() in page
+    assert table() in page, "run this test with PFWD_NEW_EXAMPLES=1 and look at the difference"
