@@ -1,6 +1,6 @@
 """List the test files with threads, timers or processes, which a busy computer could upset.
 
-    python3 dev.py test -p tests.timed --timed FILE    list them while everything runs
+    python3 dev.py test -p tests.timed --timed=FILE    list them while everything runs
     python3 dev.py test -n 10 @FILE                    run the listed ones, ten at a time
 
 A plugin of pytest. Python itself reports processes, and sockets, which each event loop has.
