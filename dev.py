@@ -148,8 +148,8 @@ def set_up(extra: str) -> None:
 def tests(arguments: list[str]) -> tuple[bool, str]:
     """Run pytest, show what it prints, and return whether it passed and its counts in words."""
     chosen = [] if "-m" in arguments else ["-m", "not slow"]
-    # Parts in order share what a folder's tests need; at the end one takes from the other. One worker
-    # more than cores, because many tests wait for an instrument or a process.
+    # Parts in order share what a folder's tests need; at the end one takes from the other. There is
+    # one worker more than cores, because many tests wait for an instrument or a process.
     workers = ["-n", str(min(6, (os.cpu_count() or 1) + 1)), "--dist", "worksteal"]
     command = [str(PYTHON), "-m", "pytest", *workers, "-q", *chosen, *arguments]
     last = ""
