@@ -29,7 +29,7 @@ from tui.page.server import is_local, parse_place
 from tui.screen.drawing.glyphs import BRAILLE
 from tui.screen.drawing.lines import text_of
 from tui.screen.drawing.plot import plot_lines
-from tui.screen.opened.app import OpenApp, Plot, table_titles
+from tui.screen.opened.app import OpenApp, Plot, show_survey, table_titles
 from tui.screen.opened.plots import map_lines, profile_figure, profile_lines
 from tui.screen.opened.rows import (
     OpenedSurvey,
@@ -41,6 +41,7 @@ from tui.screen.opened.rows import (
 )
 from tui.screen.opened.widgets import KeysLine, PlainTable
 from tui.screen.pages.diagnosis import result_row
+from tui.screen.settings import ScreenSettings
 
 MODULI = {"0+000": 60e6, "0+020": 40e6, "0+100": 50.2e6, "10": 55e6, "9": 41e6}
 
@@ -90,6 +91,13 @@ def app(survey: Path) -> OpenApp:
 
 def names(rows: list[PointRow]) -> list[str]:
     return [row.name for row in rows]
+
+
+def test_a_survey_that_was_read_ends_with_status_0(
+    survey: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(OpenApp, "run", lambda app: None)
+    assert show_survey(opened(survey), ScreenSettings()) == 0
 
 
 def test_rows_have_the_verdicts_and_positions_of_the_survey(rows: list[PointRow]) -> None:
