@@ -6,7 +6,7 @@ import pytest
 
 from pfwd_device.acquisition.items import Counters
 from pfwd_device.acquisition.link import Chunk, Link, Lost, Queue, WakeUp, _now
-from pfwd_device.errors import PortError
+from pfwd_device.errors import DeviceLost, PortError
 from pfwd_device.wire.dialect import LinkCounters
 
 
@@ -49,6 +49,26 @@ def test_a_missing_port_is_tried_at_growing_intervals() -> None:
     link._stop = ended = Ended(1)  # type: ignore[assignment]
     link._run()
     assert ended.waits == [0.1]
+
+
+class Unplugged:
+    """A port whose cable was pulled: writing fails."""
+
+    is_open = True
+
+    def write(self, data: bytes) -> None:
+        raise DeviceLost("the cable was pulled")
+
+    def close(self) -> None:
+        self.is_open = False
+
+
+def test_a_port_that_cannot_be_written_is_closed() -> None:
+    port: Any = Unplugged()
+    link = Link(absent, Queue(1000, Counters(link=LinkCounters())))
+    link._transport = port
+    link.send(port, b"START\n")
+    assert not port.is_open
 
 
 def test_a_chunk_beyond_the_queue_is_dropped_and_counted() -> None:
