@@ -75,7 +75,7 @@ class SessionLines:
         self._reported_job: tuple[str, float | None] | None = None
         self._complete = CompletePoints(self._point)
         self.moduli: dict[int, float] = {}
-        """Last modulus of each drop, Pa, by the number of the drop."""
+        """Last modulus of each recorded drop, Pa, by the number of the drop within the survey."""
 
     def print_event(self, event: SessionEvent) -> None:
         """Print an event, and the point that is complete with it."""
@@ -220,7 +220,8 @@ class SessionLines:
     def _analysis(self, event: DropAnalysed) -> None:
         saved, result = event.saved, event.result
         modulus = result.modulus_pa or math.nan
-        self.moduli[saved.number] = modulus
+        if saved.record is not None:
+            self.moduli[saved.record] = modulus
         first = self._first_moduli.get((saved.point, saved.number))
         if not event.final:
             self._first_moduli[saved.point, saved.number] = modulus

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from pfwd_device.recording.survey_reader import read_survey
 from simulators.instrument import serve
 from tests.tui.console import (
     PLAIN,
@@ -18,6 +19,7 @@ from tests.tui.console import (
     pfwd,
     records,
 )
+from tui.commands.demo import measured_moduli
 from tui.output import next_commands
 
 INVERT_KEYS = {
@@ -117,3 +119,14 @@ def test_the_demo_is_a_point_that_passes_and_names_the_next_commands(tmp_path: P
     assert measured == [52.0] * 3, "the ground is above the target as well"
     assert all(abs(float(line.rsplit(",", 1)[1].strip(" %"))) < 3 for line in truth)
     assert checked(survey)["ok"]
+
+
+def test_a_recorded_drop_is_compared_with_the_simulated_one_at_its_time(
+    captured: tuple[Path, list[dict[str, Any]]],
+) -> None:
+    survey = captured[0]
+    found = [drop.read().metadata["detection"] for drop in read_survey(survey).drops]
+    begins = [each["first_sample"] + each["trigger"] for each in found]
+    truth = [{"drop": n, "touch_sample": at} for n, at in enumerate((10, *begins), start=1)]
+    assert measured_moduli(truth, survey, {1: 41e6, 2: 42e6}) == {2: 41e6, 3: 42e6}
+    assert measured_moduli(truth, survey, {2: 42e6}) == {3: 42e6}

@@ -4,8 +4,8 @@ What a pulled cable does is tried on a pseudo-terminal. On Windows the same driv
 TCP, with a network that goes and comes back; test_serial_port.py has what its ports raise.
 """
 
-import contextlib
 import random
+import threading
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -74,22 +74,32 @@ def test_twenty_unplugs() -> None:
 def test_an_adapter_may_change_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
     """And the old name belongs to another adapter by then."""
     plugged: list[Any] = []
-    monkeypatch.setattr(ports._serial_ports, "comports", lambda: list(plugged))
+    looked = threading.Event()
+
+    def comports() -> list[Any]:
+        looked.set()
+        return list(plugged)
+
+    monkeypatch.setattr(ports._serial_ports, "comports", comports)
 
     instrument, stranger = Instrument(), Instrument("STRANGER")
-    with Host(instrument, open_endpoint("pty")) as first, contextlib.ExitStack() as stack:
+    with (
+        Host(instrument, open_endpoint("pty")) as first,
+        Host(instrument, open_endpoint("pty")) as second,
+    ):
         plugged[:] = [usb(first.url)]
-        driver = stack.enter_context(Driver(first.url, BinaryDialect()))
-        items = collect(driver, sampled)
-        plugged[:] = []
-        first.unplug()
-        items += collect(driver, lost)
-        first.plug(stranger)
-        second = stack.enter_context(Host(instrument, open_endpoint("pty")))
-        plugged[:] = [usb(first.url, Adapter(0x0403, 0x6001, "B2")), usb(second.url)]
-        items += collect(driver, sampled)
-        assert driver.url == second.url
-        driver.close()
+        with Driver(first.url, BinaryDialect()) as driver:
+            items = collect(driver, sampled)
+            plugged[:] = [usb(first.url, Adapter(0x0403, 0x6001, "B2"))]
+            first.unplug()
+            items += collect(driver, lost)
+            first.plug(stranger)
+            looked.clear()
+            while not looked.is_set():
+                assert driver.next(0.5) is None
+            plugged.append(usb(second.url))
+            items += collect(driver, sampled)
+            assert driver.url == second.url
     assert_each_sample_once(items)
     assert [item.url for item in items if isinstance(item, Connected)] == [first.url, second.url]
     assert stranger.received == []
