@@ -26,7 +26,7 @@ from tests.tui.screen.scripted import (
 from tui.screen.drawing.glyphs import ASCII, BRAILLE, Glyphs
 from tui.screen.drawing.lines import text_of, width_of
 from tui.screen.pages.measure import MeasurePage
-from tui.screen.pages.measure_view import MeasureView, measure_lines
+from tui.screen.pages.measure_view import MeasureView, complete_point_lines, measure_lines
 from tui.screen.session.screen_events import SessionStarted
 from tui.screen.session.state import SessionState
 from tui.screen.session.stations import ReceiverStatus
@@ -147,6 +147,9 @@ def test_verdict_and_value_stand_side_by_side_where_they_do_not_fit_below() -> N
     on_page = text(view(*complete_point(), message="a sentence that is longer " * 9), (80, 24))
     (row, *_) = [row for row in on_page.split("\n") if row.startswith(" ████")]
     assert len(row) > 60, "PASS, and the modulus to its right"
+    rows = [text_of(row) for row in complete_point_lines(view(*complete_point()), 80, 8)]
+    assert ["█" in row for row in rows] == [False, *[True] * 5, False, False]
+    assert all(row.strip() for row in rows[-2:]), "as many facts as there are rows for"
 
 
 @pytest.mark.parametrize("large", [False, True])

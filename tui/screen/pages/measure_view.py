@@ -176,7 +176,7 @@ def complete_point_lines(view: MeasureView, width: int, room: int) -> list[Line]
     facts = facts[: max(1, room - LETTER_ROWS - 1)]
     table = min(len(view.drops) + 1, max(0, (room - len(facts)) // 4))
     space = room - len(facts) - 1
-    if space - table < MIN_ROWS_FOR_BOTH <= space:
+    if table == 1 or space - table < MIN_ROWS_FOR_BOTH <= space:
         table = 0  # verdict and value in large letters matter more than the table
     rows = room - len(facts) - table
     plots = _figures(view) if width >= TRACES_WIDTH and rows >= TRACES_HEIGHT else []
@@ -187,7 +187,7 @@ def complete_point_lines(view: MeasureView, width: int, room: int) -> list[Line]
     if plots:
         traces = _stacked(plots, width - digits_width - 3, rows, view.glyphs)
         lines = join_blocks(lines, traces, digits_width, rows)
-    return [*lines, *facts, *(drop_table(view, width, table) if table > 1 else [()] * table)]
+    return [*lines, *facts, *(drop_table(view, width, table) if table else ())]
 
 
 TRACES_WIDTH, TRACES_HEIGHT = 160, 24
