@@ -124,6 +124,7 @@ def test_a_target_that_was_changed_after_the_drops_is_stated(survey: Path, of_po
     options = ReportOptions(point="A", slip=True)
     assert not gather(survey, options).target_changes
     declare(30e6)
+    edit_survey(survey, [Edit("note", "wet")], point="A")
     for report in (gather(survey, options), gather(survey)):
         blocks = slip_blocks(report, EN, Letters(), options)
         (warning,) = [block.text for block in blocks if is_warning(block)]

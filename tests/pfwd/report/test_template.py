@@ -57,11 +57,14 @@ def test_cells_in_braces_and_named_cells_are_filled(survey: Path, tmp_path: Path
 
 def test_rows_of_drops_and_the_company(survey: Path, tmp_path: Path) -> None:
     cells = {"A1": "{{ company }}", "A2": "{{ drops.peak_load_n | kN }}", "B2": "{{ drops.kind }}"}
+    cells |= {"C2": "{{ drops.pulse_duration_s }}", "D2": "{{ drops.pulse_duration_s | ms }}"}
     rows = filled(survey, tmp_path, cells, company="Muster GmbH")
     assert rows[0][0] == "Muster GmbH"
     assert len(rows) == 1 + 8
     assert rows[1][0] == pytest.approx(8.0, abs=0.1)
     assert (rows[1][1], rows[4][1]) == ("seating", "measured")
+    assert rows[1][2] > 0.01
+    assert rows[1][3] == pytest.approx(1e3 * rows[1][2])
 
 
 @pytest.mark.parametrize("kind", ["points", "drops"])

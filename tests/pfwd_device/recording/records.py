@@ -15,6 +15,7 @@ from pfwd_device.recording import (
     ReboundRecord,
     SpareFolder,
     Storage,
+    Survey,
     SurveyWriter,
     check,
     read_survey,
@@ -92,8 +93,9 @@ def save(writer: SurveyWriter, number: int) -> str:
     return drop_digest(record, 0)
 
 
-def digests(folder: Path) -> dict[int, str]:
-    return {drop.number: drop_digest(drop.read(), 0) for drop in read_survey(folder).drops}
+def digests(survey: Path | Survey) -> dict[int, str]:
+    content = survey if isinstance(survey, Survey) else read_survey(survey)
+    return {drop.number: drop_digest(drop.read(), 0) for drop in content.drops}
 
 
 def assert_recovered(survey: Path, spare: SpareFolder, expected: dict[int, str]) -> None:

@@ -268,6 +268,18 @@ def test_a_deleted_survey_is_restored(tmp_path: Path, survey: Path, spare: Spare
         recover(tmp_path / "another", spare=spare)
 
 
+def test_records_that_home_no_longer_has_are_read_from_the_spare_folder(
+    survey: Path, spare: SpareFolder
+) -> None:
+    with open_writer(survey, Storage(), spare) as writer:
+        expected = {1: save(writer, 1)}
+        length = journal_of(survey).stat().st_size
+        expected |= {2: save(writer, 2)}
+        os.truncate(journal_of(survey), length)
+        writer.maintain()
+        assert digests(writer.contents()) == expected
+
+
 @pytest.mark.posix
 def test_a_deleted_spare_folder_is_remade(survey: Path, spare: SpareFolder, disk: Refusing) -> None:
     with open_writer(survey, disk, spare) as writer:

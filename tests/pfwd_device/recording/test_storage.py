@@ -10,7 +10,7 @@ import pytest
 
 from pfwd.files.output_path import replaced_durably
 from pfwd_device.recording import SurveyNotSafe, storage
-from pfwd_device.recording.storage import Storage
+from pfwd_device.recording.storage import OpenFile, Storage
 
 FULL_SYNC = 51
 """Number of F_FULLFSYNC on macOS."""
@@ -102,3 +102,17 @@ def test_spare_folder_and_losses_are_named(drops: int, lost: tuple[str, ...], te
 
 def test_without_a_spare_folder_the_reason_is_named() -> None:
     assert SurveyNotSafe("site 1: no space left").text == "NOT SAFE: site 1: no space left"
+
+
+@pytest.mark.parametrize("has_times", [True, False])
+def test_a_file_whose_times_are_known_and_equal_is_not_compared(
+    has_times: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compared: list[str] = []
+    disk, path = Storage(), tmp_path / "journal"
+    if not has_times:
+        monkeypatch.setattr(disk, "stamp", lambda descriptor: None)
+    file = OpenFile(disk, path, disk.open(path, create=True))
+    assert file.problem(lambda: compared.append("journal")) is None
+    assert compared == ([] if has_times else ["journal"])
+    file.close()
