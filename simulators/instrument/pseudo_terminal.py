@@ -22,6 +22,10 @@ from simulators.instrument.endpoint import QUIET_TIME, READ_SIZE, EndpointError
 
 assert sys.platform != "win32"  # type checkers skip the rest on Windows
 
+MIN_QUIET_LOOKS = 10
+"""Number of looks without unread bytes after which the host has read all of them. On a busy
+computer they take longer than `QUIET_TIME`, as the system does to report the bytes."""
+
 
 class PtyEndpoint:
     """Virtual serial port of a simulated instrument; see `Endpoint`.
@@ -35,6 +39,7 @@ class PtyEndpoint:
         self._master = -1
         self.visits = 0
         self._occupied = False
+        self._quiet_since, self._n_quiet_looks = math.inf, 0
         port = self._open()
         self._folder = Path(tempfile.mkdtemp(prefix="pfwd-port-"))
         self.url = str(self._folder / "port")
@@ -51,7 +56,7 @@ class PtyEndpoint:
         tty.setraw(slave)
         os.set_blocking(self._master, False)
         self._port = port
-        self._quiet_since = math.inf
+        self._expect_bytes()
         # Only while this program has closed it, the system reports whether a host has it open.
         os.close(slave)
         return port
@@ -87,7 +92,7 @@ class PtyEndpoint:
 
     def write(self, data: bytes | bytearray | memoryview) -> int:
         """Send the first bytes, as many as there is room for, and return their number."""
-        self._quiet_since = math.inf
+        self._expect_bytes()
         try:
             return os.write(self._master, data)
         except OSError:
@@ -103,9 +108,17 @@ class PtyEndpoint:
             (unread,) = struct.unpack("i", fcntl.ioctl(slave, termios.FIONREAD, b"\0" * 4))
         finally:
             os.close(slave)
+        if unread:
+            self._expect_bytes()
+            return False
         now = time.monotonic()
-        self._quiet_since = math.inf if unread else min(self._quiet_since, now)
-        return now - self._quiet_since >= QUIET_TIME
+        self._quiet_since = min(self._quiet_since, now)
+        self._n_quiet_looks += 1
+        return self._n_quiet_looks >= MIN_QUIET_LOOKS and now - self._quiet_since >= QUIET_TIME
+
+    def _expect_bytes(self) -> None:
+        """Begin to wait for `QUIET_TIME` again."""
+        self._quiet_since, self._n_quiet_looks = math.inf, 0
 
     def finish(self) -> None:
         """Do nothing, because the host notices the end when the port is closed."""
