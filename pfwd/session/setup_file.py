@@ -367,7 +367,10 @@ def _procedure(chosen: Declaration, file: str, text: str) -> Procedure:
     if names == ["file"]:  # relative to the setup file, not to the working directory
         name = os.path.join(os.path.dirname(file), name)
         return read_procedure(name, enforce_unverified=unverified)
-    return find_procedure(name, enforce_unverified=unverified)
+    try:
+        return find_procedure(name, enforce_unverified=unverified)
+    except OptionError as err:
+        raise OptionError(f"{where}: {err}") from err
 
 
 def _check_point(name: str, where: str) -> None:

@@ -30,15 +30,10 @@ from tui.screen.session.event_log import log_event
 from tui.screen.session.screen_events import DiagnosisFinished, Refit, SessionEnded
 
 HOSTILE = [
-    "[/",
-    "[red]x[/blue]",
+    "[/ [red]x[/blue]",
     "[@click=app.quit]go[/]",
-    "\x1b]0;OWNED\x07",
-    "\x9b31m",
-    "\u202eelpmis",
-    "a\x00b\r\nc\td",
-    "\u2028next",
-    "$d {0} %s",
+    "\x1b]0;OWNED\x07 \x9b31m \u202eelpmis",
+    "a\x00b\r\nc\td \u2028next $d {0} %s",
     "\N{CJK UNIFIED IDEOGRAPH-4E2D}" * 40,
 ]
 
@@ -109,7 +104,7 @@ def test_hostile_text_does_not_disturb_a_page() -> None:
 
 async def test_dialogs_and_the_setup_page_show_markup_as_text(app: App, pilot: Any) -> None:
     await deliver(app, pilot, ready(), saved(1))
-    for text in HOSTILE[:3]:
+    for text in HOSTILE[:2]:
         await deliver(app, pilot, Edited("name", text, "7", None))
         await pilot.press("n")
         await pilot.pause()
