@@ -4,6 +4,7 @@ A survey may come from a stranger, and commands are typed in its folder. Here it
 with the name of every module of Python's library, of the installed packages and of this project.
 """
 
+import json
 import os
 import re
 import shutil
@@ -18,11 +19,6 @@ from simulators.demo import demo_drops
 from simulators.instrument import serve
 from tests.tui.console import PATIENCE, PLAIN, RATE, TOP
 
-MODULES = {
-    *(name for name in sys.stdlib_module_names if not name.startswith("_")),
-    *(name for name in packages_distributions() if name.isidentifier() and name[0] != "_"),
-    *(folder.name for folder in TOP.iterdir() if (folder / "__init__.py").is_file()),
-}
 STARTED_BY_PYTHON = ("sitecustomize", "usercustomize", "planted_backend")
 SETTINGS = """
 backend: module://planted_backend
@@ -31,12 +27,24 @@ no.such.setting: 1
 """
 
 
+COMMANDS = """
+import json
+import sys
+from tui.cli import main
+
+if __name__ == "__main__":
+    for words in json.loads(sys.argv[1]):
+        if status := main(words):
+            sys.exit(status)
+"""
+
+
 @pytest.fixture(scope="module")
 def received(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder that is a survey, with two trace files in it."""
     folder = tmp_path_factory.mktemp("received") / "survey"
     made = demo_drops(2, 0, tmp_path_factory.mktemp("made"))
-    completed = run(folder.parent, COMMAND, "import", made, "-o", folder)
+    completed = run(folder.parent, json.dumps([["import", str(made), "-o", str(folder)]]))
     assert completed.returncode == 0, completed.stderr
     text = made.read_text(encoding="utf-8")
     (folder / "traces").mkdir()
@@ -46,14 +54,23 @@ def received(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def modules() -> set[str]:
+    """Names of all modules that can be imported: of Python, of the packages, of the project."""
+    standard = {name for name in sys.stdlib_module_names if not name.startswith("_")}
+    installed = {name for name in packages_distributions() if name.isidentifier()}
+    own = {folder.name for folder in TOP.iterdir() if (folder / "__init__.py").is_file()}
+    return standard | {name for name in installed if name[0] != "_"} | own
+
+
 @pytest.fixture
-def planted(received: Path, tmp_path: Path) -> Path:
+def planted(received: Path, modules: set[str], tmp_path: Path) -> Path:
     """The survey with modules that leave a mark when they are run."""
     folder = shutil.copytree(received, tmp_path / "survey")
     marks = tmp_path / "marks"
     marks.mkdir()
-    assert {"numpy", "textual", "pfwd_device", "tui", "benchmarks"} <= MODULES
-    for name in (*MODULES, *STARTED_BY_PYTHON):
+    assert {"numpy", "textual", "pfwd_device", "tui", "benchmarks"} <= modules
+    for name in (*modules, *STARTED_BY_PYTHON):
         text = f"import os\nopen(os.path.join({str(marks)!r}, {name!r}), 'w').close()\n"
         (folder / f"{name}.py").write_text(text, encoding="utf-8")
     (folder / "matplotlibrc").write_text(SETTINGS, encoding="utf-8")
@@ -62,7 +79,9 @@ def planted(received: Path, tmp_path: Path) -> Path:
     return folder
 
 
-def run(folder: Path, script: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+def run(
+    folder: Path, *arguments: object, script: str = COMMANDS
+) -> subprocess.CompletedProcess[str]:
     """Run a script outside of the folder in the folder, as the installed command is run."""
     file = folder.parent / "pfwd-script.py"
     file.write_text(script)
@@ -78,12 +97,9 @@ def run(folder: Path, script: str, *arguments: object) -> subprocess.CompletedPr
     )
 
 
-COMMAND = "import sys\nfrom tui.cli import main\nif __name__ == '__main__':\n    sys.exit(main())\n"
-
-
-def run_clean(planted: Path, *arguments: object, script: str = COMMAND) -> str:
-    """Return the output of a command that ran no module of the folder and reported none."""
-    completed = run(planted, script, *arguments)
+def run_clean(planted: Path, *arguments: object, script: str = COMMANDS) -> str:
+    """Return the output of a script that ran no module of the folder and reported none."""
+    completed = run(planted, *arguments, script=script)
     marks = sorted(path.name for path in (planted.parent / "marks").iterdir())
     assert marks == [], completed.stderr
     assert completed.returncode == 0, completed.stderr
@@ -104,17 +120,14 @@ TRACES = ("traces/p1.csv", "traces/p2.csv")
             ("edit", ".", "--note", "seen"),
             ("procedures",),
             ("ports", "--no-probe"),
-            ("simulate", "--help"),
-            ("bench", "--help"),
-        ],
-        [("import", "traces/p1.csv", "-o", "."), ("replay", ".", "-o", "../again", "--no-invert")],
-        [("invert", *TRACES, "--jobs", "2", "--plot", "../p.png", *QUICK)],
-        [("invert", "traces", "--archive", "../out", "--jobs", "2", *QUICK)],
-        [("report", ".", "-o", "../report.pdf")],
-        [
+            ("import", "traces/p1.csv", "-o", "."),
+            ("replay", ".", "-o", "../again", "--no-invert"),
+            ("report", ".", "-o", "../report.pdf"),
             ("export", ".", "--format", "parquet", "-o", "../out.parquet"),
             ("export", ".", "--format", "h5", "-o", "../out.h5"),
             ("export", ".", "--format", "csv", "-o", "../out"),
+            ("invert", *TRACES, "--jobs", "2", "--plot", "../p.png", *QUICK),
+            ("invert", "traces", "--archive", "../out.archive", "--jobs", "2", *QUICK),
         ],
         [("demo", "--drops", "1", "--rate", "5", "--json", "-o", "../demo")],
         pytest.param(
@@ -127,16 +140,15 @@ TRACES = ("traces/p1.csv", "traces/p2.csv")
 def test_no_module_of_the_current_folder_is_run(
     commands: list[tuple[str, ...]], planted: Path
 ) -> None:
-    for arguments in commands:
-        run_clean(planted, *arguments)
+    run_clean(planted, json.dumps(commands))
 
 
 def test_drops_are_published_and_no_module_of_the_folder_is_run(planted: Path) -> None:
     (planted / "drops" / "drop-000001.h5").unlink()
-    run_clean(planted, "recover", ".")
-    assert (planted / "drops" / "drop-000001.h5").is_file()
     with serve(PLAIN, drops=1, rate=RATE) as instrument:
-        run_clean(planted, "log", instrument.url, "-o", "../new", "--drops", 1)
+        log = ("log", instrument.url, "-o", "../new", "--drops", "1")
+        run_clean(planted, json.dumps([("recover", "."), log]))
+    assert (planted / "drops" / "drop-000001.h5").is_file()
     assert (planted.parent / "new" / "drops" / "drop-000001.h5").is_file()
 
 
