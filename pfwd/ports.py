@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 
-from pfwd.errors import SurveyError, refusal
+from pfwd.errors import OptionError, refusal
 from pfwd_device.acquisition.probing import PROBE_TIMEOUT_S, probe_all
 from pfwd_device.acquisition.probing import Probe as Probe
 from pfwd_device.conformance import Result as Result
@@ -135,13 +135,13 @@ def conform(
     PortError, DeviceRefused
         If the port cannot be opened, or the instrument has buffered drops, which the test could
         lose.
-    SurveyError
+    OptionError
         If `only` has an unknown number.
     """
     wrong = [number for number in only if number not in REQUIREMENTS]
     if wrong:
         last = list(REQUIREMENTS)[-1]
-        raise SurveyError(refusal("--only", f"numbers from P-1 to {last}", ", ".join(wrong)))
+        raise OptionError(refusal("--only", f"numbers from P-1 to {last}", ", ".join(wrong)))
     return _conform(
         lambda: open_transport(url, baud_rate), drop_wait=drop_wait, announce=announce, only=only
     )

@@ -200,7 +200,7 @@ def test_recording_requires_a_plate_radius_and_sensible_sensitivities(tmp_path: 
         (("simulate", "--drops", "0"), 2, "from 1"),
         (("simulate", "--rate", "-1"), 2, "--rate"),
         (("conform", "socket://127.0.0.1:9"), 3, "127.0.0.1:9"),
-        (("conform", "x", "--only", "P-99"), 1, "expected numbers from P-1 to P-42, got P-99"),
+        (("conform", "x", "--only", "P-99"), 2, "expected numbers from P-1 to P-42, got P-99"),
         (("lvie", "x"), 2, "'lvie' is not a command; did you mean live?"),
         (("qqq",), 2, "'qqq' is not a command; pfwd help --all"),
         (("log", "x", "-o", "y", "--procedur", "mndot"), 2, "did you mean --procedure?"),
