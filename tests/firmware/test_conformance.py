@@ -124,12 +124,12 @@ def test_the_command_prints_a_line_for_each_requirement_and_fails(played: Played
     with HostBoard(played, BoardOptions(flags=("-DPFWD_FAULT=9",))) as board:
         run = pfwd("conform", board.url, "--only", "P-7,P-17", "--json")
         lines = pfwd("conform", board.url, "--only", "P-7")
-    assert run.returncode == 1
-    assert [(each["requirement"], each["result"]) for each in records(run.stdout)] == [
+    assert run.status == 1
+    assert [(each["requirement"], each["result"]) for each in records(run.out)] == [
         ("P-3", "passed"),
         ("P-7", "passed"),
         ("P-17", "failed"),
     ]
-    assert set(records(run.stdout)[0]) == {"requirement", "title", "result", "detail"}
-    assert lines.returncode == 0
-    assert "P-7   passed" in lines.stdout
+    assert set(records(run.out)[0]) == {"requirement", "title", "result", "detail"}
+    assert lines.status == 0
+    assert "P-7   passed" in lines.out

@@ -59,7 +59,7 @@ def image(played: Played, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_log_records_drops_bit_for_bit(tmp_path: Path, image: Path, played: Played) -> None:
     with EmulatedBoard(image) as board:
         run = pfwd("log", board.url, "-o", tmp_path / "survey", "--drops", 2, "--no-invert")
-    assert run.returncode == 0, run.stderr
+    assert run.status == 0, run.err
     assert len(read_survey(tmp_path / "survey").drops) == 2
     assert_recorded_bit_for_bit(tmp_path / "survey", played)
 

@@ -1,13 +1,16 @@
 """Runs ``pfwd`` against simulated instruments, for the tests of its commands."""
 
+import io
 import json
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from tui.cli import main
 
 TOP = Path(__file__).resolve().parents[2]
 PFWD = [sys.executable, "-c", "from tui.cli import main; raise SystemExit(main())"]
@@ -48,13 +51,15 @@ class Printed:
         return line
 
 
-Command = Callable[..., Printed]
-
-
-def pfwd(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*PFWD, *map(str, arguments)], cwd=TOP, capture_output=True, text=True, timeout=PATIENCE
-    )
+def pfwd(*words: object) -> Printed:
+    """``pfwd`` in the process of the tests."""
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        try:
+            status = main([str(word) for word in words])
+        except SystemExit as ending:
+            status = int(str(ending.code))
+    return Printed(status, out.getvalue(), err.getvalue())
 
 
 @contextmanager
@@ -82,16 +87,16 @@ def records(text: str) -> list[dict[str, Any]]:
 
 def checked(survey: Path) -> dict[str, Any]:
     completed = pfwd("check", survey, "--json")
-    (record,) = records(completed.stdout)
-    assert completed.returncode == (0 if record["ok"] else 1)
+    (record,) = records(completed.out)
+    assert completed.status == (0 if record["ok"] else 1)
     return record
 
 
 def logged(instrument: Any, survey: Path, *options: object) -> list[dict[str, Any]]:
     """Log with an instrument and return the lines of ``--json``."""
     completed = pfwd("log", instrument.url, "-o", survey, "--json", *options)
-    assert completed.returncode == 0, completed.stderr
-    return records(completed.stdout)
+    assert completed.status == 0, completed.err
+    return records(completed.out)
 
 
 def numbers(lines: list[dict[str, Any]]) -> list[tuple[str, int]]:

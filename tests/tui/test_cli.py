@@ -21,7 +21,7 @@ import pytest
 from inversion.notices import text_notice
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult, FileOutcome
-from tests.tui.console import TOP, Command, records
+from tests.tui.console import TOP, pfwd, records
 from tui.arguments import analysis_options
 from tui.cli import main
 from tui.commands import bench, completion
@@ -127,25 +127,25 @@ def test_every_option_reaches_the_analysis(tmp_path: Path) -> None:
 
 
 def test_json_has_an_object_for_each_line_and_people_get_a_table(
-    monkeypatch: pytest.MonkeyPatch, command: Command
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     results = [replace(RESULT, modulus_sd_pa=float("nan")), REJECTED]
     fake = analysis(monkeypatch, FileOutcome("a.csv", None, results))
-    printed = command("invert", "a.csv", "--json", "--jobs", 2)
+    printed = pfwd("invert", "a.csv", "--json", "--jobs", 2)
     assert records(printed.out) == [RESULT.to_json(), REJECTED.to_json()]
     assert (printed.status, printed.err) == (0, "")
     assert fake.request == (["a.csv"], AnalysisOptions(), 2)
-    table = command("invert", "a.csv").out
+    table = pfwd("invert", "a.csv").out
     for part in ("E MPa", "40.0", "rejected, drop 2: no pulse"):
         assert part in table
 
 
 def test_a_refused_file_is_status_1_and_the_next_file_is_inverted(
-    monkeypatch: pytest.MonkeyPatch, command: Command
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     refused = FileOutcome("b.csv", "b.csv, line 3: expected \x1b[31m, got\nothing")
     analysis(monkeypatch, refused, FileOutcome("a.csv", None, [RESULT]))
-    printed = command("invert", "b.csv", "a.csv", "--json")
+    printed = pfwd("invert", "b.csv", "a.csv", "--json")
     assert (printed.status, len(records(printed.out))) == (1, 1)
     mark = "_" if os.name == "nt" else "\ufffd"  # a pipe of Windows gets ASCII
     assert printed.err == f"pfwd: b.csv, line 3: expected {mark}[31m, got{mark}othing\n"
@@ -164,14 +164,14 @@ def test_a_plot_is_drawn_of_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path:
 
 
 def test_an_unforeseen_error_is_a_single_line_after_the_end_of_the_analysis(
-    monkeypatch: pytest.MonkeyPatch, command: Command
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     for error, message in (
         (ZeroDivisionError("division\nby zero"), "an unexpected error, please report it: Zero"),
         (OSError(28, "No space left on device", "out.png"), "out.png: No space left on device"),
     ):
         analysis(monkeypatch, error)
-        printed = command("invert", "a.csv")
+        printed = pfwd("invert", "a.csv")
         assert printed.status == 1
         assert message in printed.refusal
     fake = analysis(monkeypatch, FileOutcome("a.csv", None, [{"unprintable": object()}]))
@@ -367,21 +367,21 @@ def test_every_module_of_commands_has_a_command_with_a_description() -> None:
         assert "expert options" not in titles[:-1], "they are the last group"
 
 
-def test_help_lists_twelve_commands_in_four_groups(command: Command) -> None:
-    text = command("help").out
+def test_help_lists_twelve_commands_in_four_groups() -> None:
+    text = pfwd("help").out
     assert re.findall(r"^(\w+):$", text, re.M) == ["measure", "look", "export", "repair"]
     names = re.findall(r"^  (\w+)  ", text, re.M)
     assert len(names) <= 12
-    everything = re.findall(r"^  (\w+)  ", command("help", "--all").out, re.M)
+    everything = re.findall(r"^  (\w+)  ", pfwd("help", "--all").out, re.M)
     assert everything == list(build_parser().commands)
     assert f"help --all        {len(everything) - len(names)} more" in text
-    assert command("--help").out == text
+    assert pfwd("--help").out == text
 
 
 @pytest.mark.posix
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
-def test_bash_completes_commands_options_and_files(tmp_path: Path, command: Command) -> None:
-    (tmp_path / "script").write_text(command("completion", "bash").out)
+def test_bash_completes_commands_options_and_files(tmp_path: Path) -> None:
+    (tmp_path / "script").write_text(pfwd("completion", "bash").out)
     (tmp_path / "Ring road").mkdir()
     expected = {
         "pfwd inv": "invert",
@@ -402,13 +402,13 @@ def test_bash_completes_commands_options_and_files(tmp_path: Path, command: Comm
     assert completed.stdout.splitlines() == list(expected.values())
 
 
-def test_every_shell_has_a_completion_script(command: Command) -> None:
+def test_every_shell_has_a_completion_script() -> None:
     for shell in completion.SHELLS:
-        assert "posterior" in command("completion", shell).out
+        assert "posterior" in pfwd("completion", shell).out
 
 
-def test_help_of_a_command_ends_with_the_expert_options(command: Command) -> None:
-    text = command("help", "invert").out
+def test_help_of_a_command_ends_with_the_expert_options() -> None:
+    text = pfwd("help", "invert").out
     assert text.startswith("usage: pfwd invert FILE [FILE ...] [OPTIONS]\n")
     everyday, expert = text.split("\nexpert options:\n")
     assert "--bedrock-depth" in everyday

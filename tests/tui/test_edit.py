@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from pfwd.files import editing
-from tests.tui.console import Command
+from tests.tui.console import pfwd
 from tests.tui.surveys import write_small_survey
 from tui.cli import main
 
@@ -30,11 +30,9 @@ def test_no_cycles_are_collected_while_a_survey_is_read_and_edited(
     assert "note: wet" in capsys.readouterr().out
 
 
-def test_a_target_is_in_the_unit_of_the_survey_s_procedure(
-    tmp_path: Path, command: Command
-) -> None:
+def test_a_target_is_in_the_unit_of_the_survey_s_procedure(tmp_path: Path) -> None:
     survey = write_small_survey(tmp_path / "s", "P")
-    assert "target 45 MPa" in command("edit", survey, "--target", "45").out
-    assert command("job", survey, "--procedure", "mndot").status == 0
-    assert '"target_pa": 0.0006' in command("edit", survey, "--target", "0.6", "--json").out
-    assert "judges a deflection in mm" in command("edit", survey, "--target", "45").refusal
+    assert "target 45 MPa" in pfwd("edit", survey, "--target", "45").out
+    assert pfwd("job", survey, "--procedure", "mndot").status == 0
+    assert '"target_pa": 0.0006' in pfwd("edit", survey, "--target", "0.6", "--json").out
+    assert "judges a deflection in mm" in pfwd("edit", survey, "--target", "45").refusal

@@ -15,7 +15,7 @@ from pfwd.session.session import Session
 from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.report.surveys import write_judged_survey
 from tests.pfwd.scripted_feed import Log, ScriptedFeed
-from tests.tui.console import Command
+from tests.tui.console import pfwd
 from tui.cli import main
 
 
@@ -82,10 +82,8 @@ def test_a_seating_drop_that_is_moved_away_has_seated_no_surface(survey: str) ->
         (["--drop", "3", "--move", "11"], "expected a point (1), got '11'; give --new-point"),
     ],
 )
-def test_an_impossible_move_is_refused(
-    survey: str, options: list[str], message: str, command: Command
-) -> None:
-    printed = command("edit", survey, *options)
+def test_an_impossible_move_is_refused(survey: str, options: list[str], message: str) -> None:
+    printed = pfwd("edit", survey, *options)
     assert (printed.status, message in printed.err) == (2, True)
     assert len(read_survey(survey).drops) == 4
 

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import pytest
 
 from pfwd import ports as port_advice
-from tests.tui.console import Command
+from tests.tui.console import pfwd
 
 
-def test_pfwd_without_a_command_prints_first_steps(command: Command) -> None:
-    printed = command()
+def test_pfwd_without_a_command_prints_first_steps() -> None:
+    printed = pfwd()
     assert (printed.status, printed.err) == (0, "")
     assert "pfwd demo" in printed.out
 

@@ -12,7 +12,7 @@ from pfwd.files.header import declared_values
 from pfwd_device.recording import DropRecord, SurveyWriter
 from simulators.instrument import serve
 from tests.pfwd.report.surveys import SETUP, half_sine_drop
-from tests.tui.console import PLAIN, RATE, Command, logged, pfwd, records
+from tests.tui.console import PLAIN, RATE, logged, pfwd, records
 from tui.cli import main
 
 
@@ -31,17 +31,15 @@ def survey(tmp_path: Path) -> str:
     return write_drops(tmp_path / "s", 4)
 
 
-def test_declarations_are_printed_with_their_changes(
-    survey: str, tmp_path: Path, command: Command
-) -> None:
+def test_declarations_are_printed_with_their_changes(survey: str, tmp_path: Path) -> None:
     stations = tmp_path / "lot.csv"
     stations.write_text("name,lane\n12+320,left\n", encoding="utf-8")
-    first = command("job", survey, "--procedure", "mndot", "--target", "0.6", "--step", "20")
+    first = pfwd("job", survey, "--procedure", "mndot", "--target", "0.6", "--step", "20")
     assert (first.status, first.err) == (0, ""), "the first declarations replace none"
-    job = json.loads(command("job", survey, "--json").out)
+    job = json.loads(pfwd("job", survey, "--json").out)
     assert (job["procedure"], job["quantity"], job["unit"]) == ("mndot", "deflection", "m")
     assert (job["target"], job["step_m"]) == (pytest.approx(6e-4), 20.0)
-    changed = command("job", survey, "--target", "0.5", "--stations", stations)
+    changed = pfwd("job", survey, "--target", "0.5", "--stations", stations)
     assert "the target of the survey was 0.6 mm, now it is 0.5 mm" in changed.err
     assert "columns not used: 'lane'" in changed.err
     assert "target     0.5 mm" in changed.out
@@ -63,23 +61,21 @@ def test_declarations_are_printed_with_their_changes(
         ("report --procedure mndot --target 1000", "of 0.01 to 10 mm, got 1000 mm"),
     ],
 )
-def test_impossible_declarations_are_wrong_usage(
-    survey: str, words: str, message: str, command: Command
-) -> None:
+def test_impossible_declarations_are_wrong_usage(survey: str, words: str, message: str) -> None:
     name, *options = words.split()
     output = ["-o", f"{survey}.html"] if name == "report" else []
-    printed = command(name, survey, *output, *options)
+    printed = pfwd(name, survey, *output, *options)
     assert (printed.status, message in printed.err) == (2, True)
 
 
-def test_an_unreadable_procedure_is_replaced(survey: str, command: Command) -> None:
+def test_an_unreadable_procedure_is_replaced(survey: str) -> None:
     with SurveyWriter.open(survey, publish=False) as writer:
         writer.note_event("procedure", {"name": "x", "text": "pfwd-procedure = 9"})
-    printed = command("job", survey)
+    printed = pfwd("job", survey)
     assert printed.status == 1
     assert "choose another one with --procedure" in printed.err
-    assert command("job", survey, "--procedure", "mndot").status == 0
-    assert command("job", survey).status == 0
+    assert pfwd("job", survey, "--procedure", "mndot").status == 0
+    assert pfwd("job", survey).status == 0
 
 
 def test_log_takes_the_same_options_and_ends_with_the_point(tmp_path: Path) -> None:
@@ -94,8 +90,8 @@ def test_log_takes_the_same_options_and_ends_with_the_point(tmp_path: Path) -> N
     assert (point["point"], point["complete"], point["target"]) == ("12+320", True, 9e-4)
     assert (point["value"]["unit"], point["value"]["drops"]) == ("m", 3)
     replay = pfwd("replay", survey, "--json", "--no-invert")
-    assert records(replay.stdout)[-1] == point
-    text = pfwd("replay", survey, "--no-invert").stdout.splitlines()[-1]
+    assert records(replay.out)[-1] == point
+    text = pfwd("replay", survey, "--no-invert").out.splitlines()[-1]
     assert text.startswith("point 12+320: deflection 0.")
     assert "target 0.9 mm" in text
 
@@ -104,20 +100,20 @@ def test_live_for_machines_has_the_plain_procedure(tmp_path: Path) -> None:
     with serve(PLAIN, drops=6, rate=RATE, seed=1) as instrument:
         options = ("-o", tmp_path / "s", "--json", "--no-invert", "--target", "40")
         completed = pfwd("live", instrument.url, *options)
-    assert completed.returncode == 0, completed.stderr
-    *drops, point = records(completed.stdout)
+    assert completed.status == 0, completed.err
+    *drops, point = records(completed.out)
     assert [line["status"] for line in drops] == ["seating"] * 3 + ["measured"] * 3
     assert (point["target"], point["verdict"]) == (40e6, "undecided"), "nothing was inverted"
-    job = json.loads(pfwd("job", tmp_path / "s", "--json").stdout)
+    job = json.loads(pfwd("job", tmp_path / "s", "--json").out)
     assert (job["procedure"], job["target"]) == ("plain", 40e6)
 
 
 @pytest.fixture
-def reported(survey: str, command: Command) -> Callable[..., tuple[Any, str]]:
+def reported(survey: str) -> Callable[..., tuple[Any, str]]:
     """Return the line of the only point and the messages of a report."""
 
     def report(*options: str, source: str = survey) -> tuple[Any, str]:
-        printed = command("report", source, "-o", f"{survey}.html", "--json", *options)
+        printed = pfwd("report", source, "-o", f"{survey}.html", "--json", *options)
         assert printed.status == 0
         return json.loads(printed.out), printed.err
 

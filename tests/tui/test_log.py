@@ -19,7 +19,6 @@ from tests.tui.console import (
     RATE,
     TOP,
     WITH_SHUNT,
-    Command,
     checked,
     logged,
     numbers,
@@ -46,9 +45,9 @@ def test_a_survey_is_continued_unless_the_calibration_changed(tmp_path: Path) ->
     for seed, options, status in ((3, (), 2), (4, ("--accept-calibration", "--point", "B"), 0)):
         with serve(PLAIN, drops=1, listen=TCP, rate=RATE, seed=seed) as instrument:
             completed = pfwd("log", instrument.url, *command, *options)
-        assert completed.returncode == status, completed.stderr
-        drops += numbers(records(completed.stdout))
-        assert "sensitivity of centre is -57.6 V per m/s, was " in completed.stderr
+        assert completed.status == status, completed.err
+        drops += numbers(records(completed.out))
+        assert "sensitivity of centre is -57.6 V per m/s, was " in completed.err
     assert drops == [("A", 1), ("A", 2), ("B", 1)]
     assert checked(survey)["drops_acknowledged"] == 3
 
@@ -67,9 +66,9 @@ def test_a_signal_ends_logging(name: str, tmp_path: Path, request: pytest.Fixtur
         lines = [wait_for_line(process), wait_for_line(process)]
         if name == "SIGINT":  # a second program is refused in one line that names the first
             second = pfwd("log", instrument.url, "-o", survey, "--json", "--no-invert")
-            assert (second.returncode, second.stdout) == (1, "")
-            assert f"pid {process.pid}" in second.stderr
-            assert second.stderr.count("\n") == 1
+            assert (second.status, second.out) == (1, "")
+            assert f"pid {process.pid}" in second.err
+            assert second.err.count("\n") == 1
         process.send_signal(signal.Signals[name])
         out, err = process.communicate(timeout=PATIENCE)
         lines += records(out)
@@ -143,7 +142,7 @@ def test_an_instrument_that_only_prints_lines(tmp_path: Path) -> None:
     assert 2e7 < lines[0]["modulus_pa"] < 9e7
     (capture,) = (survey / "captures").glob("*.pfwdc")
     replay = pfwd("replay", capture, "--json", "--no-invert", "-o", survey)
-    assert "not recorded twice" in replay.stderr
+    assert "not recorded twice" in replay.err
 
 
 def test_recording_requires_a_plate_radius_and_sensible_sensitivities(tmp_path: Path) -> None:
@@ -160,8 +159,8 @@ def test_recording_requires_a_plate_radius_and_sensible_sensitivities(tmp_path: 
         ):
             setup.write_text(text)
             completed = pfwd(*command, "--setup", setup)
-            assert (completed.returncode, completed.stdout) == (1, "")
-            (line,) = completed.stderr.splitlines()
+            assert (completed.status, completed.out) == (1, "")
+            (line,) = completed.err.splitlines()
             assert "Recording does not start" in line
             assert message in line
         setup.write_text("plate_radius_m = 0.15")
@@ -226,10 +225,10 @@ def test_recording_requires_a_plate_radius_and_sensible_sensitivities(tmp_path: 
     ],
 )
 def test_a_refused_command_has_a_single_line_of_error(
-    arguments: tuple[str, ...], status: int, message: str, tmp_path: Path, command: Command
+    arguments: tuple[str, ...], status: int, message: str, tmp_path: Path
 ) -> None:
     (tmp_path / "file").write_text("text")
-    printed = command(*(part.replace("{}", str(tmp_path)) for part in arguments))
+    printed = pfwd(*(part.replace("{}", str(tmp_path)) for part in arguments))
     assert (printed.status, printed.out) == (status, ""), printed.err
     assert message in printed.err.splitlines()[-1]
     assert "Traceback" not in printed.err
@@ -239,21 +238,19 @@ def test_a_refused_command_has_a_single_line_of_error(
 @pytest.mark.parametrize(
     ("name", "option"), [("log", "--capture"), ("log", "--no-invert"), ("live", "--json")]
 )
-def test_a_missing_port_creates_no_file(
-    name: str, option: str, tmp_path: Path, command: Command
-) -> None:
+def test_a_missing_port_creates_no_file(name: str, option: str, tmp_path: Path) -> None:
     port = tmp_path / "ttyUSB9"
-    line = command(name, port, "-o", tmp_path / "s", option).refusal
+    line = pfwd(name, port, "-o", tmp_path / "s", option).refusal
     assert f"{port}: not found." in line
     assert line.endswith("Check the cable or choose another port")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_port_in_use_is_reported_and_creates_no_file(tmp_path: Path, command: Command) -> None:
+def test_a_port_in_use_is_reported_and_creates_no_file(tmp_path: Path) -> None:
     """The server accepts no second host, as of an instrument that another program reads."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         url = f"socket://127.0.0.1:{server.getsockname()[1]}"
-        printed = command("log", url, "-o", tmp_path / "s", "--give-up", "0.3")
+        printed = pfwd("log", url, "-o", tmp_path / "s", "--give-up", "0.3")
     assert printed.status == 3
     assert f"{url}: no instrument for 0.3 s (--give-up)" in printed.refusal
     assert "End other programs that use the port" in printed.refusal
@@ -263,10 +260,10 @@ def test_a_port_in_use_is_reported_and_creates_no_file(tmp_path: Path, command: 
 def test_the_log_file_of_a_hostile_instrument_is_harmless(tmp_path: Path) -> None:
     with serve("hostile", drops=1, rate=WITH_SHUNT) as instrument:
         completed = pfwd("log", instrument.url, "-o", tmp_path / "s", "--no-invert")
-    assert completed.returncode == 0, completed.stderr
+    assert completed.status == 0, completed.err
     text = (tmp_path / "s" / "log" / "pfwd.log").read_text(encoding="utf-8")
     assert "saved as 1" in text
-    for output in (text, completed.stdout, completed.stderr):
+    for output in (text, completed.out, completed.err):
         bad = [letter for letter in output if unicodedata.category(letter)[0] == "C"]
         assert set(bad) <= {"\n"}
 

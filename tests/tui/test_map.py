@@ -40,8 +40,8 @@ def test_a_german_spreadsheet_is_recognised_and_read(tmp_path: Path) -> None:
     file = text_file(tmp_path / "excel.csv", "Zeit [ms];Kraft [kN];Setzung [mm]", encoding="cp1252")
     column_map = tmp_path / "excel.map.toml"
     completed = pfwd("map", file, "-o", column_map)
-    assert completed.returncode == 0, completed.stderr
-    assert "plate radius" in completed.stderr
+    assert completed.status == 0, completed.err
+    assert "plate radius" in completed.err
     column_map.write_text(
         "plate_radius_m = 0.15\n" + column_map.read_text(encoding="utf-8"), encoding="utf-8"
     )
@@ -51,8 +51,8 @@ def test_a_german_spreadsheet_is_recognised_and_read(tmp_path: Path) -> None:
     assert drop.channels[0].values.max() == pytest.approx(0.5e-3, rel=1e-3)
     assert drop.channels[0].quantity == "displacement"
     second = pfwd("map", file, "-o", column_map)
-    assert second.returncode == 2
-    assert "--force" in second.stderr
+    assert second.status == 2
+    assert "--force" in second.err
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def test_the_distance_of_a_sensor_is_that_of_its_name_or_missing(tmp_path: Path)
     assert [column.offset for column in draft.columns[2:]] == [0.0, 0.3, None]
     assert draft.missing == ["the distance of defl B [mm] from the centre"]
     completed = pfwd("map", tmp_path / "a.csv", "-o", tmp_path / "m.toml")
-    assert completed.returncode == 1
+    assert completed.status == 1
     assert "# offset_m = ?" in (tmp_path / "m.toml").read_text(encoding="utf-8")
 
 
@@ -114,9 +114,9 @@ def test_the_map_is_written_to_the_current_folder_and_the_next_command_can_be_pa
 def test_the_error_of_an_unknown_text_names_both_commands(tmp_path: Path) -> None:
     file = text_file(tmp_path / "excel.csv", "Zeit [ms];Kraft [kN];Setzung [mm]")
     completed = pfwd("import", file, "-o", tmp_path / "s")
-    assert completed.returncode == 1
-    assert "pfwd import --map" in completed.stderr
-    assert "pfwd map" in completed.stderr
+    assert completed.status == 1
+    assert "pfwd import --map" in completed.err
+    assert "pfwd map" in completed.err
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")

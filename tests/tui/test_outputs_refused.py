@@ -11,7 +11,7 @@ from pfwd_device import Drop
 from pfwd_device.jobs import Jobs
 from pfwd_device.recording import DropRecord, SurveyWriter
 from tests.pfwd.files.trace_lines import HEADER, NAMES, rows
-from tests.tui.console import Command, pfwd
+from tests.tui.console import PATIENCE, pfwd, running
 
 JOURNAL, LEDGER, DROP = "journal/0001.pfwdj", "acknowledged.txt", "drops/drop-000001.h5"
 
@@ -57,9 +57,9 @@ def fill(template: tuple[str, ...], survey: Path, output: Path) -> list[str]:
     return words
 
 
-def assert_refused(template: tuple[str, ...], output: Path, survey: Path, command: Command) -> None:
+def assert_refused(template: tuple[str, ...], output: Path, survey: Path) -> None:
     before = content(survey)
-    printed = command(*fill(template, survey, output))
+    printed = pfwd(*fill(template, survey, output))
     assert printed.status == 2
     assert f"inside the survey {survey.resolve()}" in printed.refusal
     assert "Name a place outside of it" in printed.refusal
@@ -80,12 +80,10 @@ FOLDER_COMMANDS = (
 
 
 @pytest.mark.parametrize("template", [*COMMANDS.values(), *FOLDER_COMMANDS])
-def test_no_output_goes_into_a_survey(
-    template: tuple[str, ...], survey: Path, command: Command
-) -> None:
+def test_no_output_goes_into_a_survey(template: tuple[str, ...], survey: Path) -> None:
     files = ("captures", "new") if template in FOLDER_COMMANDS else (JOURNAL, LEDGER, DROP, "new")
     for name in files:
-        assert_refused(template, survey / name, survey, command)
+        assert_refused(template, survey / name, survey)
 
 
 @pytest.mark.parametrize(
@@ -100,44 +98,43 @@ def test_no_output_goes_into_a_survey(
     ids=lambda template: template[0],
 )
 def test_no_picture_or_report_goes_into_a_survey_through_a_link(
-    template: tuple[str, ...], survey: Path, tmp_path: Path, command: Command
+    template: tuple[str, ...], survey: Path, tmp_path: Path
 ) -> None:
-    assert_refused(template, survey / "new", survey, command)
+    assert_refused(template, survey / "new", survey)
     link = tmp_path / f"link{template[-1].removeprefix('{}')}"
     link.symlink_to(survey / JOURNAL)
-    assert_refused((*template[:-1], str(link)), link, survey, command)
+    assert_refused((*template[:-1], str(link)), link, survey)
     assert link.is_symlink()
 
 
 @pytest.mark.posix
 @pytest.mark.parametrize("template", COMMANDS.values(), ids=COMMANDS)
 def test_a_named_pipe_is_not_replaced_and_not_awaited(
-    template: tuple[str, ...], survey: Path, tmp_path: Path, command: Command
+    template: tuple[str, ...], survey: Path, tmp_path: Path
 ) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    assert f"{pipe}: this is a named pipe" in command(*fill(template, survey, pipe)).refusal
+    assert f"{pipe}: this is a named pipe" in pfwd(*fill(template, survey, pipe)).refusal
     assert stat.S_ISFIFO(pipe.stat().st_mode)
 
 
 @pytest.mark.posix
-def test_a_device_is_refused_as_an_output(survey: Path, tmp_path: Path, command: Command) -> None:
+def test_a_device_is_refused_as_an_output(survey: Path, tmp_path: Path) -> None:
     link = tmp_path / "report.html"
     link.symlink_to("/dev/null")
-    assert f"{link}: this is a device and no file" in command("report", survey, "-o", link).refusal
+    assert f"{link}: this is a device and no file" in pfwd("report", survey, "-o", link).refusal
     assert link.is_symlink()
 
 
 @pytest.mark.posix
 def test_a_map_still_goes_to_standard_output(tmp_path: Path) -> None:
     trace = write_trace(tmp_path / "trace.csv")
-    completed = pfwd("map", trace, "--no-questions", "--force", "-o", "/dev/stdout")
-    assert "delimiter" in completed.stdout, completed.stderr
+    with running("map", trace, "--no-questions", "--force", "-o", "/dev/stdout") as process:
+        output, errors = process.communicate(timeout=PATIENCE)
+    assert "delimiter" in output, errors
 
 
-def test_a_survey_inside_another_is_still_continued(
-    survey: Path, tmp_path: Path, command: Command
-) -> None:
+def test_a_survey_inside_another_is_still_continued(survey: Path, tmp_path: Path) -> None:
     inner = survey / "inner"
     survey.rename(tmp_path / "moved")
     survey.mkdir()
@@ -146,4 +143,4 @@ def test_a_survey_inside_another_is_still_continued(
         assert writer.folder == survey
     (survey / LEDGER).touch()
     trace = write_trace(tmp_path / "trace.csv")
-    assert command("import", trace, "-o", inner).status == 0
+    assert pfwd("import", trace, "-o", inner).status == 0

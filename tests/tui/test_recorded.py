@@ -55,7 +55,7 @@ def test_json_lines_are_those_of_the_contract(captured: tuple[Path, list[dict[st
             assert 2e7 < line["modulus_pa"] < 9e7
             assert line["file"].endswith(f"drop-{number:06d}.h5")
             assert Path(line["file"]).is_file()
-    assert pfwd("check", survey).stdout.endswith("complete\n")
+    assert pfwd("check", survey).out.endswith("complete\n")
 
 
 def test_a_survey_and_its_capture_are_replayed_and_inverted(
@@ -63,17 +63,17 @@ def test_a_survey_and_its_capture_are_replayed_and_inverted(
 ) -> None:
     survey, lines = captured
     quick = {line["drop"]: line for line in lines if line["method"] == "posterior"}
-    replayed = records(pfwd("replay", survey, "--json", "--no-invert").stdout)
+    replayed = records(pfwd("replay", survey, "--json", "--no-invert").out)
     assert numbers(replayed) == [("P 1", 1), ("P 1", 2)]
     assert all(line["identical"] is True and line["saved"] is True for line in replayed)
     (capture,) = (survey / "captures").glob("*.pfwdc")
     copy = pfwd("replay", capture, "--json", "--no-invert", "-o", tmp_path / "copy")
-    assert numbers(records(copy.stdout)) == [("1", 1), ("1", 2)], "a capture has no names"
+    assert numbers(records(copy.out)) == [("1", 1), ("1", 2)], "a capture has no names"
     same = pfwd("replay", capture, "--json", "--no-invert", "-o", survey)
-    assert (same.returncode, same.stdout) == (0, ""), "no drop is recorded twice"
-    assert same.stderr.count("not recorded twice") == 2
+    assert (same.status, same.out) == (0, ""), "no drop is recorded twice"
+    assert same.err.count("not recorded twice") == 2
     for source in (survey, survey / "drops" / "drop-000002.h5"):
-        for line in records(pfwd("invert", source, "--method", "posterior", "--json").stdout):
+        for line in records(pfwd("invert", source, "--method", "posterior", "--json").out):
             modulus = quick[line["drop"]]["modulus_pa"]
             assert line["modulus_pa"] == pytest.approx(modulus, rel=1e-6)
 
@@ -83,35 +83,35 @@ def test_a_survey_is_edited_and_imported(
 ) -> None:
     copy = shutil.copytree(captured[0], tmp_path / "copy")
     edited = pfwd("edit", copy, "--drop", 2, "--discard", "wet", "--note", "a\x1b[2Jb")
-    assert edited.returncode == 0, edited.stderr
-    assert "drop 2: DISCARDED" in edited.stdout
-    assert "\x1b" not in edited.stdout
+    assert edited.status == 0, edited.err
+    assert "drop 2: DISCARDED" in edited.out
+    assert "\x1b" not in edited.out
     options = ("--set", "bedrock_depth_m=inf", "--position", "48,11", "--target", 45, "--json")
-    (point,) = records(pfwd("edit", copy, *options).stdout)
+    (point,) = records(pfwd("edit", copy, *options).out)
     assert (point["target_pa"], point["position"]) == (45e6, {"latitude": 48.0, "longitude": 11.0})
     assert point["declared"]["bedrock_depth_m"] is None  # infinite
     assert [drop["discarded"] for drop in point["drops"]] == [False, True]
-    (line,) = records(pfwd("import", copy, "-o", tmp_path / "merged", "--json").stdout)
+    (line,) = records(pfwd("import", copy, "-o", tmp_path / "merged", "--json").out)
     assert (line["point"], line["drop"], line["saved"], line["before"]) == ("P 1", 1, True, False)
 
 
 def test_the_demo_is_a_point_that_passes_and_names_the_next_commands(tmp_path: Path) -> None:
     survey = tmp_path / "first survey"
     demo = pfwd("demo", "--rate", WITH_SHUNT, "-o", survey)
-    assert demo.returncode == 0, demo.stderr
+    assert demo.status == 0, demo.err
     # The fit of the last drop may end after the verdict, which does not need it.
-    (last,) = (line for line in demo.stdout.splitlines() if line.startswith("point 1: E_vd "))
+    (last,) = (line for line in demo.out.splitlines() if line.startswith("point 1: E_vd "))
     assert "target 45 MPa  PASS: the whole 95 % interval reaches the target" in last
-    assert f"next: {next_commands(survey)[0]}" in demo.stderr
-    assert f"next: {next_commands(survey)[1]}" in demo.stderr
-    job = json.loads(pfwd("job", survey, "--json").stdout)
+    assert f"next: {next_commands(survey)[0]}" in demo.err
+    assert f"next: {next_commands(survey)[1]}" in demo.err
+    job = json.loads(pfwd("job", survey, "--json").out)
     assert (job["procedure"], job["target"]) == ("tp-bf-stb-b8.3", 45e6)
-    point = records(pfwd("replay", survey, "--json", "--no-invert").stdout)[-1]
+    point = records(pfwd("replay", survey, "--json", "--no-invert").out)[-1]
     assert (point["value"]["quantity"], point["value"]["drops"]) == ("E_vd", 3)
     assert 55e6 < point["value"]["value"] < 65e6, "within what the method measures"
     assert point["value"]["interval"][0] > 45e6
     truth = (
-        demo.stderr.split("simulated moduli, which the measurement did not use:")[1]
+        demo.err.split("simulated moduli, which the measurement did not use:")[1]
         .strip()
         .splitlines()
     )

@@ -45,7 +45,7 @@ def test_a_survey_with_positions_and_a_procedure_is_reported(tmp_path: Path) -> 
     assert (round(position["latitude"], 4), round(position["longitude"], 4)) == (48.1173, 11.5167)
     assert position["hdop"] == 0.9
     html, pdf = tmp_path / "r.html", tmp_path / "r.pdf"
-    (point,) = records(pfwd("report", survey, "-o", html, "--json", "--target", 30).stdout)
+    (point,) = records(pfwd("report", survey, "-o", html, "--json", "--target", 30).out)
     assert (point["point"], point["used"], point["verdict"]) == ("1", [4, 5, 6], "undecided")
     assert point["verdict_reason_code"] == "precondition", "this instrument drops with 9.7 kN"
     assert (point["value"]["quantity"], point["target"]) == ("E_vd", 30e6)
@@ -53,7 +53,7 @@ def test_a_survey_with_positions_and_a_procedure_is_reported(tmp_path: Path) -> 
     assert "tp-bf-stb-b8.3" in page
     assert "48.117300, 11.516667, nmea" in page
     report = pfwd("report", survey, "-o", pdf, "--language", "de")
-    assert report.stdout == "point 1: no verdict, there is no target\n", report.stderr
+    assert report.out == "point 1: no verdict, there is no target\n", report.err
     assert pdf.read_bytes().startswith(b"%PDF")
 
 

@@ -22,7 +22,7 @@ from pfwd.units import SI
 from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.report.surveys import SETUP, write_judged_survey
 from tests.records import complete
-from tests.tui.console import Command, records
+from tests.tui.console import pfwd, records
 from tests.tui.screen.scripted import terminal_text, until
 from tui.diagnosis_lines import diagnosis_sentence, point_cells, survey_lines
 from tui.page.server import is_local, parse_place
@@ -368,13 +368,11 @@ def test_an_address_of_this_computer_is_local() -> None:
     assert [host for host in hosts if is_local(host)] == ["127.0.0.1", "::1", "localhost"]
 
 
-def test_open_prints_json_and_needs_a_terminal(
-    survey: Path, tmp_path: Path, command: Command
-) -> None:
-    lines = records(command("open", survey, "--json").out)
+def test_open_prints_json_and_needs_a_terminal(survey: Path, tmp_path: Path) -> None:
+    lines = records(pfwd("open", survey, "--json").out)
     assert [line["verdict"] for line in lines] == ["pass", "fail", "undecided", "pass", "fail"]
-    assert "expected a terminal, got a pipe" in command("open", survey).refusal
-    assert command("open", tmp_path / "none").status == 1
+    assert "expected a terminal, got a pipe" in pfwd("open", survey).refusal
+    assert pfwd("open", tmp_path / "none").status == 1
 
 
 AFTER = {"modulus_pa": 81.2e6, "modulus_interval_pa": [71.6e6, 112.3e6]}
