@@ -51,6 +51,14 @@ def not_negative(text: str) -> float:
     return value
 
 
+def positive(text: str) -> float:
+    """Convert a text to a finite number above 0."""
+    value = not_negative(text)
+    if value == 0:
+        raise _refused("a number > 0", text)
+    return value
+
+
 def report_file(text: str) -> str:
     """Return a file name if it ends with .html, .pdf or .xlsx."""
     if not text.lower().endswith((".html", ".pdf", ".xlsx")):

@@ -36,6 +36,7 @@ def test_a_valid_value_is_accepted(read: Callable[[str], Any], text: str, value:
         (values.not_negative, "-0.1", "a number >= 0"),
         (values.not_negative, "inf", "a number >= 0"),
         (values.not_negative, "nan", "a number >= 0"),
+        (values.positive, "0", "a number > 0"),
         (values.report_file, "report.doc", "a name ending in .html or .pdf"),
         (values.plot_file, "plot", "a name ending in .pdf, .png, .svg"),
     ],

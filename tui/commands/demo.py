@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tui.arguments import add_expert_group, add_json, add_plot, add_seed, count, not_negative
+from tui.arguments import add_expert_group, add_json, add_plot, add_seed, count, positive
 from tui.output import next_commands, on_terminal, say
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     expert.add_argument(
         "--rate",
-        type=not_negative,
+        type=positive,
         metavar="X",
         help="speed as a multiple of real time, in which a drop comes every 5 s (default: 3; on "
         "the screen: 1)",
