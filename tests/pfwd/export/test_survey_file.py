@@ -304,6 +304,7 @@ def test_an_import_into_a_survey_keeps_its_targets(survey: Path, tmp_path: Path)
             writer.note_event(*event)
         point = writer.points[0]
         writer.edit("target", 44e6, point=point)
+        writer.add_point("planned", {"plate_radius_m": 0.1})
     export_survey(survey, "survey", tmp_path / "s.pfwdz")
     for folder, target, of_point in (("own", 20e6, 25e6), ("new", None, None)):
         if target is not None:
@@ -315,6 +316,7 @@ def test_an_import_into_a_survey_keeps_its_targets(survey: Path, tmp_path: Path)
         assert job_of(content).target == (target or 33e6)
         assert job_of(content).step_m == 20.0  # the survey had none
         assert content.points[0].target == (of_point or 44e6)
+        assert "planned" in [each.name for each in content.points], "a point without drops"
         remarks = [each.remark for each in imported if each.remark]
         assert ["has its own: target, target of point" in remark for remark in remarks] == (
             [True] if target else []
