@@ -36,7 +36,7 @@ from pfwd.files.editing import Edit, edit_survey
 from pfwd.judging import DropView
 from pfwd.procedures import StressLaw, Verdict
 from pfwd.report import fonts
-from pfwd.report.blocks import Listing, Table
+from pfwd.report.blocks import Listing, Pairs, Table
 from pfwd.report.content import Report
 from pfwd.report.diagnosis_blocks import (
     diagnosis_blocks,
@@ -224,8 +224,10 @@ def test_a_sensitivity_has_the_unit_of_its_sensor(survey: Path) -> None:
         "unused": "",
     }
     channels = [{"name": role, "role": role, "sensitivity": 0.0004} for role in units]
-    report = dataclasses.replace(gather(survey), instruments=({"channels": channels},))
-    blocks = device_blocks(report, EN)
+    instrument = {"channels": channels, "plate_radius": 0.15, "plate_mass": 15.0}
+    blocks = device_blocks(dataclasses.replace(gather(survey), instruments=(instrument,)), EN)
+    (pairs,) = (block for block in blocks if isinstance(block, Pairs))
+    assert any(value.startswith("r = 0.15 m, m = 15 kg") for _, value in pairs.rows)
     (table,) = (block for block in blocks if isinstance(block, Table))
     for row, unit in zip(table.rows, units.values(), strict=True):
         assert f"0.0004{unit}" in row

@@ -218,3 +218,14 @@ def test_the_measure_page_names_the_layer_of_a_modulus(size: tuple[int, int]) ->
     text_on_page = text(view(ready(), saved(1), analysed(1, **UNDETERMINED)), size)
     assert "subgrade  not known (40 to 410) MPa" in text_on_page
     assert "subgrade" not in text(view(ready(), saved(1), analysed(1)), size)
+
+
+@pytest.mark.parametrize(("status", "role"), [("measured", "text"), ("rejected", "bad")])
+def test_the_status_of_a_rejected_drop_alone_is_in_red(status: str, role: str) -> None:
+    seating = [saved(number) for number in (1, 2, 3)]
+    state = view(ready(), *seating, saved(4, status=status)).state
+    assert state.last is not None
+    (title, *_) = drop_lines(
+        DropPageState(state.last, state, SI, BRAILLE, "", DropPage.KEYS), 120, 40
+    )
+    assert [cell.role for cell in title if cell.text.strip() == status] == [role]
